@@ -1,0 +1,285 @@
+"""rovid.toml -> Vehicle and which column or topic holds which signal."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from rovid.errors import ConfigError, nearest
+from rovid.trial import FloatArray
+from rovid.vehicle import ThrustCurve, Thruster, Vehicle
+
+FILE_NAME = "rovid.toml"
+CURVE_COLUMNS = ("command", "thrust_N")
+
+# Factors to SI, by the kind of signal. A thruster command keeps the unit of its bench curve.
+ANGLE = {"deg": math.pi / 180.0, "rad": 1.0}
+ANGULAR_RATE = {"deg/s": math.pi / 180.0, "rad/s": 1.0}
+TORQUE = {"N m": 1.0, "kN m": 1000.0}
+TIME_UNITS = ("auto", "s", "ms", "us", "ns", "iso8601")
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "heading": ANGLE,
+    "roll": ANGLE,
+    "pitch": ANGLE,
+    "yaw_rate": ANGULAR_RATE,
+    "torque": TORQUE,
+}
+_DEFAULT_UNIT = {"heading": "deg", "roll": "deg", "pitch": "deg", "yaw_rate": "rad/s", "torque": "N m"}
+_VEHICLE_KEYS = ("name", "mass", "length", "width", "rigid_body_inertia")
+_THRUSTER_KEYS = ("name", "yaw_arm", "curve", "command", "outside")
+_NOT_SOURCES = ("unit", "sign")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signal:
+    """Where a signal stands in each log format, and how to bring it to SI.
+
+    Attributes
+    ----------
+    name
+        heading, yaw_rate, roll, pitch, torque, ``command.<thruster>`` or the user's own name.
+    sources
+        Format (csv, mcap, …) -> column or topic path.
+    unit
+        As the user wrote it.
+    factor
+        Multiplies the logged value; holds the unit's factor and the sign.
+    """
+
+    name: str
+    sources: Mapping[str, str]
+    unit: str = ""
+    factor: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """A read and checked rovid.toml."""
+
+    path: Path
+    vehicle: Vehicle
+    time: Signal
+    signals: Mapping[str, Signal]
+    commands: tuple[Signal, ...]
+
+    def wanted(self, kind: str) -> dict[str, Signal]:
+        """Every signal that logs of the format ``kind`` are mapped to, time excepted."""
+        everything = {**self.signals, **{signal.name: signal for signal in self.commands}}
+        return {name: signal for name, signal in everything.items() if kind in signal.sources}
+
+
+def find_config(paths: Sequence[Path]) -> Path:
+    """Nearest rovid.toml at or above the first of ``paths``.
+
+    Raises
+    ------
+    ConfigError
+        There is none.
+    """
+    start = paths[0].resolve()
+    folder = start if start.is_dir() else start.parent
+    for candidate in (folder, *folder.parents):
+        if (candidate / FILE_NAME).is_file():
+            return candidate / FILE_NAME
+    raise ConfigError(
+        f"no {FILE_NAME} here or in any folder above it; it says which column holds which signal and what "
+        "the thrusters are.",
+        where=paths[0],
+        mend=f"Copy sample_logs/rosub_tank/{FILE_NAME} beside the logs and change the names.",
+    )
+
+
+def load_config(path: Path) -> Config:
+    """Read and check ``path``.
+
+    Raises
+    ------
+    ConfigError
+        With the place inside the file, what was found and what was wanted.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        document = tomllib.loads(text)
+    except OSError as error:
+        raise ConfigError(f"cannot be read ({error.strerror}).", where=path) from error
+    except UnicodeDecodeError as error:
+        raise ConfigError("is not UTF-8 text.", where=path, mend="Save it as UTF-8.") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"is not valid TOML: {error}.", where=path) from error
+    return _Reader(path).config(document)
+
+
+class _Reader:
+    """Walks the document; each complaint names the place inside the file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def complain(self, place: str, message: str, mend: str = "") -> ConfigError:
+        return ConfigError(message, where=f"{self.path}: {place}", mend=mend)
+
+    def config(self, document: Mapping[str, Any]) -> Config:
+        self.known(document, ("vehicle", "thrusters", "signals"), "top level")
+        signals = self.signals(self.table(document, "signals"))
+        if "heading" not in signals:
+            raise self.complain(
+                "[signals]", "has no heading.", 'Add heading = { csv = "<column>", unit = "deg" }.'
+            )
+        time = signals.pop("time", Signal(name="time", sources={}, unit="auto"))
+        thrusters = document.get("thrusters", [])
+        if not isinstance(thrusters, list):
+            raise self.complain("thrusters", "must be written [[thrusters]], one block each.")
+        if thrusters and "torque" in signals:
+            raise self.complain(
+                "[signals] torque",
+                "stands beside [[thrusters]]; the torque comes from one of them.",
+                "Delete one.",
+            )
+        if not thrusters and "torque" not in signals:
+            raise self.complain("[[thrusters]]", "there are none, and no torque is mapped in [signals].")
+        pairs = [self.thruster(index, block) for index, block in enumerate(thrusters)]
+        if "torque" in signals:
+            logged = Thruster(name="torque", yaw_arm=1.0, curve=None)
+            pairs = [(logged, signals.pop("torque"))]
+        names = [thruster.name for thruster, _ in pairs]
+        if len(set(names)) < len(names):
+            raise self.complain(
+                "[[thrusters]]", f"two have the same name among {names}.", "Name each differently."
+            )
+        return Config(
+            path=self.path,
+            vehicle=self.vehicle(self.table(document, "vehicle"), tuple(thruster for thruster, _ in pairs)),
+            time=time,
+            signals=signals,
+            commands=tuple(signal for _, signal in pairs),
+        )
+
+    def table(self, document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+        value = document.get(name, {})
+        if not isinstance(value, dict):
+            raise self.complain(name, f"is {value!r}; a table [{name}] was expected.")
+        return value
+
+    def known(self, table: Mapping[str, Any], keys: Sequence[str], place: str) -> None:
+        for key in table:
+            if key not in keys:
+                raise self.complain(place, f"{key!r} is not known here.", nearest(key, keys))
+
+    def number(self, value: Any, place: str, *, positive: bool = False) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise self.complain(place, f"is {value!r}; a number was expected.")
+        if positive and value <= 0:
+            raise self.complain(place, f"is {value!r}; a positive number was expected.")
+        return float(value)
+
+    def vehicle(self, table: Mapping[str, Any], thrusters: tuple[Thruster, ...]) -> Vehicle:
+        self.known(table, _VEHICLE_KEYS, "[vehicle]")
+        numbers = {
+            key: self.number(table[key], f"[vehicle] {key}", positive=True)
+            for key in _VEHICLE_KEYS[1:]
+            if key in table
+        }
+        return Vehicle(name=str(table.get("name", "vehicle")), thrusters=thrusters, **numbers)
+
+    def thruster(self, index: int, block: Mapping[str, Any]) -> tuple[Thruster, Signal]:
+        place = f"[[thrusters]] number {index + 1}"
+        if not isinstance(block, dict):
+            raise self.complain(place, f"is {block!r}; a block [[thrusters]] was expected.")
+        self.known(block, _THRUSTER_KEYS, place)
+        name = str(block.get("name", f"thruster_{index + 1}"))
+        place = f"[[thrusters]] {name!r}"
+        for key, example in (
+            ("yaw_arm", "0.43"),
+            ("curve", '"thrust_curve.csv"'),
+            ("command", '{ csv = "…" }'),
+        ):
+            if key not in block:
+                raise self.complain(place, f"has no {key}.", f"Add {key} = {example}.")
+        outside = block.get("outside", "refuse")
+        if outside not in {"refuse", "clamp"}:
+            raise self.complain(f"{place} outside", f'is {outside!r}; "refuse" or "clamp" was expected.')
+        thruster = Thruster(
+            name=name,
+            yaw_arm=self.number(block["yaw_arm"], f"{place} yaw_arm"),
+            curve=read_curve(self.path.parent / str(block["curve"])),
+            clamp=outside == "clamp",
+        )
+        return thruster, self.signal(f"command.{name}", block["command"], f"{place} command")
+
+    def signals(self, table: Mapping[str, Any]) -> dict[str, Signal]:
+        return {name: self.signal(name, value, f"[signals] {name}") for name, value in table.items()}
+
+    def signal(self, name: str, value: Any, place: str) -> Signal:
+        entry = {"csv": value} if isinstance(value, str) else value
+        if not isinstance(entry, dict) or not entry:
+            raise self.complain(
+                place, f'is {value!r}; {{ csv = "<column>", mcap = "<topic.field>" }} was expected.'
+            )
+        for key, text in entry.items():
+            if key != "sign" and not isinstance(text, str):
+                raise self.complain(f"{place} {key}", f"is {text!r}; text was expected.")
+        sources = {key: text for key, text in entry.items() if key not in _NOT_SOURCES}
+        unit = entry.get("unit", "auto" if name == "time" else _DEFAULT_UNIT.get(name, ""))
+        sign = self.number(entry.get("sign", 1), f"{place} sign")
+        if abs(sign) != 1:
+            raise self.complain(f"{place} sign", f"is {sign:g}; 1 or -1 was expected.")
+        units = dict.fromkeys(TIME_UNITS, 1.0) if name == "time" else UNITS.get(name)
+        if units is not None and unit not in units:
+            raise self.complain(f"{place} unit", f"is {unit!r}; one of {', '.join(units)} was expected.")
+        return Signal(name=name, sources=sources, unit=unit, factor=sign * (units or {}).get(unit, 1.0))
+
+
+def read_curve(path: Path) -> ThrustCurve:
+    """Thrust curve from a CSV with the columns command and thrust_N.
+
+    Raises
+    ------
+    ConfigError
+        The file is missing, has other columns, text in a number, fewer than two points or a repeated command.
+    """
+    try:
+        table = pd.read_csv(
+            path, sep=None, engine="python", encoding="utf-8-sig", skipinitialspace=True, comment="#"
+        )
+    except FileNotFoundError as error:
+        raise ConfigError(
+            "there is no such thrust curve.",
+            where=path,
+            mend="Make one from bench readings with `rovid fit-thruster BENCH.csv -o " + path.name + "`.",
+        ) from error
+    except (OSError, ValueError, pd.errors.ParserError) as error:
+        raise ConfigError(f"cannot be read as a table ({error}).", where=path) from error
+    for column in CURVE_COLUMNS:
+        if column not in table:
+            raise ConfigError(
+                f"has no column {column!r}. {nearest(column, map(str, table.columns))}",
+                where=path,
+                mend="A thrust curve has the columns command,thrust_N.",
+            )
+    command, thrust = (_numbers(path, table[column]) for column in CURVE_COLUMNS)
+    order = np.argsort(command, kind="stable")
+    command, thrust = command[order], thrust[order]
+    if len(command) < 2 or np.any(np.diff(command) <= 0):
+        raise ConfigError(
+            f"has {len(command)} points, some at one command; two or more different commands were expected.",
+            where=path,
+            mend="`rovid fit-thruster` turns repeated bench readings into a curve.",
+        )
+    return ThrustCurve(command=command, thrust=thrust)
+
+
+def _numbers(path: Path, column: pd.Series[Any]) -> FloatArray:
+    values = pd.to_numeric(column, errors="coerce").to_numpy(dtype=np.float64)
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise ConfigError(
+            f"{column.name} is {column.iloc[bad[0]]!r}, a number was expected.", where=f"{path}:{bad[0] + 2}"
+        )
+    return values

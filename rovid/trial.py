@@ -1,0 +1,113 @@
+"""Frozen records of what was measured, in SI units and radians."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def read_only(values: ArrayLike) -> FloatArray:
+    """Copy of ``values`` as float64 that nobody can write to."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Remark:
+    """One thing that a reader noticed in a log and what it did about it.
+
+    ``kind`` is a stable word (duplicate, backward, missing, outlier, frozen, gap, truncated, extrapolated,
+    repeated); ``count`` how many samples (or bytes, for truncated) it touches; ``text`` a full sentence.
+    """
+
+    kind: str
+    count: int
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trial:
+    """One run of the vehicle.
+
+    All arrays have one row for each instant of ``time``, which is the union of the instants at which the
+    heading was measured and those at which a command changed. A heading that was not measured at an instant
+    is NaN; a command holds its value until the next instant.
+
+    Attributes
+    ----------
+    name
+        Path of the log, relative to the campaign.
+    path
+        The file itself.
+    time
+        (n,) s, strictly increasing from 0.
+    heading
+        (n,) rad, unwrapped, positive in the sense in which the log's heading grows; NaN where not measured.
+    commands
+        (n, k) each actuator's command in the unit of its thrust curve (N m for a logged torque), held.
+    yaw_rate, roll, pitch
+        (n,) rad/s, rad, rad or None where not logged; NaN where not measured.
+    extras
+        Any further mapped channel, (n,), held, in the unit of the log.
+    remarks
+        What the reader noticed.
+    """
+
+    name: str
+    path: Path
+    time: FloatArray
+    heading: FloatArray
+    commands: FloatArray
+    yaw_rate: FloatArray | None = None
+    roll: FloatArray | None = None
+    pitch: FloatArray | None = None
+    extras: Mapping[str, FloatArray] = field(default_factory=dict)
+    remarks: tuple[Remark, ...] = ()
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, item.name, read_only(value))
+        extras = {name: read_only(values) for name, values in self.extras.items()}
+        object.__setattr__(self, "extras", MappingProxyType(extras))
+        if self.commands.ndim != 2 or len(self.commands) != len(self.time) != len(self.heading):
+            msg = f"{self.name}: time {self.time.shape}, heading {self.heading.shape}, {self.commands.shape}"
+            raise ValueError(msg)
+
+    @property
+    def duration(self) -> float:
+        """Length of the record in s."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def measured(self) -> NDArray[np.bool_]:
+        """(n,) where the heading was measured."""
+        return np.isfinite(self.heading)
+
+    @property
+    def period(self) -> float:
+        """Median interval between measured headings in s."""
+        return float(np.median(np.diff(self.time[self.measured])))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Campaign:
+    """The trials of one vehicle, in the order of their names, and what was noticed across them."""
+
+    trials: tuple[Trial, ...]
+    sources: tuple[Path, ...]
+    remarks: tuple[Remark, ...] = ()
+
+    @property
+    def samples(self) -> int:
+        """Number of measured headings."""
+        return int(sum(trial.measured.sum() for trial in self.trials))
