@@ -10,14 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from rovid.errors import ConfigError, nearest
-from rovid.trial import FloatArray
+from rovid.tables import CURVE_COLUMNS, read_table
 from rovid.vehicle import ThrustCurve, Thruster, Vehicle
 
 FILE_NAME = "rovid.toml"
-CURVE_COLUMNS = ("command", "thrust_N")
 
 # Factors to SI, by the kind of signal. A thruster command keeps the unit of its bench curve.
 ANGLE = {"deg": math.pi / 180.0, "rad": 1.0}
@@ -129,9 +127,7 @@ class _Reader:
         self.known(document, ("vehicle", "thrusters", "signals"), "top level")
         signals = self.signals(self.table(document, "signals"))
         if "heading" not in signals:
-            raise self.complain(
-                "[signals]", "has no heading.", 'Add heading = { csv = "<column>", unit = "deg" }.'
-            )
+            raise self.complain("[signals]", "has no heading.", 'Add heading = { csv = "<column>", unit = "deg" }.')
         time = signals.pop("time", Signal(name="time", sources={}, unit="auto"))
         thrusters = document.get("thrusters", [])
         if not isinstance(thrusters, list):
@@ -150,9 +146,7 @@ class _Reader:
             pairs = [(logged, signals.pop("torque"))]
         names = [thruster.name for thruster, _ in pairs]
         if len(set(names)) < len(names):
-            raise self.complain(
-                "[[thrusters]]", f"two have the same name among {names}.", "Name each differently."
-            )
+            raise self.complain("[[thrusters]]", f"two have the same name among {names}.", "Name each differently.")
         return Config(
             path=self.path,
             vehicle=self.vehicle(self.table(document, "vehicle"), tuple(thruster for thruster, _ in pairs)),
@@ -182,9 +176,7 @@ class _Reader:
     def vehicle(self, table: Mapping[str, Any], thrusters: tuple[Thruster, ...]) -> Vehicle:
         self.known(table, _VEHICLE_KEYS, "[vehicle]")
         numbers = {
-            key: self.number(table[key], f"[vehicle] {key}", positive=True)
-            for key in _VEHICLE_KEYS[1:]
-            if key in table
+            key: self.number(table[key], f"[vehicle] {key}", positive=True) for key in _VEHICLE_KEYS[1:] if key in table
         }
         return Vehicle(name=str(table.get("name", "vehicle")), thrusters=thrusters, **numbers)
 
@@ -219,9 +211,7 @@ class _Reader:
     def signal(self, name: str, value: Any, place: str) -> Signal:
         entry = {"csv": value} if isinstance(value, str) else value
         if not isinstance(entry, dict) or not entry:
-            raise self.complain(
-                place, f'is {value!r}; {{ csv = "<column>", mcap = "<topic.field>" }} was expected.'
-            )
+            raise self.complain(place, f'is {value!r}; {{ csv = "<column>", mcap = "<topic.field>" }} was expected.')
         for key, text in entry.items():
             if key != "sign" and not isinstance(text, str):
                 raise self.complain(f"{place} {key}", f"is {text!r}; text was expected.")
@@ -241,29 +231,17 @@ def read_curve(path: Path) -> ThrustCurve:
 
     Raises
     ------
-    ConfigError
+    RovidError
         The file is missing, has other columns, text in a number, fewer than two points or a repeated command.
     """
-    try:
-        table = pd.read_csv(
-            path, sep=None, engine="python", encoding="utf-8-sig", skipinitialspace=True, comment="#"
-        )
-    except FileNotFoundError as error:
+    if not path.is_file():
         raise ConfigError(
             "there is no such thrust curve.",
             where=path,
             mend="Make one from bench readings with `rovid fit-thruster BENCH.csv -o " + path.name + "`.",
-        ) from error
-    except (OSError, ValueError, pd.errors.ParserError) as error:
-        raise ConfigError(f"cannot be read as a table ({error}).", where=path) from error
-    for column in CURVE_COLUMNS:
-        if column not in table:
-            raise ConfigError(
-                f"has no column {column!r}. {nearest(column, map(str, table.columns))}",
-                where=path,
-                mend="A thrust curve has the columns command,thrust_N.",
-            )
-    command, thrust = (_numbers(path, table[column]) for column in CURVE_COLUMNS)
+        )
+    table = read_table(path)
+    command, thrust = (table.numbers(column) for column in CURVE_COLUMNS)
     order = np.argsort(command, kind="stable")
     command, thrust = command[order], thrust[order]
     if len(command) < 2 or np.any(np.diff(command) <= 0):
@@ -273,13 +251,3 @@ def read_curve(path: Path) -> ThrustCurve:
             mend="`rovid fit-thruster` turns repeated bench readings into a curve.",
         )
     return ThrustCurve(command=command, thrust=thrust)
-
-
-def _numbers(path: Path, column: pd.Series[Any]) -> FloatArray:
-    values = pd.to_numeric(column, errors="coerce").to_numpy(dtype=np.float64)
-    bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size:
-        raise ConfigError(
-            f"{column.name} is {column.iloc[bad[0]]!r}, a number was expected.", where=f"{path}:{bad[0] + 2}"
-        )
-    return values

@@ -126,7 +126,8 @@ def _outside(trial: Trial, thruster: Thruster, curve: ThrustCurve, command: Floa
     count = int(np.nansum(excess > _ROUNDING * curve.span))
     return ConfigError(
         f"thruster {thruster.name!r} is commanded {command[at]:g} at {trial.time[at]:.2f} s "
-        f"({count} samples in all), outside its bench curve, which ends at {low:g} and {high:g}; thrust there is not known.",
+        f"({count} samples in all), outside its bench curve, which ends at {low:g} and {high:g}; "
+        "the thrust there is not known.",
         where=trial.name,
         mend=f'Extend the curve, or set outside = "clamp" in [[thrusters]] {thruster.name!r} '
         "to hold the curve's end value.",

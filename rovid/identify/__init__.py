@@ -1,0 +1,1 @@
+"""Steady drag, sine inertia and regression; each returns an Estimate."""

@@ -1,0 +1,74 @@
+"""What every identification returns: values, covariance, and what could not be determined."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import stats
+
+from rovid.model import UNITS
+from rovid.trial import FloatArray, read_only
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimate:
+    """Parameters with their uncertainty.
+
+    Attributes
+    ----------
+    names
+        In the order of ``values`` and ``covariance``.
+    values, covariance
+        (p,) and (p, p) in the units of ``rovid.model.UNITS``.
+    degrees_of_freedom
+        Of the residual scale behind the covariance; infinite where it was known beforehand.
+    method
+        One line: how it was found.
+    refused
+        Parameter -> why these data cannot determine it.
+    warnings
+        Full sentences.
+    """
+
+    names: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    method: str
+    samples: int
+    degrees_of_freedom: float = float("inf")
+    refused: Mapping[str, str] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", read_only(self.values))
+        object.__setattr__(self, "covariance", read_only(self.covariance))
+
+    def value(self, name: str) -> float:
+        """Value of the parameter ``name``."""
+        return float(self.values[self.names.index(name)])
+
+    def standard_error(self, name: str) -> float:
+        """Standard error of the parameter ``name``."""
+        at = self.names.index(name)
+        return float(np.sqrt(self.covariance[at, at]))
+
+    def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
+        """Confidence interval by Student's t."""
+        reach = float(stats.t.ppf(0.5 + level / 2.0, self.degrees_of_freedom)) * self.standard_error(name)
+        return self.value(name) - reach, self.value(name) + reach
+
+    def correlation(self, first: str, second: str) -> float:
+        """Correlation between two parameters."""
+        i, j = self.names.index(first), self.names.index(second)
+        return float(self.covariance[i, j] / np.sqrt(self.covariance[i, i] * self.covariance[j, j]))
+
+    def differs_from_zero(self, name: str) -> bool:
+        """Whether the 95 % interval of ``name`` leaves zero out."""
+        low, high = self.interval(name)
+        return low > 0.0 or high < 0.0
+
+    def unit(self, name: str) -> str:
+        """Unit of the parameter ``name``."""
+        return UNITS[name]

@@ -1,0 +1,220 @@
+"""Sine runs: three readings of the inertia, one of them the founding paper's and biased."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rovid.model import Model
+from rovid.runs import Run
+from rovid.segments import SineRun, find_sines
+from rovid.trial import FloatArray
+
+HARMONICS = 5
+_PHASES = 720
+# The response to switching on has to die away before the motion repeats.
+_DROPPED_CYCLES = 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Wave:
+    """The periodic part of a sine run.
+
+    ``torque`` (N m) and ``rate`` (rad/s) are complex amplitudes of the harmonics 0..K at multiples of
+    ``frequency`` (rad/s): x(t) = Re sum x_k exp(i k w t). ``seconds`` is how much of the log they rest on.
+    """
+
+    frequency: float
+    torque: NDArray[np.complex128]
+    rate: NDArray[np.complex128]
+    seconds: float
+
+    def acceleration(self) -> NDArray[np.complex128]:
+        """Complex amplitudes of the acceleration in rad/s^2."""
+        return np.asarray(1j * self.frequency * np.arange(len(self.rate)) * self.rate)
+
+    def over_one_period(self, amplitudes: NDArray[np.complex128]) -> FloatArray:
+        """The wave with these ``amplitudes`` at 720 phases of one period."""
+        phase = 2.0 * np.pi * np.arange(_PHASES) / _PHASES
+        return np.asarray(np.real(np.exp(1j * np.outer(phase, np.arange(len(amplitudes)))) @ amplitudes))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SineTrial:
+    """One sine run with the periodic part of all its whole periods, and of all but each one."""
+
+    source: str
+    start: float
+    stop: float
+    period: float
+    cycles: int
+    wave: Wave
+    without: tuple[Wave, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inertia:
+    """An inertia in kg m^2, its standard error (NaN where it cannot be given), per run and over all runs."""
+
+    value: float
+    standard_error: float
+    runs: tuple[tuple[str, float, float], ...]
+    consistent: bool | None = None
+
+
+def sine_trials(runs: Sequence[Run]) -> list[SineTrial]:
+    """Find the sine runs and take their harmonics."""
+    return [
+        trial for run in runs for sine in find_sines(run.trial, run.torque) if (trial := _trial(run, sine)) is not None
+    ]
+
+
+def _trial(run: Run, sine: SineRun) -> SineTrial | None:
+    first = sine.start + _DROPPED_CYCLES * sine.period
+    cycles = sine.cycles - _DROPPED_CYCLES
+    rates = run.rates
+    rows = np.flatnonzero((rates.time >= first) & (rates.time < sine.stop) & run.valid)
+    if cycles < 2 or len(rows) * rates.kernel.period < (cycles - 0.5) * sine.period:
+        return None
+    cycle = ((rates.time[rows] - first) / sine.period).astype(np.intp)
+    return SineTrial(
+        source=run.trial.name,
+        start=first,
+        stop=sine.stop,
+        period=sine.period,
+        cycles=cycles,
+        wave=_wave(run, rows, sine.period),
+        without=tuple(_wave(run, rows[cycle != k], sine.period) for k in range(cycles)),
+    )
+
+
+def _wave(run: Run, rows: NDArray[np.intp], period: float) -> Wave:
+    """Least squares of mean, drift and harmonics; torque and rate have been through the same filter."""
+    frequency = 2.0 * math.pi / period
+    time = run.rates.time[rows] - run.rates.time[rows[0]]
+    # Harmonics beyond the filter carry noise alone.
+    count = int(min(HARMONICS, max(run.rates.kernel.cutoff * period / 2.0, 1.0)))
+    phase = frequency * np.outer(time, np.arange(1, count + 1))
+    drift = time / max(float(time[-1]), 1e-9) - 0.5
+    basis = np.column_stack((np.ones(len(rows)), drift, np.cos(phase), np.sin(phase)))
+    both = np.column_stack((run.drive[rows], run.rates.yaw_rate[rows]))
+    coefficients = np.linalg.lstsq(basis, both, rcond=None)[0]
+    amplitudes = coefficients[2 : 2 + count] - 1j * coefficients[2 + count :]
+    torque, rate = np.vstack((coefficients[:1], amplitudes)).T
+    return Wave(frequency=frequency, torque=torque, rate=rate, seconds=len(rows) * run.rates.kernel.period)
+
+
+def orbit_integral(trials: Sequence[SineTrial]) -> Inertia:
+    """I = sum(T rdot) / sum(rdot^2) over whole periods; exact for any memoryless drag.
+
+    The drag's work on the acceleration, the loop integral of D(r) dr, is zero over a closed orbit. The sums
+    run over the harmonics of the mean orbit, so that sensor noise and disturbance do not bias them.
+    """
+    return _combine(trials, lambda wave: _ratio(wave, wave.torque[1:], slice(1, None)))
+
+
+def harmonic_balance(trials: Sequence[SineTrial], drag: Model | None) -> Inertia:
+    """I = Im(T1 conj(R1)) / (w |R1|^2) at the fundamental.
+
+    Where the ``drag`` is known the quadrature part of its fundamental, which the waveform's harmonics
+    create (about 2 % of I), is taken off; without it that part stays in.
+    """
+
+    def fundamental(wave: Wave) -> tuple[float, float]:
+        torque = wave.torque[1:2]
+        if drag is not None:
+            resistance = drag.drag(wave.over_one_period(wave.rate))
+            phase = 2.0 * np.pi * np.arange(_PHASES) / _PHASES
+            torque = torque - 2.0 * np.mean(resistance * np.exp(-1j * phase))
+        return _ratio(wave, torque, slice(1, 2))
+
+    return _combine(trials, fundamental)
+
+
+def _ratio(wave: Wave, torque: NDArray[np.complex128], harmonics: slice) -> tuple[float, float]:
+    acceleration = wave.acceleration()[harmonics]
+    work = float(np.real(np.sum(torque * np.conj(acceleration))))
+    return work * wave.seconds, float(np.sum(np.abs(acceleration) ** 2)) * wave.seconds
+
+
+def _combine(trials: Sequence[SineTrial], reading: Callable[[Wave], tuple[float, float]]) -> Inertia:
+    """Ratio of sums over all runs; standard errors by leaving out one period at a time.
+
+    Where the runs disagree by more than their errors the standard error is inflated by the Birge ratio.
+    """
+    whole = np.array([reading(trial.wave) for trial in trials])
+    values, errors, pieces = [], [], []
+    for k, trial in enumerate(trials):
+        partial = np.array([reading(wave) for wave in trial.without])
+        values.append(whole[k, 0] / whole[k, 1])
+        errors.append(_jackknife(partial[:, 0] / partial[:, 1]))
+        others = whole.sum(axis=0) - whole[k]
+        pieces.append(_jackknife(((partial + others)[:, 0]) / ((partial + others)[:, 1])))
+    value = float(whole[:, 0].sum() / whole[:, 1].sum())
+    error = math.sqrt(float(np.sum(np.square(pieces))))
+    consistent = None
+    if len(trials) > 1:
+        ratio = float(np.sum((np.subtract(values, value) / errors) ** 2)) / (len(trials) - 1)
+        consistent = ratio < _BIRGE_LIMIT
+        error *= math.sqrt(max(ratio, 1.0))
+    return Inertia(
+        value=value,
+        standard_error=error,
+        runs=tuple((trial.source, float(v), float(e)) for trial, v, e in zip(trials, values, errors, strict=True)),
+        consistent=consistent,
+    )
+
+
+# Runs whose scatter exceeds their own errors this much (variance) share no single inertia.
+_BIRGE_LIMIT = 5.0
+
+
+def _jackknife(estimates: FloatArray) -> float:
+    count = len(estimates)
+    return math.sqrt((count - 1) / count * float(np.sum((estimates - estimates.mean()) ** 2)))
+
+
+def peak_method(trials: Sequence[SineTrial], drag: Model) -> Inertia:
+    """The founding paper's reading: (peak torque - steady torque at the peak rate) / peak acceleration.
+
+    Torque, rate and acceleration do not peak together (they are in quadrature), so that the result is
+    biased, mostly low; see ``peak_bias``.
+    """
+    values = [peak_reading(trial.wave, drag) for trial in trials]
+    return Inertia(
+        value=float(np.mean(values)),
+        standard_error=float(np.std(values, ddof=1) / math.sqrt(len(values))) if len(values) > 1 else math.nan,
+        runs=tuple((trial.source, value, math.nan) for trial, value in zip(trials, values, strict=True)),
+    )
+
+
+def peak_reading(wave: Wave, drag: Model) -> float:
+    """The peak method on one wave, in kg m^2."""
+    torque, rate, acceleration = (
+        float(np.max(np.abs(wave.over_one_period(x)))) for x in (wave.torque, wave.rate, wave.acceleration())
+    )
+    return (torque - float(drag.drag(np.array(rate)))) / acceleration
+
+
+def peak_bias(trials: Sequence[SineTrial], model: Model) -> float:
+    """What the peak method returns on this ``model``'s own motion under these torques, over its true inertia."""
+    from rovid.kernels import simulate
+
+    ratios = []
+    for trial in trials:
+        wave = trial.wave
+        count = 20 * _PHASES
+        time = np.arange(count + 1) * trial.period / _PHASES
+        torque = np.tile(wave.over_one_period(wave.torque), 20)
+        rate, _ = simulate(
+            time, np.append(torque, torque[0]), model.inertia, model.quadratic_drag, model.linear_drag, 0.0
+        )
+        spectrum = np.fft.rfft(rate[-_PHASES - 1 : -1])[: len(wave.rate)] / _PHASES
+        spectrum[1:] *= 2.0
+        steady = Wave(frequency=wave.frequency, torque=wave.torque, rate=spectrum, seconds=wave.seconds)
+        ratios.append(peak_reading(steady, model) / model.inertia)
+    return float(np.mean(ratios))

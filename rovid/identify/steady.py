@@ -1,0 +1,407 @@
+"""Steady turning: torque against rate gives quadratic and linear drag."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from rovid.errors import DataError
+from rovid.identify.estimate import Estimate
+from rovid.runs import Run
+from rovid.segments import MIN_HOLD_SECONDS, Hold, find_holds
+from rovid.trial import FloatArray
+from rovid.vehicle import Vehicle
+
+NAMES = ("quadratic_drag", "linear_drag")
+
+_BLOCK_SECONDS = 1.0
+_MIN_BLOCKS = 6
+# A drift over the stretch is a trend when it exceeds three of its standard errors and half a percent of the
+# rate: heading is so precise that a drift of no consequence is often significant.
+_TREND_SIGMAS = 3.0
+_TREND_SHARE = 0.005
+# Rates this close together cannot tell a quadratic from a linear drag.
+_MIN_RATE_RATIO = 1.25
+
+ADVICE = (
+    "Run held commands: at least four levels each way, from the slowest that turns the vehicle to the fastest, "
+    "each for five time constants plus a minute (about 2 min for a work-class vehicle, 20 s for a small one), "
+    "autopilot off."
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteadyPoint:
+    """One steady state.
+
+    Attributes
+    ----------
+    source
+        Log, or row of the table.
+    start, stop
+        s; the part of the hold that was used. NaN for a table.
+    command
+        One number per actuator.
+    torque, yaw_rate
+        N m and rad/s, means over the part used.
+    square_rate
+        Mean of |r| r over the part used, rad^2/s^2.
+    yaw_rate_error
+        Standard error of ``yaw_rate`` that allows for the rate's own memory; NaN for a table.
+    drift, drift_error
+        Change of rate over the part used, and its standard error, rad/s.
+    steady
+        False where that drift is a trend; such a point is shown but not fitted.
+    """
+
+    source: str
+    start: float
+    stop: float
+    command: tuple[float, ...]
+    torque: float
+    yaw_rate: float
+    square_rate: float
+    yaw_rate_error: float
+    drift: float
+    drift_error: float
+    steady: bool = True
+
+    @property
+    def duration(self) -> float:
+        """Length used in s."""
+        return self.stop - self.start
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DragFit:
+    """Drag from steady states, with everything needed to doubt it.
+
+    Attributes
+    ----------
+    points
+        The k points fitted.
+    unsteady
+        Holds that were found and left out because the rate had a trend.
+    torque_error
+        (k,) standard error of each point's torque balance in N m; the fit's weights are its inverse squares.
+    residuals
+        (k,) measured minus fitted torque in N m.
+    left_out
+        (k, 3) quadratic and linear drag without that point, and the torque it then is off by, in N m.
+    directions
+        The fit of each direction alone, where it has at least two levels: "up" and "down".
+    r_squared
+        1 - SSE/SST of torque, unweighted, centred.
+    """
+
+    estimate: Estimate
+    points: tuple[SteadyPoint, ...]
+    unsteady: tuple[SteadyPoint, ...]
+    torque_error: FloatArray
+    residuals: FloatArray
+    left_out: FloatArray
+    directions: dict[str, Estimate]
+    r_squared: float
+
+
+def steady_points(runs: Sequence[Run], vehicle: Vehicle) -> list[SteadyPoint]:
+    """Reduce every held command under which the vehicle turns to one steady state.
+
+    A hold at rest (no torque, or a rate that is not told from zero) is not a steady turn and is left out.
+    """
+    points = [
+        point
+        for run in runs
+        for hold in find_holds(run.trial, vehicle, run.torque)
+        if hold.torque != 0.0 and (point := _reduce(run, hold)) is not None
+    ]
+    return [point for point in points if abs(point.yaw_rate) > 4.0 * point.yaw_rate_error]
+
+
+def _reduce(run: Run, hold: Hold) -> SteadyPoint | None:
+    blocks, squares, times = _blocks(run, hold)
+    if len(blocks) < _MIN_BLOCKS:
+        return None
+    first = _settled(blocks)
+    blocks, squares, times = blocks[first:], squares[first:], times[first:]
+    count = len(blocks)
+    x = np.arange(count) - 0.5 * (count - 1)
+    slope = float(x @ blocks / (x @ x))
+    mean = float(blocks.mean())
+    spectrum = long_run_variance(blocks - mean - slope * x)
+    drift, drift_error = slope * count, math.sqrt(spectrum / float(x @ x)) * count
+    trend = abs(drift) > max(_TREND_SIGMAS * drift_error, _TREND_SHARE * abs(mean))
+    return SteadyPoint(
+        source=run.trial.name,
+        start=float(times[0]),
+        stop=float(times[-1]) + _BLOCK_SECONDS,
+        command=tuple(float(value) for value in hold.command),
+        torque=hold.torque,
+        yaw_rate=mean,
+        square_rate=float(squares.mean()),
+        yaw_rate_error=math.sqrt(spectrum / count),
+        drift=drift,
+        drift_error=drift_error,
+        steady=not trend,
+    )
+
+
+def _blocks(run: Run, hold: Hold) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Means of r and |r| r over blocks of about a second inside the hold, and each block's start in s."""
+    rates = run.rates
+    # The zero-phase filter lets the next command show before it comes: stay half a kernel away from it.
+    inside = (rates.time >= hold.start) & (rates.time <= hold.stop - rates.kernel.half_width) & rates.valid
+    rows = np.flatnonzero(inside)
+    size = max(round(_BLOCK_SECONDS / rates.kernel.period), 1)
+    count = len(rows) // size
+    if count == 0:
+        empty = np.empty(0)
+        return empty, empty, empty
+    # Counted from the end: the start is what settling takes away.
+    block = rows[len(rows) - count * size :].reshape(count, size)
+    rate = rates.yaw_rate[block]
+    return rate.mean(axis=1), (np.abs(rate) * rate).mean(axis=1), rates.time[block[:, 0]]
+
+
+def _settled(blocks: FloatArray) -> int:
+    """Index from which the blocks are taken as settled.
+
+    The marginal standard error rule (White 1997, "An effective truncation heuristic for bias reduction in
+    simulation output"): drop as many as make the standard error of the rest smallest, three quarters at most.
+    """
+    count = len(blocks)
+    candidates = np.arange(0, max(min(3 * count // 4, count - _MIN_BLOCKS), 0) + 1)
+    spread = [float(np.var(blocks[k:])) / (count - k) for k in candidates]
+    return int(candidates[int(np.argmin(spread))])
+
+
+def long_run_variance(values: FloatArray) -> float:
+    """Variance of the mean of (n,) zero-mean ``values`` times n, from a first-order autoregression.
+
+    The lag-one correlation is corrected for the bias of short series (Kendall 1954).
+    """
+    count = len(values)
+    power = float(values @ values)
+    if power <= 0.0 or count < 3:
+        return power / max(count, 1)
+    correlation = float(values[1:] @ values[:-1]) / power
+    correlation = min(max(correlation + (1.0 + 3.0 * correlation) / count, 0.0), 0.95)
+    return power / (count - 2) * (1.0 + correlation) / (1.0 - correlation)
+
+
+def fit_drag(points: Sequence[SteadyPoint]) -> DragFit:
+    """Fit T = DQ |r| r + DL r to steady states by weighted least squares.
+
+    Points from logs are weighted by their length: the disturbance torque averages out as 1/length, and its
+    density is pooled over all holds, the scatter between holds included. Rows of a table have equal weight.
+
+    Raises
+    ------
+    DataError
+        No steady turning.
+    """
+    fitted = tuple(point for point in points if point.steady)
+    if not fitted:
+        raise _no_steady(points)
+    refused = _undetermined(fitted)
+    design = np.array([(point.square_rate, point.yaw_rate) for point in fitted])
+    torque = np.array([point.torque for point in fitted])
+    free = np.array([name not in refused for name in NAMES])
+    error = _torque_error(fitted, design, torque, free)
+    values, covariance, dof = _least_squares(design, torque, error, free)
+    warnings = []
+    negative = free & (values < 0.0)
+    if negative.any() and free.all():
+        name = NAMES[int(np.argmax(negative))]
+        warnings.append(
+            f"{name} came out negative ({values[negative][0]:.3g} ± {np.sqrt(np.diag(covariance))[negative][0]:.2g}), "
+            "which no drag is; it is held at zero."
+        )
+        spread = np.diag(covariance)[negative]
+        values, covariance, dof = _least_squares(design, torque, error, ~negative)
+        covariance[negative, negative] = spread
+    residuals = torque - design @ values
+    estimate = Estimate(
+        names=NAMES,
+        values=values,
+        covariance=covariance,
+        degrees_of_freedom=dof,
+        method="steady turns, ordinary least squares"
+        if _from_table(fitted)
+        else "steady turns, weighted least squares",
+        samples=len(fitted),
+        refused=refused,
+    )
+    warnings += _warnings(estimate, fitted, points)
+    directions = _directions(fitted, design, torque, error, free)
+    if (text := _direction_warning(fitted, residuals, error, directions)) is not None:
+        warnings.append(text)
+    return DragFit(
+        estimate=replace(estimate, warnings=tuple(warnings)),
+        points=fitted,
+        unsteady=tuple(point for point in points if not point.steady),
+        torque_error=error,
+        residuals=residuals,
+        left_out=_leave_one_out(design, torque, error, free),
+        directions=directions,
+        r_squared=1.0 - float(residuals @ residuals) / float(np.sum((torque - torque.mean()) ** 2) or np.nan),
+    )
+
+
+def _from_table(points: Sequence[SteadyPoint]) -> bool:
+    return all(math.isnan(point.yaw_rate_error) for point in points)
+
+
+def _no_steady(points: Sequence[SteadyPoint]) -> DataError:
+    if not points:
+        return DataError(
+            f"no held command of at least {MIN_HOLD_SECONDS:g} s under which the vehicle turns; drag cannot be read "
+            "from these logs.",
+            mend=ADVICE,
+        )
+    worst = max(points, key=lambda point: abs(point.drift))
+    return DataError(
+        f"{len(points)} held commands were found but the rate was still changing in every one, "
+        f"for instance by {worst.drift:.2g} rad/s in {worst.source} from {worst.start:.0f} to {worst.stop:.0f} s.",
+        mend="Hold each command longer.",
+    )
+
+
+def _undetermined(points: Sequence[SteadyPoint]) -> dict[str, str]:
+    speeds = np.abs([point.yaw_rate for point in points])
+    if speeds.max() < _MIN_RATE_RATIO * speeds.min():
+        return {
+            "linear_drag": f"all {len(points)} steady turns are at nearly the same rate "
+            f"({speeds.min():.3g} to {speeds.max():.3g} rad/s), so quadratic and linear drag cannot be told apart; "
+            "it is taken as zero. Run holds at other commands."
+        }
+    if _from_table(points) and len(points) < 3:
+        return {
+            "linear_drag": f"{len(points)} rows leave nothing to judge the error by; it is taken as zero. "
+            "Give three rows or more."
+        }
+    return {}
+
+
+def _torque_error(
+    points: Sequence[SteadyPoint], design: FloatArray, torque: FloatArray, free: NDArray[np.bool_]
+) -> FloatArray:
+    if _from_table(points):
+        return np.ones(len(points))
+    duration = np.array([point.duration for point in points])
+    rate_error = np.array([point.yaw_rate_error for point in points])
+    values, _, _ = _least_squares(design, torque, 1.0 / np.sqrt(duration), free)
+    slope = 2.0 * values[0] * np.abs(design[:, 1]) + values[1]
+    density = float(np.mean((slope * rate_error) ** 2 * duration))
+    return np.asarray(np.sqrt(density / duration))
+
+
+def _least_squares(
+    design: FloatArray, torque: FloatArray, error: FloatArray, free: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray, float]:
+    """Values (2,), covariance (2, 2) and degrees of freedom; columns that are not ``free`` stay zero.
+
+    Where ``error`` is known it is believed unless the scatter about the line is larger (Birge ratio); where
+    it is all ones the scatter sets the scale.
+    """
+    values, covariance = np.zeros(2), np.zeros((2, 2))
+    weighted = design[:, free] / error[:, None]
+    values[free], *_ = np.linalg.lstsq(weighted, torque / error, rcond=None)
+    dof = len(torque) - int(free.sum())
+    chi2 = float(np.sum(((torque - design @ values) / error) ** 2))
+    known = bool(np.any(error != 1.0))
+    scale = chi2 / dof if dof > 0 else (1.0 if known else np.nan)
+    covariance[np.ix_(free, free)] = np.linalg.inv(weighted.T @ weighted) * (max(scale, 1.0) if known else scale)
+    return values, covariance, float(dof) if dof > 0 and not (known and scale <= 1.0) else float("inf")
+
+
+def _leave_one_out(design: FloatArray, torque: FloatArray, error: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
+    rows = np.full((len(torque), 3), np.nan)
+    for k in range(len(torque)):
+        keep = np.arange(len(torque)) != k
+        if keep.sum() < free.sum():
+            continue
+        values, _, _ = _least_squares(design[keep], torque[keep], error[keep], free)
+        rows[k] = (*values, torque[k] - design[k] @ values)
+    return rows
+
+
+def _directions(
+    points: Sequence[SteadyPoint],
+    design: FloatArray,
+    torque: FloatArray,
+    error: FloatArray,
+    free: NDArray[np.bool_],
+) -> dict[str, Estimate]:
+    fits = {}
+    for name, rows in (("up", design[:, 1] > 0), ("down", design[:, 1] < 0)):
+        chosen = [point for point, row in zip(points, rows, strict=True) if row]
+        if len(chosen) <= free.sum() or rows.all() or _undetermined(chosen):
+            continue
+        values, covariance, dof = _least_squares(design[rows], torque[rows], error[rows], free)
+        fits[name] = Estimate(
+            names=NAMES,
+            values=values,
+            covariance=covariance,
+            degrees_of_freedom=dof,
+            method=f"steady turns, heading {name} only",
+            samples=len(chosen),
+        )
+    return fits
+
+
+def _direction_warning(
+    points: Sequence[SteadyPoint], residuals: FloatArray, error: FloatArray, directions: dict[str, Estimate]
+) -> str | None:
+    rates = np.array([point.yaw_rate for point in points])
+    if (rates > 0).all() or (rates < 0).all():
+        return (
+            "All steady turns are in one direction: a constant torque (tether, trim) or a weaker reverse thrust "
+            "would pass for drag. Run the same holds the other way."
+        )
+    if len(directions) < 2:
+        return None
+    # F test: does a separate line for each direction fit better than one for both?
+    apart = sum(
+        float(np.sum(_normalised(points, fit, error, sign) ** 2))
+        for fit, sign in ((directions["up"], 1.0), (directions["down"], -1.0))
+    )
+    together = float(np.sum((residuals / error) ** 2))
+    dof = len(points) - 4
+    if dof <= 0 or apart <= 0.0:
+        return None
+    p_value = float(stats.f.sf((together - apart) / 2.0 / (apart / dof), 2, dof))
+    if p_value > 0.01:
+        return None
+    up, down = (directions[name].value("quadratic_drag") for name in ("up", "down"))
+    return (
+        f"The two directions differ (p = {p_value:.1g}): quadratic drag {up:.4g} with the heading growing, "
+        f"{down:.4g} with it falling. Thrust curve, a constant torque or the drag itself is not the same both ways."
+    )
+
+
+def _normalised(points: Sequence[SteadyPoint], fit: Estimate, error: FloatArray, sign: float) -> FloatArray:
+    rows = np.array([point.yaw_rate * sign > 0 for point in points])
+    design = np.array([(point.square_rate, point.yaw_rate) for point in points])[rows]
+    torque = np.array([point.torque for point in points])[rows]
+    return np.asarray((torque - design @ fit.values) / error[rows])
+
+
+def _warnings(estimate: Estimate, fitted: Sequence[SteadyPoint], points: Sequence[SteadyPoint]) -> list[str]:
+    texts = [f"{name} is not determined: {reason}" for name, reason in estimate.refused.items()]
+    for name in NAMES:
+        if name in estimate.refused or estimate.value(name) == 0.0 or estimate.differs_from_zero(name):
+            continue
+        low, high = estimate.interval(name)
+        texts.append(
+            f"{name} cannot be told from zero: {estimate.value(name):.3g} ± {estimate.standard_error(name):.2g} "
+            f"{estimate.unit(name)}, 95 % interval {low:.3g} to {high:.3g}. Slower holds would tell."
+        )
+    if len(points) > len(fitted):
+        texts.append(f"{len(points) - len(fitted)} holds were still changing and were left out of the fit.")
+    return texts

@@ -1,0 +1,241 @@
+"""The parameter file: values, units, standard errors, covariance, and the logs they came from."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rovid import __version__
+from rovid.errors import ConfigError
+from rovid.identify.estimate import Estimate
+from rovid.model import UNITS, Model
+from rovid.output import write_atomic
+from rovid.trial import Campaign
+
+SCHEMA = "rovid-parameters"
+SCHEMA_VERSION = 1
+DEFAULT_NAME = "parameters.toml"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """One parameter: its value, standard error, unit, and how it was found."""
+
+    value: float
+    standard_error: float
+    unit: str
+    method: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """One log the parameters rest on."""
+
+    name: str
+    sha256: str
+    samples: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameters:
+    """The content of a parameter file.
+
+    Attributes
+    ----------
+    path
+        Where it is, or will be.
+    logs
+        What the user gave as LOGS, absolute.
+    covariance
+        (first, second) -> covariance of two parameters, in the product of their units; pairs found by
+        different methods are taken as uncorrelated and are absent.
+    """
+
+    path: Path
+    vehicle: str = ""
+    logs: tuple[Path, ...] = ()
+    entries: Mapping[str, Entry] = field(default_factory=dict)
+    covariance: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    sources: tuple[Source, ...] = ()
+
+    def with_estimate(self, estimate: Estimate) -> Parameters:
+        """The same with the parameters of ``estimate`` put in or replaced."""
+        new = {
+            name: Entry(
+                value=estimate.value(name),
+                standard_error=estimate.standard_error(name),
+                unit=estimate.unit(name),
+                method=estimate.method,
+            )
+            for name in estimate.names
+            if name not in estimate.refused
+        }
+        kept = {pair: value for pair, value in self.covariance.items() if not set(pair) & set(estimate.names)}
+        fresh = {
+            (first, second): float(estimate.covariance[i, j])
+            for i, first in enumerate(estimate.names)
+            for j, second in enumerate(estimate.names)
+            if i <= j and first in new and second in new
+        }
+        entries = {name: entry for name, entry in self.entries.items() if name not in estimate.names}
+        return self._replace(entries=entries | new, covariance=kept | fresh)
+
+    def with_logs(self, paths: Sequence[Path], vehicle: str, campaign: Campaign | None) -> Parameters:
+        """The same with the logs it rests on, each with its hash."""
+        sources = (
+            ()
+            if campaign is None
+            else tuple(_source(trial.name, trial.path, int(trial.measured.sum())) for trial in campaign.trials)
+        )
+        return self._replace(vehicle=vehicle, logs=tuple(path.resolve() for path in paths), sources=sources)
+
+    def _replace(self, **changes: Any) -> Parameters:
+        from dataclasses import replace
+
+        return replace(self, **changes)
+
+    def drag(self) -> Estimate | None:
+        """Quadratic and linear drag; None where there is no drag at all. A refused linear drag is zero."""
+        return self._estimate(("quadratic_drag", "linear_drag"), needed="quadratic_drag")
+
+    def _estimate(self, names: tuple[str, ...], *, needed: str) -> Estimate | None:
+        if needed not in self.entries:
+            return None
+        values = [self.entries[name].value if name in self.entries else 0.0 for name in names]
+        covariance = [[self.covariance.get((a, b), self.covariance.get((b, a), 0.0)) for b in names] for a in names]
+        return Estimate(
+            names=names,
+            values=np.array(values),
+            covariance=np.array(covariance),
+            method=self.entries[needed].method,
+            samples=0,
+        )
+
+    def model(self) -> Model:
+        """The model that these parameters describe.
+
+        Raises
+        ------
+        ConfigError
+            Inertia or drag is missing.
+        """
+        for name, command in (("quadratic_drag", "fit-drag LOGS"), ("inertia", "fit-inertia")):
+            if name not in self.entries:
+                raise ConfigError(f"holds no {name}.", where=self.path, mend=f"Run `rovid {command}` first.")
+        linear = self.entries.get("linear_drag")
+        return Model(
+            inertia=self.entries["inertia"].value,
+            quadratic_drag=self.entries["quadratic_drag"].value,
+            linear_drag=0.0 if linear is None else linear.value,
+        )
+
+    def write(self) -> None:
+        """Write the file; the old one stays whole if that fails."""
+        import tomli_w
+
+        names = [name for name in UNITS if name in self.entries]
+        matrix = [[self.covariance.get((a, b), self.covariance.get((b, a), 0.0)) for b in names] for a in names]
+        document = {
+            "schema": f"{SCHEMA}/{SCHEMA_VERSION}",
+            "rovid_version": __version__,
+            "written": datetime.now(UTC).replace(microsecond=0),
+            "vehicle": self.vehicle,
+            "logs": [_relative(path, self.path.parent) for path in self.logs],
+            "parameters": {
+                name: {"value": e.value, "standard_error": e.standard_error, "unit": e.unit, "method": e.method}
+                for name, e in ((name, self.entries[name]) for name in names)
+            },
+            "covariance": {"names": names, "matrix": matrix},
+            "sources": [{"name": s.name, "sha256": s.sha256, "samples": s.samples} for s in self.sources],
+        }
+        write_atomic(self.path, tomli_w.dumps(document))
+
+
+def read_parameters(path: Path) -> Parameters:
+    """Read a parameter file.
+
+    Raises
+    ------
+    ConfigError
+        It is missing, not a parameter file, or of a schema newer than this rovid knows.
+    """
+    if not path.is_file():
+        raise ConfigError(
+            "there is no such parameter file.",
+            where=path,
+            mend="Run `rovid fit-drag LOGS` first, or point to one with -p.",
+        )
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(f"is not a readable TOML file ({error}).", where=path) from error
+    _check_schema(path, document.get("schema"))
+    try:
+        return _parse(path, document)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ConfigError(
+            f"is damaged: {error!r} where the schema wants something else.",
+            where=path,
+            mend="Delete it and run `rovid fit-drag LOGS` again.",
+        ) from error
+
+
+def _check_schema(path: Path, schema: object) -> None:
+    name, _, version = str(schema).partition("/")
+    if name != SCHEMA or not version.isdigit():
+        raise ConfigError(f"has schema {schema!r}; {SCHEMA}/{SCHEMA_VERSION} was expected.", where=path)
+    if int(version) > SCHEMA_VERSION:
+        raise ConfigError(
+            f"has schema {schema}, newer than the {SCHEMA}/{SCHEMA_VERSION} that rovid {__version__} reads.",
+            where=path,
+            mend="Use the rovid that wrote it, or a newer one.",
+        )
+
+
+def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
+    entries = {
+        str(name): Entry(
+            value=float(e["value"]),
+            standard_error=float(e["standard_error"]),
+            unit=str(e["unit"]),
+            method=str(e["method"]),
+        )
+        for name, e in document["parameters"].items()
+    }
+    names, matrix = document["covariance"]["names"], document["covariance"]["matrix"]
+    return Parameters(
+        path=path,
+        vehicle=str(document.get("vehicle", "")),
+        logs=tuple((path.parent / str(item)).resolve() for item in document["logs"]),
+        entries=entries,
+        covariance={(a, b): float(matrix[i][j]) for i, a in enumerate(names) for j, b in enumerate(names) if i <= j},
+        sources=tuple(
+            Source(name=str(s["name"]), sha256=str(s["sha256"]), samples=int(s["samples"])) for s in document["sources"]
+        ),
+    )
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file, in hexadecimal."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _source(name: str, path: Path, samples: int) -> Source:
+    return Source(name=name, sha256=sha256(path), samples=samples)
+
+
+def _relative(path: Path, folder: Path) -> str:
+    """Relative to the parameter file, so that both can be moved together."""
+    try:
+        return Path(os.path.relpath(path, folder.resolve())).as_posix()
+    except ValueError:  # another drive on Windows
+        return path.as_posix()

@@ -1,0 +1,286 @@
+"""Heading -> yaw rate and acceleration, by one zero-phase low pass that everything compared goes through."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage, signal
+
+from rovid.errors import DataError
+from rovid.trial import FloatArray, Trial
+
+# A sinc under a Hann window: flat to a third of the cut-off, 44 dB down beyond twice the cut-off.
+_HALF_WIDTH = 1.25  # of 1/cutoff
+_MAX_CUTOFF = 0.2  # of the sampling rate: above it the sampled kernel no longer differentiates exactly
+# Missing headings shorter than this are bridged for the filter; longer ones stay a gap.
+_BRIDGE_SAMPLES = 5
+_BRIDGE_SECONDS = 0.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ZeroPhaseFilter:
+    """Symmetric kernels for a value, its first and its second derivative on a grid of ``period`` s.
+
+    All three sample one continuous kernel and its derivatives, so that torque, rate and acceleration pass
+    through the same filter. ``cutoff`` is the -6 dB frequency in Hz.
+    """
+
+    period: float
+    cutoff: float
+    value: FloatArray
+    first: FloatArray
+    second: FloatArray
+
+    @classmethod
+    def design(cls, *, period: float, cutoff: float) -> ZeroPhaseFilter:
+        """Kernels for a grid of ``period`` s and a ``cutoff`` in Hz."""
+        half = max(math.ceil(_HALF_WIDTH / cutoff / period), 3)
+        t = np.arange(-half, half + 1) * period
+        # Differentiate the continuous kernel numerically on a fine grid; the closed form is unwieldy.
+        end = (half + 1) * period
+        fine = np.linspace(-end, end, 128 * (half + 1) + 1)
+        kernel = np.sinc(2.0 * cutoff * fine) * (1.0 + np.cos(np.pi * fine / end))
+        slope = np.gradient(kernel, fine)
+        value, first, second = (np.interp(t, fine, k) for k in (kernel, slope, np.gradient(slope, fine)))
+        value /= value.sum()
+        # Sampling leaves errors of a few parts in a thousand: make it exact on a constant, ramp and parabola.
+        first /= first @ t
+        second -= second.sum() * value
+        second *= 2.0 / (second @ t**2 - second.sum() * (value @ t**2))
+        return cls(period=period, cutoff=cutoff, value=value, first=first, second=second)
+
+    @property
+    def half_width(self) -> float:
+        """Seconds at each end of a stretch for which the filter has no answer."""
+        return float(len(self.value) // 2 * self.period)
+
+    def smooth(self, values: FloatArray) -> FloatArray:
+        """Low-passed (n,) ``values``; NaN within half a kernel of a NaN or an end."""
+        return _convolve(values, self.value)
+
+    def rate(self, values: FloatArray) -> FloatArray:
+        """First derivative per second of the low-passed ``values``."""
+        return _convolve(values, self.first)
+
+    def acceleration(self, values: FloatArray) -> FloatArray:
+        """Second derivative per second squared of the low-passed ``values``."""
+        return _convolve(values, self.second)
+
+    def smooth_held(self, averages: FloatArray) -> FloatArray:
+        """Low-passed signal of which the averages over each grid cell are given.
+
+        The three-point correction undoes the averaging to fourth order, 1/sinc(f h) = 1 + (pi f h)^2/6.
+        """
+        return _convolve(averages, np.convolve(self.value, np.array([-1.0, 26.0, -1.0]) / 24.0))
+
+    def noise(self, heading_noise: float) -> tuple[float, float]:
+        """Return the standard deviation of rate and acceleration from white ``heading_noise`` in rad."""
+        gain = np.linalg.norm([self.first, self.second], axis=1)
+        return float(heading_noise * gain[0]), float(heading_noise * gain[1])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rates:
+    """A trial's motion on a uniform grid, all through the same zero-phase low pass.
+
+    Attributes
+    ----------
+    time
+        (m,) s on the trial's clock.
+    yaw_rate, acceleration
+        (m,) body yaw rate in rad/s and its derivative in rad/s^2; NaN where the filter has no answer.
+    kernel
+        The filter.
+    heading_noise, yaw_rate_noise, acceleration_noise
+        Standard deviation of the white sensor noise in the heading (rad), and what is left of it.
+    from_gyro
+        Whether a logged yaw rate was used in place of the heading's derivative.
+    """
+
+    time: FloatArray
+    yaw_rate: FloatArray
+    acceleration: FloatArray
+    kernel: ZeroPhaseFilter
+    heading_noise: float
+    yaw_rate_noise: float
+    acceleration_noise: float
+    from_gyro: bool
+
+    @property
+    def valid(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """(m,) where rate and acceleration are known."""
+        return np.isfinite(self.yaw_rate) & np.isfinite(self.acceleration)
+
+    def held(self, trial: Trial, values: FloatArray) -> FloatArray:
+        """(m,) a held signal of the trial, such as torque, through the same filter."""
+        return self.kernel.smooth_held(cell_averages(trial.time, values, self.time))
+
+    def smooth_samples(self, trial: Trial, values: FloatArray) -> FloatArray:
+        """(m,) a continuous signal given at the trial's instants, such as a simulated rate, filtered."""
+        return self.kernel.smooth(np.interp(self.time, trial.time, values))
+
+
+def yaw_rates(trial: Trial, *, cutoff: float) -> Rates:
+    """Yaw rate and acceleration of one trial.
+
+    Where roll and pitch are logged the heading rate is turned into the body rate by
+    r = psidot cos(phi) cos(theta) - thetadot sin(phi) (Fossen 2011, eq. 2.28 solved for r).
+
+    Parameters
+    ----------
+    cutoff
+        -6 dB frequency of the low pass in Hz.
+
+    Raises
+    ------
+    DataError
+        The trial is shorter than the filter.
+    """
+    grid = uniform_grid(trial)
+    kernel = ZeroPhaseFilter.design(period=float(grid[1] - grid[0]), cutoff=cutoff)
+    if len(grid) < len(kernel.value) + 2:
+        raise DataError(
+            f"lasts {trial.duration:.1f} s, shorter than the filter, which takes "
+            f"{2 * kernel.half_width:.1f} s at a cut-off of {cutoff:.3g} Hz.",
+            where=trial.name,
+            mend="Raise --cutoff or leave the log out.",
+        )
+    heading = on_grid(trial, trial.heading, grid)
+    noise = white_noise(heading)
+    if trial.yaw_rate is not None:
+        gyro = on_grid(trial, trial.yaw_rate, grid)
+        rate, acceleration = kernel.smooth(gyro), kernel.rate(gyro)
+        gain = np.linalg.norm([kernel.value, kernel.first], axis=1) * white_noise(gyro)
+        rate_noise, acceleration_noise = float(gain[0]), float(gain[1])
+    else:
+        rate, acceleration = _body_rate(trial, grid, kernel, heading)
+        rate_noise, acceleration_noise = kernel.noise(noise)
+    return Rates(
+        time=grid,
+        yaw_rate=rate,
+        acceleration=acceleration,
+        kernel=kernel,
+        heading_noise=noise,
+        yaw_rate_noise=rate_noise,
+        acceleration_noise=acceleration_noise,
+        from_gyro=trial.yaw_rate is not None,
+    )
+
+
+def _body_rate(
+    trial: Trial, grid: FloatArray, kernel: ZeroPhaseFilter, heading: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    heading_rate, heading_acceleration = kernel.rate(heading), kernel.acceleration(heading)
+    if trial.roll is None or trial.pitch is None:
+        return heading_rate, heading_acceleration
+    roll = kernel.smooth(on_grid(trial, trial.roll, grid))
+    raw_pitch = on_grid(trial, trial.pitch, grid)
+    projection = np.cos(roll) * np.cos(kernel.smooth(raw_pitch))
+    # The tilt changes slowly beside the heading: its rate of change is left out of the acceleration.
+    return (
+        heading_rate * projection - kernel.rate(raw_pitch) * np.sin(roll),
+        heading_acceleration * projection - kernel.acceleration(raw_pitch) * np.sin(roll),
+    )
+
+
+def uniform_grid(trial: Trial) -> FloatArray:
+    """(m,) instants at the heading's median interval, from its first to its last sample."""
+    measured = trial.time[trial.measured]
+    period = trial.period
+    count = round((measured[-1] - measured[0]) / period) + 1
+    return np.asarray(measured[0] + period * np.arange(count))
+
+
+def on_grid(trial: Trial, values: FloatArray, grid: FloatArray) -> FloatArray:
+    """(m,) ``values`` brought to the grid; NaN inside gaps and outside the measured span."""
+    known = np.isfinite(values)
+    time, measured = trial.time[known], values[known]
+    if len(time) < 2:
+        return np.full(len(grid), np.nan)
+    out = np.interp(grid, time, measured, left=np.nan, right=np.nan)
+    period = grid[1] - grid[0]
+    limit = max(_BRIDGE_SAMPLES * period, _BRIDGE_SECONDS)
+    for k in np.flatnonzero(np.diff(time) > limit):
+        out[(grid > time[k] + 1e-9) & (grid < time[k + 1] - 1e-9)] = np.nan
+    return out
+
+
+def cell_averages(time: FloatArray, values: FloatArray, grid: FloatArray) -> FloatArray:
+    """(m,) average of the held (n,) ``values`` over the cell of one period around each grid instant."""
+    integral = np.concatenate(([0.0], np.cumsum(values[:-1] * np.diff(time))))
+    half = 0.5 * (grid[1] - grid[0])
+    edges = np.concatenate((grid - half, grid[-1:] + half))
+    inside = np.clip(edges, time[0], time[-1])
+    width = np.diff(inside)
+    return np.asarray(np.diff(np.interp(inside, time, integral)) / np.where(width > 0, width, np.nan))
+
+
+def white_noise(values: FloatArray) -> float:
+    """Robust standard deviation of the white part of (n,) ``values``, from fourth differences."""
+    differences = np.diff(values, n=4)
+    differences = differences[np.isfinite(differences)]
+    if not differences.size:
+        return 0.0
+    # 70 = 1 + 16 + 36 + 16 + 1, the variance gain of a fourth difference; 1.4826 turns a median into a sd.
+    return float(1.4826 * np.median(np.abs(differences)) / math.sqrt(70.0))
+
+
+def choose_cutoff(trials: Sequence[Trial]) -> float:
+    """Cut-off in Hz that makes the acceleration's expected error smallest over all ``trials``.
+
+    What lies above the cut-off is lost, the sensor noise below it is kept. Signal and noise are told apart
+    in the spectrum of the heading's second difference, in which white noise rises as the fourth power of
+    the sine of half the angle.
+    """
+    period = float(np.median([trial.period for trial in trials]))
+    frequency, spectrum = _acceleration_spectrum(trials, period)
+    shape = (2.0 * np.sin(np.pi * frequency * period)) ** 4
+    top = frequency > 0.35 / period
+    level = float(np.median(spectrum[top] / shape[top]))
+    noise = level * shape
+    lost = np.cumsum(np.clip(spectrum - noise, 0.0, None)[::-1])[::-1]
+    cost = lost + np.cumsum(noise)
+    shortest = min(trial.duration for trial in trials)
+    low = 8.0 * _HALF_WIDTH / shortest
+    best = float(frequency[int(np.argmin(cost))])
+    return float(np.clip(best, min(low, _MAX_CUTOFF / period), _MAX_CUTOFF / period))
+
+
+def _acceleration_spectrum(trials: Sequence[Trial], period: float) -> tuple[FloatArray, FloatArray]:
+    length = 512
+    total, weight = np.zeros(length // 2 + 1), 0
+    frequency = np.asarray(np.fft.rfftfreq(length, period), dtype=np.float64)
+    for trial in trials:
+        heading = on_grid(trial, trial.heading, uniform_grid(trial))
+        second = np.diff(heading, n=2)
+        for start, stop in finite_stretches(second):
+            part = second[start:stop]
+            if len(part) < 32:
+                continue
+            size = min(length, len(part))
+            _, density = signal.welch(part, fs=1.0 / period, nperseg=size, nfft=length, detrend=False)
+            total += np.asarray(density) * len(part)
+            weight += len(part)
+    if not weight:
+        raise DataError("no stretch of heading is long enough to find its noise.", where=trials[0].name)
+    return frequency, total / weight
+
+
+def finite_stretches(values: FloatArray) -> list[tuple[int, int]]:
+    """(start, stop) index of every unbroken run of finite ``values``."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], np.isfinite(values).astype(np.int8), [0]))))
+    return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
+
+
+def _convolve(values: FloatArray, kernel: FloatArray) -> FloatArray:
+    """Correlation with a kernel centred on each sample; NaN where the kernel does not fit."""
+    known = np.isfinite(values)
+    # A running sum over a filled array would smear the heading's large offset; take it off first.
+    offset = float(values[known][0]) if known.any() else 0.0
+    filled = np.where(known, values - offset, 0.0)
+    out = signal.oaconvolve(filled, kernel[::-1], mode="same")
+    complete = ndimage.minimum_filter1d(known.astype(np.int8), len(kernel), mode="constant", cval=0)
+    return np.where(complete == 1, out + offset * kernel.sum(), np.nan)

@@ -1,0 +1,123 @@
+"""Small tables of numbers: thrust curves, bench readings, steady states, sine trials."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rovid.errors import LogError, nearest
+from rovid.trial import FloatArray
+
+CURVE_COLUMNS = ("command", "thrust_N")
+STEADY_COLUMNS = ("yaw_rate_rad_s", "torque_Nm")
+SINE_COLUMNS = ("period_s", "torque_amplitude_Nm", "peak_yaw_rate_rad_s")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table as text, with the line in the file of each row."""
+
+    path: Path
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    lines: tuple[int, ...]
+
+    def text(self, column: str) -> list[str]:
+        """Every row of ``column``.
+
+        Raises
+        ------
+        LogError
+            There is no such column; the nearest names are offered.
+        """
+        if column not in self.header:
+            raise LogError(
+                f"has no column {column!r}. {nearest(column, self.header)}",
+                where=self.path,
+            )
+        at = self.header.index(column)
+        return [row[at] if at < len(row) else "" for row in self.rows]
+
+    def numbers(self, column: str, *, empty_allowed: bool = False) -> FloatArray:
+        """(n,) numbers of ``column``; NaN for empty cells where those are allowed.
+
+        Raises
+        ------
+        LogError
+            There is no such column, or a cell is not a number.
+        """
+        values = np.empty(len(self.rows))
+        for k, cell in enumerate(self.text(column)):
+            if not cell and empty_allowed:
+                values[k] = np.nan
+                continue
+            try:
+                values[k] = float(cell)
+            except ValueError:
+                values[k] = np.nan
+            if not np.isfinite(values[k]):
+                raise LogError(
+                    f"{column} is {cell!r}, a number was expected.",
+                    where=f"{self.path}:{self.lines[k]}",
+                    mend="Correct the cell or delete the row.",
+                )
+        return values
+
+    def resolution(self, column: str) -> FloatArray:
+        """(n,) size of the last printed digit of ``column``."""
+        return np.array([10.0 ** -len(cell.partition(".")[2]) for cell in self.text(column)])
+
+
+def read_table(path: Path) -> Table:
+    """Read a CSV with a header row; comma, semicolon or tab.
+
+    Raises
+    ------
+    LogError
+        The file cannot be read or holds no rows.
+    """
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise LogError(f"cannot be read ({error.strerror}).", where=path) from error
+    except UnicodeDecodeError:
+        # Vendors' sheets write the micro sign in their own code page.
+        text = path.read_bytes().decode("cp1252", errors="replace")
+    numbered = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
+    if not numbered:
+        raise LogError("is empty.", where=path)
+    separator = max(",;\t", key=numbered[0][1].count)
+    cells = [tuple(cell.strip() for cell in row) for row in csv.reader((x for _, x in numbered), delimiter=separator)]
+    if separator == ";":
+        cells = [tuple(cell.replace(",", ".") for cell in row) for row in cells]
+    if len(cells) < 2:
+        raise LogError("holds a header and no rows.", where=path)
+    return Table(path=path, header=cells[0], rows=tuple(cells[1:]), lines=tuple(k for k, _ in numbered[1:]))
+
+
+def header(path: Path) -> tuple[str, ...]:
+    """Column names of a CSV; empty where it cannot be read as text."""
+    try:
+        with path.open("rb") as stream:
+            start = stream.read(4096).decode("utf-8-sig", errors="replace")
+    except OSError:
+        return ()
+    lines = [line for line in start.splitlines() if line.strip() and line[0] != "#"]
+    if not lines:
+        return ()
+    return tuple(cell.strip().strip('"') for cell in lines[0].split(max(",;\t", key=lines[0].count)))
+
+
+def find_table(paths: Sequence[Path], columns: Iterable[str]) -> Path | None:
+    """First CSV among ``paths``, or directly inside them, that has all ``columns`` and no time column."""
+    wanted = set(columns)
+    for path in paths:
+        for candidate in sorted(path.glob("*.csv")) if path.is_dir() else [path]:
+            names = header(candidate)
+            if wanted <= set(names) and not any(name.lower().startswith(("time", "t_s")) for name in names):
+                return candidate
+    return None
