@@ -102,16 +102,24 @@ def load_config(path: Path) -> Config:
     ConfigError
         With the place inside the file, what was found and what was wanted.
     """
+    return _Reader(path).config(_document(path))
+
+
+def load_rigid_body(path: Path) -> float | None:
+    """Rigid-body yaw inertia in kg m^2 that ``path`` gives, whether or not it maps any signal."""
+    reader = _Reader(path)
+    return reader.vehicle(reader.table(_document(path), "vehicle"), ()).rigid_body_inertia
+
+
+def _document(path: Path) -> dict[str, Any]:
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        document = tomllib.loads(text)
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise ConfigError(f"cannot be read ({error.strerror}).", where=path) from error
     except UnicodeDecodeError as error:
         raise ConfigError("is not UTF-8 text.", where=path, mend="Save it as UTF-8.") from error
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"is not valid TOML: {error}.", where=path) from error
-    return _Reader(path).config(document)
 
 
 class _Reader:

@@ -6,7 +6,7 @@ import hashlib
 import os
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -86,7 +86,7 @@ class Parameters:
             if i <= j and first in new and second in new
         }
         entries = {name: entry for name, entry in self.entries.items() if name not in estimate.names}
-        return self._replace(entries=entries | new, covariance=kept | fresh)
+        return replace(self, entries=entries | new, covariance=kept | fresh)
 
     def with_logs(self, paths: Sequence[Path], vehicle: str, campaign: Campaign | None) -> Parameters:
         """The same with the logs it rests on, each with its hash."""
@@ -95,12 +95,7 @@ class Parameters:
             if campaign is None
             else tuple(_source(trial.name, trial.path, int(trial.measured.sum())) for trial in campaign.trials)
         )
-        return self._replace(vehicle=vehicle, logs=tuple(path.resolve() for path in paths), sources=sources)
-
-    def _replace(self, **changes: Any) -> Parameters:
-        from dataclasses import replace
-
-        return replace(self, **changes)
+        return replace(self, vehicle=vehicle, logs=tuple(path.resolve() for path in paths), sources=sources)
 
     def drag(self) -> Estimate | None:
         """Quadratic and linear drag; None where there is no drag at all. A refused linear drag is zero."""
@@ -136,6 +131,14 @@ class Parameters:
             quadratic_drag=self.entries["quadratic_drag"].value,
             linear_drag=0.0 if linear is None else linear.value,
         )
+
+    def changed_sources(self, campaign: Campaign) -> list[str]:
+        """Say which logs are not the ones that the parameters were fitted to."""
+        known = {source.name: source.sha256 for source in self.sources}
+        changed = [t.name for t in campaign.trials if t.name in known and sha256(t.path) != known[t.name]]
+        if not changed:
+            return []
+        return [f"{', '.join(changed)}: not the same file as when the parameters were fitted."]
 
     def write(self) -> None:
         """Write the file; the old one stays whole if that fails."""

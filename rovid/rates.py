@@ -14,7 +14,10 @@ from rovid.trial import FloatArray, Trial
 
 # A sinc under a Hann window: flat to a third of the cut-off, 44 dB down beyond twice the cut-off.
 _HALF_WIDTH = 1.25  # of 1/cutoff
-_MAX_CUTOFF = 0.2  # of the sampling rate: above it the sampled kernel no longer differentiates exactly
+_MAX_CUTOFF = 0.2  # of the sampling rate: up to it the differences below are derivatives to one percent
+# Central differences of eighth order (Fornberg 1988), turned for convolution.
+_FIRST = np.array([-1 / 280, 4 / 105, -1 / 5, 4 / 5, 0.0, -4 / 5, 1 / 5, -4 / 105, 1 / 280])
+_SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 # Missing headings shorter than this are bridged for the filter; longer ones stay a gap.
 _BRIDGE_SAMPLES = 5
 _BRIDGE_SECONDS = 0.5
@@ -22,10 +25,10 @@ _BRIDGE_SECONDS = 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ZeroPhaseFilter:
-    """Symmetric kernels for a value, its first and its second derivative on a grid of ``period`` s.
+    """Convolution kernels for a value, its first and its second derivative on a grid of ``period`` s.
 
-    All three sample one continuous kernel and its derivatives, so that torque, rate and acceleration pass
-    through the same filter. ``cutoff`` is the -6 dB frequency in Hz.
+    The derivatives are those of the low-passed value, so that torque, rate and acceleration pass through the
+    same filter; all three kernels have the same length. ``cutoff`` is the -6 dB frequency in Hz.
     """
 
     period: float
@@ -39,18 +42,15 @@ class ZeroPhaseFilter:
         """Kernels for a grid of ``period`` s and a ``cutoff`` in Hz."""
         half = max(math.ceil(_HALF_WIDTH / cutoff / period), 3)
         t = np.arange(-half, half + 1) * period
-        # Differentiate the continuous kernel numerically on a fine grid; the closed form is unwieldy.
-        end = (half + 1) * period
-        fine = np.linspace(-end, end, 128 * (half + 1) + 1)
-        kernel = np.sinc(2.0 * cutoff * fine) * (1.0 + np.cos(np.pi * fine / end))
-        slope = np.gradient(kernel, fine)
-        value, first, second = (np.interp(t, fine, k) for k in (kernel, slope, np.gradient(slope, fine)))
-        value /= value.sum()
-        # Sampling leaves errors of a few parts in a thousand: make it exact on a constant, ramp and parabola.
-        first /= first @ t
-        second -= second.sum() * value
-        second *= 2.0 / (second @ t**2 - second.sum() * (value @ t**2))
-        return cls(period=period, cutoff=cutoff, value=value, first=first, second=second)
+        taps = np.sinc(2.0 * cutoff * t) * (1.0 + np.cos(np.pi * t / ((half + 1) * period)))
+        taps /= taps.sum()
+        return cls(
+            period=period,
+            cutoff=cutoff,
+            value=np.pad(taps, len(_FIRST) // 2),
+            first=np.convolve(taps, _FIRST) / period,
+            second=np.convolve(taps, _SECOND) / period**2,
+        )
 
     @property
     def half_width(self) -> float:
@@ -74,7 +74,7 @@ class ZeroPhaseFilter:
 
         The three-point correction undoes the averaging to fourth order, 1/sinc(f h) = 1 + (pi f h)^2/6.
         """
-        return _convolve(averages, np.convolve(self.value, np.array([-1.0, 26.0, -1.0]) / 24.0))
+        return _convolve(averages, np.convolve(self.value, np.array([-1.0, 26.0, -1.0]) / 24.0, mode="same"))
 
     def noise(self, heading_noise: float) -> tuple[float, float]:
         """Return the standard deviation of rate and acceleration from white ``heading_noise`` in rad."""
@@ -276,11 +276,11 @@ def finite_stretches(values: FloatArray) -> list[tuple[int, int]]:
 
 
 def _convolve(values: FloatArray, kernel: FloatArray) -> FloatArray:
-    """Correlation with a kernel centred on each sample; NaN where the kernel does not fit."""
+    """Convolution with a kernel centred on each sample; NaN where the kernel does not fit."""
     known = np.isfinite(values)
     # A running sum over a filled array would smear the heading's large offset; take it off first.
     offset = float(values[known][0]) if known.any() else 0.0
     filled = np.where(known, values - offset, 0.0)
-    out = signal.oaconvolve(filled, kernel[::-1], mode="same")
+    out = signal.oaconvolve(filled, kernel, mode="same")
     complete = ndimage.minimum_filter1d(known.astype(np.int8), len(kernel), mode="constant", cval=0)
     return np.where(complete == 1, out + offset * kernel.sum(), np.nan)

@@ -72,8 +72,10 @@ class Table:
         return np.array([10.0 ** -len(cell.partition(".")[2]) for cell in self.text(column)])
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> Table:
     """Read a CSV with a header row; comma, semicolon or tab.
+
+    A file whose first row is all numbers has no header: it takes the names in ``headerless``, if any.
 
     Raises
     ------
@@ -94,9 +96,21 @@ def read_table(path: Path) -> Table:
     cells = [tuple(cell.strip() for cell in row) for row in csv.reader((x for _, x in numbered), delimiter=separator)]
     if separator == ";":
         cells = [tuple(cell.replace(",", ".") for cell in row) for row in cells]
+    lines = [k for k, _ in numbered]
+    if headerless and len(cells[0]) == len(headerless) and all(map(_is_number, cells[0])):
+        cells.insert(0, headerless)
+        lines.insert(0, 0)
     if len(cells) < 2:
         raise LogError("holds a header and no rows.", where=path)
-    return Table(path=path, header=cells[0], rows=tuple(cells[1:]), lines=tuple(k for k, _ in numbered[1:]))
+    return Table(path=path, header=cells[0], rows=tuple(cells[1:]), lines=tuple(lines[1:]))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def header(path: Path) -> tuple[str, ...]:
@@ -121,3 +135,9 @@ def find_table(paths: Sequence[Path], columns: Iterable[str]) -> Path | None:
             if wanted <= set(names) and not any(name.lower().startswith(("time", "t_s")) for name in names):
                 return candidate
     return None
+
+
+def curve_text(command: FloatArray, thrust: FloatArray) -> str:
+    """A thrust curve as CSV."""
+    rows = [f"{c:.10g},{t:.7g}" for c, t in zip(command, thrust, strict=True)]
+    return "\n".join([",".join(CURVE_COLUMNS), *rows]) + "\n"

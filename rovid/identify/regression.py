@@ -46,20 +46,15 @@ def fit_regression(runs: Sequence[Run]) -> Regression:
     DataError
         The vehicle was not excited enough to see its inertia.
     """
-    torque, measured, blocks = _assemble(runs, [(run.rates.yaw_rate, run.rates.acceleration) for run in runs])
-    _require_motion(measured, torque)
-    free = np.ones(3, dtype=bool)
-    plain = _solve(measured, measured, torque, free)
-    values = _physical_start(plain, measured, torque)
+    torque, blocks = _torque(runs)
+    raw = np.concatenate([_regressors(run.rates.yaw_rate, run.rates.acceleration)[run.valid] for run in runs])
+    _require_motion(raw, torque)
+    plain = _solve(raw, raw, torque, np.ones(3, dtype=bool))
+    values = _physical_start(plain, raw, torque)
     for _ in range(_PASSES):
-        instruments = _simulated(runs, Model(inertia=values[0], quadratic_drag=values[1], linear_drag=values[2]))
-        free = np.ones(3, dtype=bool)
-        new = _solve(instruments, measured, torque, free)
-        while (new[free] < 0.0).any() and free[1:].any():
-            free[1 + int(np.argmin(new[1:] / np.abs(plain[1:]).clip(1e-12)))] = False
-            new = _solve(instruments, measured, torque, free)
-        if not new[0] > 0.0:
-            raise _not_excited("the inertia comes out negative")
+        instruments, correction = _simulated(runs, values)
+        measured = raw + correction
+        free, new = _bounded(instruments, measured, torque)
         done = bool(np.all(np.abs(new - values) <= _CONVERGED * np.abs(new).clip(1e-12)))
         values = new
         if done:
@@ -87,29 +82,50 @@ def fit_regression(runs: Sequence[Run]) -> Regression:
     return Regression(estimate=estimate, least_squares=plain, r_squared=1.0 - float(residuals @ residuals) / spread)
 
 
-def _assemble(
-    runs: Sequence[Run], motions: Sequence[tuple[FloatArray, FloatArray]]
-) -> tuple[FloatArray, FloatArray, NDArray[np.intp]]:
-    """(n,) torque, (n, 3) regressors of the given motions and (n,) block number at every valid instant."""
-    torque, columns, blocks, first = [], [], [], 0
-    for run, (rate, acceleration) in zip(runs, motions, strict=True):
-        rows = run.valid
-        columns.append(np.column_stack((acceleration, np.abs(rate) * rate, rate))[rows])
-        torque.append(run.drive[rows])
-        number = first + (run.rates.time[rows] // _BLOCK_SECONDS).astype(np.intp)
-        blocks.append(number)
-        first = int(number[-1]) + 1 if len(number) else first
-    return np.concatenate(torque), np.concatenate(columns), np.concatenate(blocks)
-
-
-def _simulated(runs: Sequence[Run], model: Model) -> FloatArray:
-    motions = []
+def _torque(runs: Sequence[Run]) -> tuple[FloatArray, NDArray[np.intp]]:
+    """(n,) torque and block number at every valid instant of all runs."""
+    torque, blocks, first = [], [], 0
     for run in runs:
-        rate, _ = model.simulate(run.trial, run.torque)
-        on_grid = np.interp(run.rates.time, run.trial.time, rate)
+        torque.append(run.drive[run.valid])
+        blocks.append(first + (run.rates.time[run.valid] // _BLOCK_SECONDS).astype(np.intp))
+        first = int(np.max(blocks[-1], initial=first)) + 1
+    return np.concatenate(torque), np.concatenate(blocks)
+
+
+def _regressors(rate: FloatArray, acceleration: FloatArray) -> FloatArray:
+    return np.column_stack((acceleration, np.abs(rate) * rate, rate))
+
+
+def _simulated(runs: Sequence[Run], values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n, 3) regressors of the noise-free simulation, and what filtering does to its square.
+
+    The low pass of |r| r is not |r| r of the low pass; the difference, small but in step with the
+    acceleration, is taken from the simulation and added to the measured regressors.
+    """
+    model = Model(inertia=values[0], quadratic_drag=values[1], linear_drag=values[2])
+    instruments, corrections = [], []
+    for run in runs:
         kernel = run.rates.kernel
-        motions.append((kernel.smooth(on_grid), kernel.rate(on_grid)))
-    return np.asarray(np.nan_to_num(_assemble(runs, motions)[1]))
+        rate = np.interp(run.rates.time, run.trial.time, model.simulate(run.trial, run.torque)[0])
+        columns = _regressors(kernel.smooth(rate), kernel.rate(rate))
+        correction = np.zeros_like(columns)
+        correction[:, 1] = kernel.smooth(np.abs(rate) * rate) - columns[:, 1]
+        instruments.append((columns + correction)[run.valid])
+        corrections.append(correction[run.valid])
+    # The simulation's filter has no answer where the measurement's has none either, but for the gyro's gaps.
+    return np.nan_to_num(np.concatenate(instruments)), np.nan_to_num(np.concatenate(corrections))
+
+
+def _bounded(instruments: FloatArray, measured: FloatArray, torque: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Which parameters are free, and all their values; a drag that would turn negative is held at zero."""
+    free = np.ones(3, dtype=bool)
+    values = _solve(instruments, measured, torque, free)
+    while (values[1:] < 0.0).any():
+        free[1 + int(np.argmin(values[1:] * np.linalg.norm(measured[:, 1:], axis=0)))] = False
+        values = _solve(instruments, measured, torque, free)
+    if not values[0] > 0.0:
+        raise _not_excited("the inertia comes out negative")
+    return free, values
 
 
 def _solve(instruments: FloatArray, measured: FloatArray, torque: FloatArray, free: NDArray[np.bool_]) -> FloatArray:

@@ -142,23 +142,23 @@ def _ratio(wave: Wave, torque: NDArray[np.complex128], harmonics: slice) -> tupl
 
 
 def _combine(trials: Sequence[SineTrial], reading: Callable[[Wave], tuple[float, float]]) -> Inertia:
-    """Ratio of sums over all runs; standard errors by leaving out one period at a time.
+    """Ratio of sums over all runs.
 
-    Where the runs disagree by more than their errors the standard error is inflated by the Birge ratio.
+    The error of a run's ratio goes as one over its denominator (amplitude squared times length); its size is
+    pooled over all runs, from leaving out one period at a time. Where the runs still disagree by more than
+    their errors the standard error is inflated by the Birge ratio.
     """
     whole = np.array([reading(trial.wave) for trial in trials])
-    values, errors, pieces = [], [], []
-    for k, trial in enumerate(trials):
-        partial = np.array([reading(wave) for wave in trial.without])
-        values.append(whole[k, 0] / whole[k, 1])
-        errors.append(_jackknife(partial[:, 0] / partial[:, 1]))
-        others = whole.sum(axis=0) - whole[k]
-        pieces.append(_jackknife(((partial + others)[:, 0]) / ((partial + others)[:, 1])))
-    value = float(whole[:, 0].sum() / whole[:, 1].sum())
-    error = math.sqrt(float(np.sum(np.square(pieces))))
+    work, weight = whole.T
+    values = work / weight
+    scatter = [_jackknife([reading(wave) for wave in trial.without]) for trial in trials]
+    dof = np.array([trial.cycles - 1 for trial in trials])
+    density = float(np.sum(np.square(scatter) * weight * dof) / dof.sum())
+    errors = np.sqrt(density / weight)
+    value, error = float(work.sum() / weight.sum()), math.sqrt(density / float(weight.sum()))
     consistent = None
     if len(trials) > 1:
-        ratio = float(np.sum((np.subtract(values, value) / errors) ** 2)) / (len(trials) - 1)
+        ratio = float(np.sum(((values - value) / errors) ** 2)) / (len(trials) - 1)
         consistent = ratio < _BIRGE_LIMIT
         error *= math.sqrt(max(ratio, 1.0))
     return Inertia(
@@ -173,9 +173,10 @@ def _combine(trials: Sequence[SineTrial], reading: Callable[[Wave], tuple[float,
 _BIRGE_LIMIT = 5.0
 
 
-def _jackknife(estimates: FloatArray) -> float:
-    count = len(estimates)
-    return math.sqrt((count - 1) / count * float(np.sum((estimates - estimates.mean()) ** 2)))
+def _jackknife(readings: Sequence[tuple[float, float]]) -> float:
+    ratios = np.array([work / weight for work, weight in readings])
+    count = len(ratios)
+    return math.sqrt((count - 1) / count * float(np.sum((ratios - ratios.mean()) ** 2)))
 
 
 def peak_method(trials: Sequence[SineTrial], drag: Model) -> Inertia:

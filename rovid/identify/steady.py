@@ -14,6 +14,7 @@ from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
 from rovid.runs import Run
 from rovid.segments import MIN_HOLD_SECONDS, Hold, find_holds
+from rovid.tables import STEADY_COLUMNS, Table
 from rovid.trial import FloatArray
 from rovid.vehicle import Vehicle
 
@@ -121,6 +122,33 @@ def steady_points(runs: Sequence[Run], vehicle: Vehicle) -> list[SteadyPoint]:
         if hold.torque != 0.0 and (point := _reduce(run, hold)) is not None
     ]
     return [point for point in points if abs(point.yaw_rate) > 4.0 * point.yaw_rate_error]
+
+
+def points_from_table(table: Table) -> list[SteadyPoint]:
+    """Steady states from a table with the columns yaw_rate_rad_s, torque_Nm and, if there, command.
+
+    Raises
+    ------
+    LogError
+        A column is missing or a cell is not a number.
+    """
+    rate, torque = (table.numbers(name) for name in STEADY_COLUMNS)
+    command = table.numbers("command") if "command" in table.header else np.full(len(rate), np.nan)
+    return [
+        SteadyPoint(
+            source=f"{table.path.name}:{line}",
+            start=math.nan,
+            stop=math.nan,
+            command=(float(c),),
+            torque=float(t),
+            yaw_rate=float(r),
+            square_rate=float(abs(r) * r),
+            yaw_rate_error=math.nan,
+            drift=math.nan,
+            drift_error=math.nan,
+        )
+        for line, c, t, r in zip(table.lines, command, torque, rate, strict=True)
+    ]
 
 
 def _reduce(run: Run, hold: Hold) -> SteadyPoint | None:

@@ -1,0 +1,55 @@
+"""What each log holds, and what is wrong with it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rovid.config import Config
+from rovid.documents import remark_document
+from rovid.errors import RovidError
+from rovid.readers import find_logs, read_log
+from rovid.segments import find_holds, find_sines
+from rovid.trial import Remark, Trial
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """A row of facts for each readable log, a problem for each other one, and what holds for the folder."""
+
+    rows: tuple[tuple[Trial, dict[str, Any]], ...]
+    problems: dict[str, str]
+    remarks: tuple[Remark, ...]
+
+
+def check_logs(paths: Sequence[Path], config: Config) -> Check:
+    """Read every log on its own, so that one bad log does not hide the others."""
+    found, remarks = find_logs(paths, config)
+    rows, problems = [], {}
+    for name, path in found:
+        try:
+            trial = read_log(path, config, name)
+            rows.append((trial, _facts(trial, config)))
+        except RovidError as error:
+            problems[name] = str(error)
+    return Check(rows=tuple(rows), problems=problems, remarks=tuple(remarks))
+
+
+def _facts(trial: Trial, config: Config) -> dict[str, Any]:
+    torque = config.vehicle.torque(trial)
+    heading = trial.heading[trial.measured]
+    return {
+        "duration": trial.duration,
+        "samples": int(trial.measured.sum()),
+        "sample_rate": 1.0 / trial.period,
+        "heading_travel_deg": math.degrees(float(np.sum(np.abs(np.diff(heading))))),
+        "torque_range": [float(torque.min()), float(torque.max())],
+        "held_commands": len(find_holds(trial, config.vehicle, torque)),
+        "sine_runs": len(find_sines(trial, torque)),
+        "remarks": [remark_document(remark) for remark in trial.remarks],
+    }

@@ -1,0 +1,355 @@
+"""The command line: parse, call, print. Everything heavy is imported inside the commands."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rovid import __version__
+from rovid.errors import ConfigError, DataError, RovidError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from rovid.config import Config
+    from rovid.parameters import Parameters
+    from rovid.runs import Runs
+    from rovid.trial import Campaign, Remark
+
+app = typer.Typer(
+    help="From an underwater vehicle's trial logs to a dynamic model its owner can defend.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Logs = Annotated[list[Path], typer.Argument(help="Folder of logs, or logs one by one.", show_default=False)]
+OptionalLogs = Annotated[
+    list[Path] | None,
+    typer.Argument(help="Folder of logs, or logs one by one; those of the parameter file if none.", show_default=False),
+]
+ParameterFile = Annotated[
+    Path, typer.Option("--parameters", "-p", metavar="FILE", help="Parameter file to read and write.")
+]
+Cutoff = Annotated[
+    float | None,
+    typer.Option(
+        metavar="HZ", min=1e-3, help="Low-pass cut-off; chosen from the data if not given.", show_default=False
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+DEFAULT_PARAMETERS = Path("parameters.toml")
+
+
+def main() -> None:
+    """Entry point: run the command; the user's mistakes end with one message and exit status 2."""
+    try:
+        app()
+    except RovidError as error:
+        sys.stderr.write(f"rovid: {error}\n")
+        raise SystemExit(2) from None
+    except BrokenPipeError:
+        # The reader of our output went away, as `| head` does.
+        sys.stderr.close()
+        raise SystemExit(1) from None
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"rovid {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_version, is_eager=True)
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def check(logs: Logs, *, json: Json = False) -> None:
+    """What is in the logs and what is wrong with them.
+
+    Example: rovid check sample_logs/rosub_tank
+    """
+    from rovid.check import check_logs
+    from rovid.config import find_config, load_config
+    from rovid.documents import check_document
+    from rovid.terminal import show_check, show_warnings
+
+    _announce_compilation()
+    found = check_logs(logs, load_config(find_config(logs)))
+    if json:
+        _print_json(check_document(found.rows, found.problems, found.remarks))
+    else:
+        show_check(_console(), found.rows, found.problems)
+        show_warnings(_console(), [remark.text for remark in found.remarks])
+    if found.problems:
+        name, problem = next(iter(found.problems.items()))
+        raise DataError(
+            f"{len(found.problems)} of {len(found.problems) + len(found.rows)} logs cannot be used. {problem}"
+            if name in problem
+            else f"{name}: {problem}"
+        )
+
+
+@app.command()
+def fit_drag(
+    logs: Logs, *, parameters: ParameterFile = DEFAULT_PARAMETERS, cutoff: Cutoff = None, json: Json = False
+) -> None:
+    """Constant-command runs, or a steady-state table, to quadratic and linear drag.
+
+    A table has the columns command, yaw_rate_rad_s and torque_Nm and no time.
+
+    Example: rovid fit-drag sample_logs/rosub_tank
+    """
+    from rovid.documents import drag_document
+    from rovid.identify.steady import fit_drag as fit
+    from rovid.identify.steady import points_from_table, steady_points
+    from rovid.tables import STEADY_COLUMNS, find_table, read_table
+    from rovid.terminal import show_drag, show_warnings, show_written
+
+    table = find_table(logs, STEADY_COLUMNS)
+    campaign: Campaign | None = None
+    vehicle, remarks = "", []
+    if table is not None:
+        points = points_from_table(read_table(table))
+    else:
+        config, campaign, runs = _load(logs, cutoff)
+        vehicle, remarks = config.vehicle.name, _remarks(campaign, runs)
+        points = steady_points(runs.items, config.vehicle)
+    result = fit(points)
+    stored = _stored(parameters).with_logs(logs, vehicle, campaign).with_estimate(result.estimate)
+    stored.write()
+    warnings = [*remarks, *result.estimate.warnings]
+    if json:
+        _print_json(drag_document(result, warnings))
+        return
+    console = _console()
+    show_drag(console, result)
+    show_warnings(console, warnings)
+    show_written(console, stored)
+
+
+@app.command()
+def fit_inertia(
+    logs: OptionalLogs = None,
+    *,
+    parameters: ParameterFile = DEFAULT_PARAMETERS,
+    cutoff: Cutoff = None,
+    json: Json = False,
+) -> None:
+    """Sine runs and all excited data to inertia; each method side by side.
+
+    A table of sine trials has the columns period_s, torque_amplitude_Nm and peak_yaw_rate_rad_s.
+
+    Example: rovid fit-inertia
+    """
+    from rovid.documents import inertia_document
+    from rovid.identify.inertia import fit_inertia as fit
+    from rovid.identify.inertia import fit_inertia_table
+    from rovid.tables import SINE_COLUMNS, find_table, read_table
+    from rovid.terminal import show_inertia, show_warnings, show_written
+
+    stored = _stored(parameters)
+    paths = logs or _remembered(stored)
+    remarks: list[str] = []
+    if (table := find_table(paths, SINE_COLUMNS)) is not None:
+        result = fit_inertia_table(read_table(table), drag=stored.drag(), rigid_body=_rigid_body(paths))
+        if logs:
+            stored = stored.with_logs(logs, stored.vehicle, None)
+    else:
+        config, campaign, runs = _load(paths, cutoff)
+        remarks = _remarks(campaign, runs)
+        result = fit(runs.items, drag=stored.drag(), rigid_body=config.vehicle.rigid_body_inertia)
+        if logs:
+            stored = stored.with_logs(logs, config.vehicle.name, campaign)
+    stored = stored.with_estimate(result.estimate)
+    stored.write()
+    warnings = [*remarks, *result.estimate.warnings]
+    if json:
+        _print_json(inertia_document(result, warnings))
+        return
+    console = _console()
+    show_inertia(console, result)
+    show_warnings(console, warnings)
+    show_written(console, stored)
+
+
+@app.command()
+def fit_thruster(
+    bench: Annotated[Path, typer.Argument(metavar="BENCH.csv", help="Readings of command and thrust.")],
+    *,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="Where the curve goes; BENCH_curve.csv if not given.",
+            show_default=False,
+        ),
+    ] = None,
+    command: Annotated[
+        str | None, typer.Option(metavar="COLUMN", help="Column of the command.", show_default=False)
+    ] = None,
+    thrust: Annotated[
+        str | None, typer.Option(metavar="COLUMN", help="Column of the thrust.", show_default=False)
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option(metavar="UNIT", help="Unit of the thrust: N, kN, kgf, gf or lbf.", show_default=False)
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Raw bench readings to a thrust curve: only rising, dead zone kept, both directions.
+
+    Example: rovid fit-thruster sample_logs/thruster_bench/kaxan_540.csv --unit N
+    """
+    from rovid.documents import bench_document
+    from rovid.identify.bench import THRUST_UNITS, bench_readings, fit_bench
+    from rovid.output import write_atomic
+    from rovid.tables import CURVE_COLUMNS, curve_text, read_table
+    from rovid.terminal import show_bench
+
+    if unit is not None and unit not in THRUST_UNITS:
+        raise ConfigError(f"is {unit!r}; one of {', '.join(THRUST_UNITS)} was expected.", where="--unit")
+    readings = bench_readings(read_table(bench, headerless=CURVE_COLUMNS), command=command, thrust=thrust, unit=unit)
+    result = fit_bench(*readings)
+    target = output or Path(f"{bench.stem}_curve.csv")
+    write_atomic(target, curve_text(result.curve.command, result.curve.thrust))
+    if json:
+        _print_json(bench_document(result, str(target)))
+    else:
+        show_bench(_console(), result, target)
+
+
+@app.command()
+def simulate(
+    logs: OptionalLogs = None,
+    *,
+    parameters: ParameterFile = DEFAULT_PARAMETERS,
+    cutoff: Cutoff = None,
+    json: Json = False,
+) -> None:
+    """Free-running simulation over the measurement; fit per trial.
+
+    Example: rovid simulate
+    """
+    from rovid.documents import simulation_document
+    from rovid.parameters import read_parameters
+    from rovid.simulation import simulate_runs
+    from rovid.terminal import show_simulation, show_warnings
+
+    stored = read_parameters(parameters)
+    model = stored.model()
+    _, campaign, runs = _load(logs or _remembered(stored), cutoff)
+    simulations = simulate_runs(runs.items, model)
+    warnings = [*_remarks(campaign, runs), *stored.changed_sources(campaign)]
+    if json:
+        _print_json(simulation_document(stored, simulations, warnings))
+        return
+    console = _console()
+    show_simulation(console, simulations)
+    show_warnings(console, warnings)
+
+
+@app.command()
+def report(
+    logs: OptionalLogs = None,
+    *,
+    parameters: ParameterFile = DEFAULT_PARAMETERS,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the page and plots go.")
+    ] = Path("report"),
+    cutoff: Cutoff = None,
+    json: Json = False,
+) -> None:
+    """Parameter file, plots (PNG and SVG) and one page that holds it all.
+
+    Example: rovid report
+    """
+    from rovid.report.build import build_report
+
+    _announce_compilation()
+    stored = _stored(parameters)
+    page = build_report(stored, logs or _remembered(stored), output, cutoff=cutoff)
+    if json:
+        _print_json({"schema": "rovid-report/1", "page": str(page), "parameters": str(parameters)})
+    else:
+        _console().print(str(page), highlight=False, soft_wrap=True)
+
+
+def _load(paths: Sequence[Path], cutoff: float | None) -> tuple[Config, Campaign, Runs]:
+    from rovid.config import find_config, load_config
+    from rovid.readers import read_campaign
+    from rovid.runs import prepare
+
+    _announce_compilation()
+    config = load_config(find_config(paths))
+    campaign = read_campaign(paths, config)
+    return config, campaign, prepare(campaign, config.vehicle, cutoff=cutoff)
+
+
+def _remarks(campaign: Campaign, runs: Runs) -> list[str]:
+    """What was noticed, one line a log so that nothing is dropped silently."""
+    lines = [f"{trial.name}: {_brief(trial.remarks)}" for trial in campaign.trials if trial.remarks]
+    return [*lines, *(remark.text for remark in (*campaign.remarks, *runs.remarks))]
+
+
+def _brief(remarks: Sequence[Remark]) -> str:
+    return " ".join(remark.text for remark in remarks)
+
+
+def _rigid_body(paths: Sequence[Path]) -> float | None:
+    """Rigid-body inertia where a rovid.toml gives one; a table alone needs none."""
+    from rovid.config import find_config, load_rigid_body
+
+    try:
+        return load_rigid_body(find_config(paths))
+    except ConfigError:
+        return None
+
+
+def _stored(path: Path) -> Parameters:
+    from rovid.parameters import Parameters, read_parameters
+
+    return read_parameters(path) if path.exists() else Parameters(path=path)
+
+
+def _remembered(stored: Parameters) -> list[Path]:
+    if not stored.logs:
+        raise ConfigError(
+            "remembers no logs."
+            if stored.path.exists()
+            else "there is no such parameter file, and no logs were given.",
+            where=stored.path,
+            mend="Give LOGS, or run `rovid fit-drag LOGS` first.",
+        )
+    return list(stored.logs)
+
+
+def _announce_compilation() -> None:
+    """Say why the first run on a machine takes some seconds longer."""
+    cached = any((Path(__file__).parent / "__pycache__").glob("kernels.simulate*.nbi"))
+    if not cached and sys.stderr.isatty():
+        sys.stderr.write("Compiling the simulation for this machine, once …\n")
+
+
+def _print_json(document: Any) -> None:
+    from rovid.output import to_json
+
+    typer.echo(to_json(document))
+
+
+def _console() -> Console:
+    from rich.console import Console
+
+    # A pipe has no width; rich would fold tables at 80 columns.
+    return Console(width=None if sys.stdout.isatty() else 160)

@@ -1,0 +1,189 @@
+"""Results as the JSON documents that other programs rely on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from rovid.identify.bench import BenchFit
+from rovid.identify.estimate import Estimate
+from rovid.identify.inertia import METHODS, InertiaFit
+from rovid.identify.sine import Inertia
+from rovid.identify.steady import DragFit, SteadyPoint
+from rovid.parameters import Parameters
+from rovid.simulation import TrialSimulation, overall
+from rovid.trial import Remark, Trial
+
+Document = dict[str, Any]
+
+
+def parameter_document(estimate: Estimate) -> Document:
+    """Each determined parameter with value, standard error, unit and 95 % interval."""
+    return {
+        name: {
+            "value": estimate.value(name),
+            "standard_error": estimate.standard_error(name),
+            "unit": estimate.unit(name),
+            "interval_95": list(estimate.interval(name)),
+        }
+        for name in estimate.names
+        if name not in estimate.refused
+    }
+
+
+def _fit_document(estimate: Estimate, warnings: Sequence[str]) -> Document:
+    return {
+        "schema": "rovid-fit/1",
+        "parameters": parameter_document(estimate),
+        "effects": [],
+        "log_likelihood": None,
+        "samples": estimate.samples,
+        "method": estimate.method,
+        "not_identifiable": ["thrust_scale", *estimate.refused],
+        "warnings": list(warnings),
+    }
+
+
+def drag_document(fit: DragFit, warnings: Sequence[str]) -> Document:
+    """What `rovid fit-drag --json` prints."""
+    estimate = fit.estimate
+    return _fit_document(estimate, warnings) | {
+        "r_squared": fit.r_squared,
+        "correlation": estimate.correlation("quadratic_drag", "linear_drag"),
+        "degrees_of_freedom": estimate.degrees_of_freedom,
+        "different_from_zero": {name: estimate.differs_from_zero(name) for name in estimate.names},
+        "steady_states": [
+            _point(point) | {"torque_error": error, "residual": residual, "left_out": _left_out(row)}
+            for point, error, residual, row in zip(
+                fit.points, fit.torque_error, fit.residuals, fit.left_out, strict=True
+            )
+        ],
+        "unsteady": [_point(point) for point in fit.unsteady],
+        "directions": {name: parameter_document(each) for name, each in fit.directions.items()},
+    }
+
+
+def _point(point: SteadyPoint) -> Document:
+    return {
+        "source": point.source,
+        "start": point.start,
+        "stop": point.stop,
+        "command": list(point.command),
+        "torque": point.torque,
+        "yaw_rate": point.yaw_rate,
+        "yaw_rate_error": point.yaw_rate_error,
+        "drift": point.drift,
+        "drift_error": point.drift_error,
+    }
+
+
+def _left_out(row: np.ndarray[Any, np.dtype[np.float64]]) -> Document:
+    return {"quadratic_drag": row[0], "linear_drag": row[1], "torque_prediction_error": row[2]}
+
+
+def inertia_document(fit: InertiaFit, warnings: Sequence[str]) -> Document:
+    """What `rovid fit-inertia --json` prints."""
+    document = _fit_document(fit.estimate, warnings)
+    return document | {
+        "chosen": fit.chosen,
+        "methods": {name: _method(name, inertia, fit) for name, inertia in fit.methods.items()},
+        "refused": fit.refused,
+        "added_inertia": None
+        if fit.added_inertia is None
+        else {
+            "value": fit.added_inertia,
+            "standard_error": fit.estimate.standard_error("inertia"),
+            "unit": "kg m^2",
+        },
+    }
+
+
+def _method(name: str, inertia: Inertia, fit: InertiaFit) -> Document:
+    document: Document = {
+        "value": inertia.value,
+        "standard_error": inertia.standard_error,
+        "unit": "kg m^2",
+        "description": METHODS[name],
+        "runs": [{"source": s, "value": v, "standard_error": e} for s, v, e in inertia.runs],
+        "single_inertia_fits_all": inertia.consistent,
+    }
+    if name == "peak":
+        document["biased"] = True
+        document["expected_ratio_to_truth"] = fit.peak_bias
+    if name == "regression" and fit.regression is not None:
+        document["parameters"] = parameter_document(fit.regression.estimate)
+        document["least_squares"] = dict(zip(fit.regression.estimate.names, fit.regression.least_squares, strict=True))
+        document["r_squared"] = fit.regression.r_squared
+    return document
+
+
+def simulation_document(
+    parameters: Parameters, simulations: Sequence[TrialSimulation], warnings: Sequence[str]
+) -> Document:
+    """What `rovid simulate --json` prints; heading errors in rad."""
+    total = overall(simulations)
+    return {
+        "schema": "rovid-simulation/1",
+        "parameters": {
+            name: {"value": entry.value, "standard_error": entry.standard_error, "unit": entry.unit}
+            for name, entry in parameters.entries.items()
+        },
+        "effects": [],
+        "trials": [_trial_simulation(item) for item in simulations],
+        "overall": {
+            "yaw_rate_r2": total.r2,
+            "yaw_rate_fit_percent": total.fit_percent,
+            "yaw_rate_rmse": total.rmse,
+        },
+        "units": {"yaw_rate_rmse": "rad/s", "heading_error_10s": "rad", "heading_error_60s": "rad"},
+        "warnings": list(warnings),
+    }
+
+
+def _trial_simulation(item: TrialSimulation) -> Document:
+    return {
+        "name": item.run.trial.name,
+        "samples": item.fit.samples,
+        "yaw_rate_r2": item.fit.r2,
+        "yaw_rate_fit_percent": item.fit.fit_percent,
+        "yaw_rate_rmse": item.fit.rmse,
+        "heading_error_10s": item.heading_errors[10.0],
+        "heading_error_60s": item.heading_errors[60.0],
+    }
+
+
+def bench_document(fit: BenchFit, output: str) -> Document:
+    """What `rovid fit-thruster --json` prints."""
+    return {
+        "schema": "rovid-thruster/1",
+        "curve": output,
+        "points": len(fit.curve.command),
+        "dead_zone": None if fit.dead_zone is None else list(fit.dead_zone),
+        "thrust_range": [float(fit.curve.thrust.min()), float(fit.curve.thrust.max())],
+        "residual_rms": fit.rms,
+        "residual_max": float(np.max(np.abs(fit.residuals))),
+        "unit": "N",
+        "readings": [
+            {"command": c, "thrust": t, "residual": r}
+            for c, t, r in zip(fit.command, fit.thrust, fit.residuals, strict=True)
+        ],
+    }
+
+
+def check_document(
+    trials: Sequence[tuple[Trial, Mapping[str, Any]]], problems: Mapping[str, str], remarks: Sequence[Remark]
+) -> Document:
+    """What `rovid check --json` prints."""
+    return {
+        "schema": "rovid-check/1",
+        "logs": [{"name": trial.name} | dict(facts) for trial, facts in trials],
+        "unreadable": [{"name": name, "problem": problem} for name, problem in problems.items()],
+        "remarks": [remark_document(remark) for remark in remarks],
+    }
+
+
+def remark_document(remark: Remark) -> Document:
+    """One remark of a reader."""
+    return {"kind": remark.kind, "count": remark.count, "text": remark.text}

@@ -1,0 +1,13 @@
+"""From files to frozen trials: one file a format, one time base for all.
+
+A reader is a function ``read(path, config) -> RawLog`` that hands over channels as logged. A new format is
+one such file and one line in ``READERS``; ordering, units, unwrapping, outliers, gaps and the common time
+base are the same for all (`rovid.readers.timebase`).
+"""
+
+from __future__ import annotations
+
+from rovid.readers.campaign import read_campaign
+from rovid.readers.formats import READERS, read_log
+
+__all__ = ["READERS", "read_campaign", "read_log"]

@@ -1,0 +1,73 @@
+"""Which reader reads which file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import cast
+
+from rovid.config import Config
+from rovid.errors import LogError
+from rovid.readers.raw import RawLog
+from rovid.trial import Trial
+
+
+@dataclass(frozen=True, kw_only=True)
+class Format:
+    """A log format.
+
+    Attributes
+    ----------
+    kind
+        Its key in the sources of a signal in rovid.toml.
+    module
+        Holds ``read(path, config) -> RawLog``; imported when the first such file is read, for start-up time.
+    """
+
+    kind: str
+    module: str
+
+    def read(self, path: Path, config: Config) -> RawLog:
+        """Raw channels of ``path``."""
+        return cast("Callable[[Path, Config], RawLog]", import_module(self.module).read)(path, config)
+
+
+READERS: Mapping[str, Format] = {
+    ".csv": Format(kind="csv", module="rovid.readers.csv_reader"),
+    ".mcap": Format(kind="mcap", module="rovid.readers.mcap_reader"),
+}
+
+
+def read_log(path: Path, config: Config, name: str | None = None) -> Trial:
+    """One trial from one file.
+
+    Parameters
+    ----------
+    path
+        A file with one of the suffixes in `READERS`.
+    name
+        What to call the trial; the file's name by default.
+
+    Raises
+    ------
+    LogError
+        The file cannot be read as what it claims to be, or holds no usable heading.
+    ConfigError
+        rovid.toml does not map this format.
+    """
+    form = READERS.get(path.suffix.lower())
+    if form is None:
+        raise LogError(
+            f"has the suffix {path.suffix!r}; {', '.join(READERS)} were expected.",
+            where=path,
+            mend="Convert the log or name it by its format.",
+        )
+    from rovid.readers.timebase import build  # noqa: PLC0415  pulls in numerics only when a log is read
+
+    try:
+        raw = form.read(path, config)
+    except OSError as error:
+        raise LogError(f"cannot be read ({error.strerror or error}).", where=path) from error
+    return build(raw, config, path, name or path.name)

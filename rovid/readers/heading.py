@@ -1,0 +1,354 @@
+"""Heading as logged -> measured, unwrapped heading: repeats, spikes, frozen stretches, whole turns.
+
+Nothing is interpolated and nothing is smoothed. A value that is no measurement becomes NaN and is counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rovid.readers.raw import typical
+from rovid.trial import FloatArray, Remark
+
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.intp]
+
+TURN = 2.0 * np.pi
+_DEG = np.pi / 180.0
+
+# A gap: no heading for longer than five usual intervals, and than half a second.
+_GAP_INTERVALS, _GAP_SECONDS = 5.0, 0.5
+
+# A spike is wrong by six robust sigmas, by half a degree, and by more than an acceleration to and fro of
+# 160 deg/s^2 gives between samples (4 * 40): logs of 1 Hz show honest jerks of many degrees.
+_SIGMAS, _LEAST_SPIKE, _JERK = 6.0, 0.5 * _DEG, 40.0 * _DEG
+_LONGEST_SPIKE = 3
+_MORE_ROUNDS = 2
+# Its edges are steep: a smooth swing out and back within a few samples is motion.
+_EDGE_SHARE, _SURE_EDGE = 0.6, 20.0 * _DEG
+
+# A frozen sensor: this many identical values over this time, ended by a jump that its neighbours do not know.
+_FROZEN_SAMPLES, _FROZEN_SECONDS, _FROZEN_RATIO = 10, 1.0, 4.0
+# With a jump of this size at both ends (or at the start of the log), shorter stretches count too.
+_STUCK_SAMPLES, _STUCK_JUMP = 4, 20.0 * _DEG
+
+# Held repeats: between steps of two quanta or more each row of a true measurement differs.
+_FEWEST_RUNS = 20
+
+# Rates at the ends of a gap are taken over this time.
+_RATE_SECONDS = 1.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cleaned:
+    """Heading on the clock it was logged with.
+
+    Attributes
+    ----------
+    heading
+        (n,) rad, unwrapped, NaN where not measured.
+    remarks
+        What was taken out.
+    """
+
+    heading: FloatArray
+    remarks: tuple[Remark, ...]
+
+
+def wrap(angle: FloatArray) -> FloatArray:
+    """``angle`` in rad brought to -pi..pi."""
+    return angle - TURN * np.rint(angle / TURN)
+
+
+def gap_limit(intervals: FloatArray) -> float:
+    """Longest interval in s that is still no gap, for samples ``intervals`` apart."""
+    return max(_GAP_INTERVALS * typical(intervals), _GAP_SECONDS)
+
+
+class _Path:
+    """Measured samples with their steps, which each of the tests below looks at."""
+
+    def __init__(self, time: FloatArray, angle: FloatArray) -> None:
+        self.time, self.angle = time, angle
+        self.steps = np.diff(angle)
+        self.far = np.arange(0)
+        if self.steps.size and max(self.steps.max(), -self.steps.min()) > np.pi:
+            self.far = np.flatnonzero(np.abs(self.steps) > np.pi)
+
+    @cached_property
+    def short(self) -> FloatArray:
+        """(n-1,) rad, each step the short way round."""
+        if not self.far.size:
+            return self.steps
+        short = self.steps.copy()
+        short[self.far] = wrap(short[self.far])
+        return short
+
+    @cached_property
+    def jerk(self) -> float:
+        """Largest step in rad that a vehicle could make and take back between samples."""
+        return _JERK * typical(np.diff(self.time[:10_000])) ** 2
+
+    @cached_property
+    def quantum(self) -> float:
+        """Smallest step in rad: the resolution of the log."""
+        sizes = np.abs(self.short)
+        return float(sizes[sizes > 1e-9].min(initial=np.pi))
+
+    def without(self, bad: BoolArray) -> _Path:
+        return _Path(self.time[~bad], self.angle[~bad])
+
+
+def clean(time: FloatArray, angle: FloatArray) -> Cleaned:
+    """Take out what is no measurement and unwrap the rest.
+
+    Parameters
+    ----------
+    time
+        (n,) s, strictly increasing.
+    angle
+        (n,) rad, wrapped in whatever way or not at all; NaN or infinite where missing.
+    """
+    remarks: list[Remark] = []
+    good = _finite(angle, remarks)
+    path = _Path(time, angle) if good is None else _Path(time[good], angle[good])
+    for find, kind, text in _TESTS:
+        bad = find(path)
+        if bad is None:
+            continue
+        count = int(np.count_nonzero(bad))
+        remarks.append(Remark(kind=kind, count=count, text=text.format(count)))
+        good = np.flatnonzero(~bad) if good is None else good[~bad]
+        path = path.without(bad)
+    unwrapped = _unwrap(path, remarks)
+    if good is None:
+        return Cleaned(heading=unwrapped, remarks=tuple(remarks))
+    heading = np.full(len(angle), np.nan)
+    heading[good] = unwrapped
+    return Cleaned(heading=heading, remarks=tuple(remarks))
+
+
+def _finite(angle: FloatArray, remarks: list[Remark]) -> IntArray | None:
+    if np.isfinite(angle.sum()):  # one pass; a NaN or an infinity spoils any sum
+        return None
+    rows = np.flatnonzero(np.isfinite(angle))
+    if count := len(angle) - len(rows):
+        text = f"The heading is missing in {count} samples."
+        remarks.append(Remark(kind="missing", count=count, text=text))
+    return rows
+
+
+def _repeats(path: _Path) -> BoolArray | None:
+    """Rows that hold an older reading because the logger is faster than the sensor."""
+    steps, count = path.steps, len(path.angle)
+    if np.count_nonzero(steps) > 0.75 * len(steps):
+        return None
+    edges = np.flatnonzero(steps) + 1
+    if len(edges) <= _FEWEST_RUNS:
+        return None
+    fast = np.abs(path.short[edges - 1]) >= 1.99 * path.quantum
+    runs = np.diff(edges)[fast[:-1] & fast[1:]]
+    held = round(float(np.median(runs))) if len(runs) >= _FEWEST_RUNS else 1
+    if held < 2:
+        return None
+    starts = np.concatenate(([0], edges))
+    lengths = np.diff(np.append(starts, count))
+    phase = np.arange(count) - np.repeat(starts, lengths)
+    left = np.repeat(lengths, lengths) - phase
+    # A long run is a vehicle at rest: the sensor measured the same again every ``held`` rows.
+    bad = (phase > 0) & ((phase % held > 0) | (left < 0.75 * held))
+    return bad if bad.any() else None
+
+
+def _spikes(path: _Path) -> BoolArray | None:
+    """Samples that leave a smooth path and come back to it within three, or begin or end the log."""
+    first = _spikes_once(path)
+    if first is None:
+        return None
+    bad = first
+    for _ in range(_MORE_ROUNDS):  # spikes close together hide each other
+        more = _spikes_once(path.without(bad))
+        if more is None:
+            break
+        bad[np.flatnonzero(~bad)[more]] = True
+    return bad
+
+
+def _spikes_once(path: _Path) -> BoolArray | None:
+    count = len(path.angle)
+    if count < 6:
+        return None
+    bend = np.diff(path.short)
+    limit = _spike_limit(path, bend)
+    if bend.max() <= limit and bend.min() >= -limit:
+        return None
+    bad = np.zeros(count, dtype=bool)
+    starts = np.flatnonzero((bend > limit) | (bend < -limit)) + 2
+    for length in range(1, _LONGEST_SPIKE + 1):
+        inside = starts[starts + length + 1 < count]
+        for first in inside[_leaves_path(path, inside, length, limit)].tolist():
+            _mark(bad, path, first, length, limit)
+    _ends(bad, path)
+    return bad if bad.any() else None
+
+
+def _spike_limit(path: _Path, bend: FloatArray) -> float:
+    few = bend[:: len(bend) // 10_000 + 1]
+    sigma = 1.4826 * float(np.median(np.abs(few))) / 2.0  # of a sample against the mean of its neighbours
+    return max(_SIGMAS * sigma, _LEAST_SPIKE, path.jerk)
+
+
+def _leaves_path(path: _Path, first: IntArray, length: int, limit: float) -> BoolArray:
+    """(m,) whether the ``length`` samples from ``first`` on are off a path that goes on behind them."""
+    time, angle = path.time, path.angle
+    before, after = first - 1, first + length
+    span = time[after] - time[before]
+    slope = wrap(angle[after] - angle[before]) / span
+    # Where the slopes on both sides disagree with the bridge, the vehicle itself was changing its rate.
+    bent = np.maximum(_bent(path, slope, before, -1), _bent(path, slope, after, 1))
+    off = np.stack(
+        [
+            np.abs(wrap(angle[first + k] - angle[before] - slope * (time[first + k] - time[before])))
+            for k in range(length)
+        ]
+    )
+    edge = np.minimum(off[0], off[-1])
+    steep = (edge >= _EDGE_SHARE * off.max(axis=0)) | (edge > _SURE_EDGE)
+    return np.asarray((edge > limit + bent * span) & steep)
+
+
+def _bent(path: _Path, slope: FloatArray, at: IntArray, way: int) -> FloatArray:
+    """(m,) rad/s between the bridge and the path that leaves ``at``; the next but one in case of a spike."""
+    near = [np.clip(at + way * k, 0, len(path.angle) - 1) for k in (1, 2)]
+    rates = [wrap(path.angle[k] - path.angle[at]) / (path.time[k] - path.time[at]) for k in near]
+    return np.minimum(*(np.abs(rate - slope) for rate in rates))
+
+
+def _mark(bad: BoolArray, path: _Path, first: int, length: int, limit: float) -> None:
+    """Mark the spike, without the samples inside it that lie on the bridge; not where one is known already."""
+    before, after = first - 1, first + length
+    if bad[before : after + 1].any():
+        return
+    time, angle = path.time, path.angle
+    slope = wrap(angle[after] - angle[before]) / (time[after] - time[before])
+    inside = slice(first, after)
+    bad[inside] = np.abs(wrap(angle[inside] - angle[before] - slope * (time[inside] - time[before]))) > limit
+
+
+def _ends(bad: BoolArray, path: _Path) -> None:
+    """A first or last value that the rest of the log knows nothing of, such as 0 before the first fix."""
+    sizes = np.abs(path.short)
+    ends = np.concatenate((sizes[:_LONGEST_SPIKE], sizes[-_LONGEST_SPIKE:]))
+    if ends.max() <= _STUCK_JUMP:
+        return
+    rank = max(0, len(sizes) - 1 - max(_LONGEST_SPIKE, len(sizes) // 1000))
+    limit = max(_STUCK_JUMP, path.jerk, 10.0 * float(np.partition(sizes, rank)[rank]))
+    for length in range(1, _LONGEST_SPIKE + 1):
+        if sizes[length - 1] > limit:
+            bad[:length] = True
+        if sizes[-length] > limit:
+            bad[-length:] = True
+
+
+def _frozen(path: _Path) -> BoolArray | None:
+    """Stretches in which the sensor repeated one value and then jumped to where the vehicle had gone."""
+    still = path.steps == 0.0
+    if not still.size or not (still[0] or (still[:-2] & still[1:-1] & still[2:]).any()):
+        return None
+    bad = np.zeros(len(path.angle), dtype=bool)
+    for first, last in _still_runs(path, np.flatnonzero(~still)):
+        around = _FROZEN_RATIO * _neighbours(path.short, first, last)
+        out = abs(path.short[last])
+        into = out if first == 0 else abs(path.short[first - 1])
+        length, seconds = last - first + 1, path.time[last] - path.time[first]
+        if min(into, out) > max(_STUCK_JUMP, path.jerk, around):
+            bad[first : last + 1] = True
+        elif length >= _FROZEN_SAMPLES and seconds >= _FROZEN_SECONDS and out > around:
+            bad[first + 1 : last + 1] = True  # its first value was measured
+    return bad if bad.any() else None
+
+
+def _still_runs(path: _Path, moves: IntArray) -> Iterator[tuple[int, int]]:
+    """(first, last) index of each run of identical values that a jump ends; not one that ends the log."""
+    starts = np.concatenate(([0], moves + 1))[: len(moves)]
+    lengths = moves - starts + 1
+    jump = np.abs(path.short[moves]) > max(_LEAST_SPIKE, path.jerk, 3.0 * path.quantum)
+    chosen = jump & ((lengths >= _STUCK_SAMPLES) | ((starts == 0) & (lengths > 1)))
+    return zip(starts[chosen].tolist(), moves[chosen].tolist(), strict=True)
+
+
+def _neighbours(steps: FloatArray, first: int, last: int) -> float:
+    """Largest of the five steps before the run (not the one into it) and after it (not the one out)."""
+    around = np.concatenate((steps[max(0, first - 6) : max(0, first - 1)], steps[last + 1 : last + 6]))
+    return float(np.abs(around).max(initial=0.0))
+
+
+_TESTS = (
+    (_repeats, "repeated", "The heading is refreshed less often than it is logged; {} held repeats left out."),
+    (_spikes, "outlier", "The heading has {} samples off its path by more than noise allows; left out."),
+    (_frozen, "frozen", "The heading sensor was frozen for {} samples and then jumped; left out."),
+)
+
+
+def _unwrap(path: _Path, remarks: list[Remark]) -> FloatArray:
+    """(n,) rad without jumps of whole turns; what the gaps cost is added to ``remarks``."""
+    if len(path.angle) < 2:
+        return path.angle
+    intervals = np.diff(path.time)
+    limit = gap_limit(intervals)
+    gaps = np.flatnonzero(intervals > limit) if intervals.max() > limit else np.arange(0)
+    angle, doubtful = path.angle, 0
+    if not _continuous(path, gaps):
+        angle = _add_turns(angle, path.far, -np.rint(path.steps[path.far] / TURN))
+        if gaps.size:
+            turns, doubtful = _turns_in_gaps(path.time, angle, gaps)
+            angle = _add_turns(angle, gaps, turns)
+    if gaps.size:
+        remarks.append(_gap_remark(float(intervals[gaps].sum()), len(gaps), doubtful))
+    return angle
+
+
+def _continuous(path: _Path, gaps: IntArray) -> bool:
+    """Whether the log is unwrapped already: it exceeds a turn and steps far only across gaps."""
+    if not path.far.size and not gaps.size:
+        return True
+    return bool(np.ptp(path.angle) > TURN + _DEG) and not np.setdiff1d(path.far, gaps).size
+
+
+def _add_turns(angle: FloatArray, steps: IntArray, turns: FloatArray) -> FloatArray:
+    """``angle`` with ``turns`` added behind each of ``steps``."""
+    if not turns.any():
+        return angle
+    lengths = np.diff(np.concatenate(([0], steps + 1, [len(angle)])))
+    return angle + TURN * np.repeat(np.concatenate(([0.0], np.cumsum(turns))), lengths)
+
+
+def _turns_in_gaps(time: FloatArray, angle: FloatArray, gaps: IntArray) -> tuple[FloatArray, int]:
+    """Whole turns made in each gap beyond the short way, by the rates at its ends; how many are doubtful."""
+    reach = int(np.clip(_RATE_SECONDS / typical(np.diff(time)), 3, 100))
+    begins = np.concatenate(([0], gaps[:-1] + 1))
+    ends = np.concatenate((gaps[1:], [len(time) - 1]))
+    before = _rates(time, angle, np.maximum(gaps - reach, begins), gaps)
+    after = _rates(time, angle, gaps + 1, np.minimum(gaps + 1 + reach, ends))
+    seconds = time[gaps + 1] - time[gaps]
+    ahead, spread = 0.5 * (before + after) * seconds, 0.5 * np.abs(before - after) * seconds
+    sure = spread < np.pi / 2.0
+    turns = np.where(sure, np.rint((ahead - (angle[gaps + 1] - angle[gaps])) / TURN), 0.0)
+    return turns, int(np.count_nonzero(~sure & (np.abs(ahead) + spread > np.pi)))
+
+
+def _rates(time: FloatArray, angle: FloatArray, first: IntArray, last: IntArray) -> FloatArray:
+    seconds = time[last] - time[first]
+    return np.where(seconds > 0, (angle[last] - angle[first]) / np.where(seconds > 0, seconds, 1.0), 0.0)
+
+
+def _gap_remark(seconds: float, count: int, doubtful: int) -> Remark:
+    text = f"The heading has {count} gaps of {seconds:.1f} s together; nothing was put in them."
+    if doubtful:
+        text += f" How many whole turns the vehicle made in {doubtful} of them is not certain."
+    return Remark(kind="gap", count=count, text=text)

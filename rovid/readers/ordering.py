@@ -1,0 +1,169 @@
+"""Puts the samples of a clock in order and says what that cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rovid.errors import LogError
+from rovid.trial import FloatArray, Remark
+
+# Recorders write messages a little out of order; more than this is a clock that was set back.
+_SHUFFLE = 1.0
+_MOST_BACKWARD = 0.05
+_MOST_DUPLICATE = 0.5
+# A clock that is set while recording (GPS fix, NTP) jumps by far more than the log lasts.
+_LEAP, _LEAP_RATIO = 3600.0, 10.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ordered:
+    """Samples in strictly increasing time.
+
+    Attributes
+    ----------
+    time
+        (n,) s.
+    values
+        Signal -> (n,) as logged.
+    remarks
+        What was left out.
+    """
+
+    time: FloatArray
+    values: Mapping[str, FloatArray]
+    remarks: tuple[Remark, ...] = ()
+
+
+def order(
+    time: FloatArray,
+    values: Mapping[str, FloatArray],
+    *,
+    clock: str,
+    place: Callable[[int], str],
+    sortable: bool,
+    where: str,
+) -> Ordered:
+    """Samples of one clock in strictly increasing time.
+
+    Of samples with one time stamp, each signal keeps the first value that is not missing. A sample earlier
+    than the latest before it is left out, unless the format is ``sortable`` and the clock was not set back.
+
+    Raises
+    ------
+    LogError
+        More than 5 % of the samples run backwards, most stamps repeat, or the clock leaps.
+    """
+    if time.size < 2 or bool(np.diff(time).min() > 0):  # a NaN makes this false
+        remarks: list[Remark] = []
+    else:
+        time, values, remarks = _mend(time, values, clock, place, sortable=sortable, where=where)
+    _refuse_leap(time, clock, where)
+    return Ordered(time=time, values=values, remarks=tuple(remarks))
+
+
+def _mend(
+    time: FloatArray,
+    values: Mapping[str, FloatArray],
+    clock: str,
+    place: Callable[[int], str],
+    *,
+    sortable: bool,
+    where: str,
+) -> tuple[FloatArray, Mapping[str, FloatArray], list[Remark]]:
+    remarks: list[Remark] = []
+    rows = np.flatnonzero(np.isfinite(time))
+    if lost := len(time) - len(rows):
+        remarks.append(_remark("missing", lost, f"{clock} is missing in {lost} samples; they were left out."))
+    if sortable:
+        rows = _sorted(rows, time, clock, remarks)
+    rows = _forward(rows, time, clock, place, remarks, where)
+    kept, merged = _merge(rows, time, values)
+    if doubled := len(rows) - len(kept):
+        _refuse_coarse(doubled, len(rows), clock, where)
+        text = f"{clock} repeats the stamp before it {doubled} times; the first of each was kept."
+        remarks.append(_remark("duplicate", doubled, text))
+    return kept, merged, remarks
+
+
+def _remark(kind: str, count: int, text: str) -> Remark:
+    return Remark(kind=kind, count=int(count), text=text)
+
+
+def _sorted(rows: NDArray[np.intp], time: FloatArray, clock: str, remarks: list[Remark]) -> NDArray[np.intp]:
+    steps = np.diff(time[rows])
+    if not steps.size or steps.min() >= 0 or steps.min() < -_SHUFFLE:
+        return rows
+    count = int(np.count_nonzero(steps < 0))
+    remarks.append(_remark("backward", count, f"{clock}: {count} messages are stored out of order; they were sorted."))
+    return rows[np.argsort(time[rows], kind="stable")]
+
+
+def _forward(
+    rows: NDArray[np.intp],
+    time: FloatArray,
+    clock: str,
+    place: Callable[[int], str],
+    remarks: list[Remark],
+    where: str,
+) -> NDArray[np.intp]:
+    stamps = time[rows]
+    backward = stamps < np.maximum.accumulate(stamps)
+    count = int(np.count_nonzero(backward))
+    if not count:
+        return rows
+    at = int(np.argmax(backward))
+    if count > _MOST_BACKWARD * len(rows):
+        raise LogError(
+            f"{clock} runs backwards at {place(int(rows[at]))}, from {stamps[at - 1]:.10g} s to "
+            f"{stamps[at]:.10g} s; {count} of {len(rows)} samples are not later than those before them.",
+            where=where,
+            mend="Split the log where its clock was set back, or map another time.",
+        )
+    text = f"{clock} runs backwards, first at {place(int(rows[at]))}; {count} samples were left out."
+    remarks.append(_remark("backward", count, text))
+    return rows[~backward]
+
+
+def _merge(
+    rows: NDArray[np.intp], time: FloatArray, values: Mapping[str, FloatArray]
+) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """One row a stamp; each signal's first value there that is not missing."""
+    stamps = time[rows]
+    fresh = np.diff(stamps, prepend=-np.inf) > 0
+    group = np.cumsum(fresh) - 1
+    merged = {}
+    for name, column in values.items():
+        known = np.flatnonzero(np.isfinite(column[rows]))[::-1]
+        merged[name] = np.full(int(fresh.sum()), np.nan)
+        merged[name][group[known]] = column[rows[known]]  # backwards: the first of a group is written last
+    return stamps[fresh], merged
+
+
+def _refuse_coarse(doubled: int, total: int, clock: str, where: str) -> None:
+    if doubled > _MOST_DUPLICATE * total:
+        raise LogError(
+            f"{clock} repeats the stamp before it in {doubled} of {total} samples; most should differ.",
+            where=where,
+            mend="Log the time with more decimals, or map another time.",
+        )
+
+
+def _refuse_leap(time: FloatArray, clock: str, where: str) -> None:
+    if time.size < 2:
+        return
+    whole = float(time[-1] - time[0])
+    if whole <= _LEAP:
+        return
+    steps = np.diff(time)
+    at = int(np.argmax(steps))
+    if steps[at] > max(_LEAP, _LEAP_RATIO * (whole - steps[at])):
+        raise LogError(
+            f"{clock} leaps by {steps[at]:.6g} s after sample {at + 1}, while the rest lasts "
+            f"{whole - steps[at]:.6g} s.",
+            where=where,
+            mend="Cut the log where its clock was set.",
+        )

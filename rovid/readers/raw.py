@@ -1,0 +1,86 @@
+"""What a reader hands over: channels as logged, each on the clock that it was logged with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rovid.config import Config, Signal
+from rovid.errors import ConfigError
+from rovid.trial import FloatArray, Remark
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Channel:
+    """One signal as it stands in the log.
+
+    Channels that share a clock share the array ``time`` itself, so that it is put in order once.
+
+    Attributes
+    ----------
+    source
+        The column, or the topic and field, for messages.
+    clock
+        The time column or the topic, for messages.
+    time
+        (n,) s since a moment of the reader's choice, in the order logged; NaN where it is missing.
+    values
+        (n,) as logged; NaN where missing.
+    radians
+        The reader made an angle of it (from a quaternion), so the unit of rovid.toml does not apply.
+    """
+
+    source: str
+    clock: str
+    time: FloatArray
+    values: FloatArray
+    radians: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RawLog:
+    """All wanted channels of one file.
+
+    Attributes
+    ----------
+    channels
+        Signal name -> channel.
+    remarks
+        What the reader noticed about the file itself.
+    sortable
+        The format stores messages slightly out of order by nature: sort them before complaining.
+    place
+        (signal, index of a sample) -> "line 17" or "message 16", for messages.
+    """
+
+    channels: Mapping[str, Channel]
+    place: Callable[[str, int], str]
+    remarks: tuple[Remark, ...] = ()
+    sortable: bool = False
+
+
+def mapped(config: Config, kind: str, path: Path) -> dict[str, Signal]:
+    """Signals that rovid.toml maps for logs of the format ``kind``.
+
+    Raises
+    ------
+    ConfigError
+        The heading or a command is not mapped for this format.
+    """
+    wanted = config.wanted(kind)
+    for name in ("heading", *(signal.name for signal in config.commands)):
+        if name not in wanted:
+            raise ConfigError(
+                f"{name} names no {kind} source, but {path.name} is a {kind} log.",
+                where=config.path,
+                mend=f'Add {kind} = "…" beside its other sources, or leave this log out.',
+            )
+    return wanted
+
+
+def typical(values: FloatArray) -> float:
+    """Median of at most some ten thousand ``values``, evenly picked: near enough for a threshold, and fast."""
+    return float(np.median(values[:: len(values) // 10_000 + 1])) if values.size else float("nan")

@@ -1,0 +1,156 @@
+"""Finds a heading or a gyro that is logged in another unit or sense than rovid.toml says."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rovid.config import Signal
+from rovid.errors import LogError
+from rovid.readers.raw import Channel
+from rovid.trial import FloatArray
+
+_DEGREES = 180.0 / math.pi
+_TURN_RAD, _TURN_DEG = 2.0 * math.pi, 360.0
+# More than a half turn in radians, but only three and a half degrees.
+_SPAN = 3.5
+# Radians are logged finer than this; degrees often are not.
+_COARSE = 0.0099
+# No underwater vehicle keeps turning this fast (rad/s).
+_TOO_FAST = 6.0
+_FEWEST_WINDOWS, _WINDOW = 50, 0.5
+_ALIKE = 0.8
+
+
+def refuse_wrong_heading(channel: Channel, signal: Signal, time: FloatArray, where: str) -> None:
+    """Look at the range and the jumps of a heading as logged.
+
+    Parameters
+    ----------
+    channel
+        The heading; one made from a quaternion is in radians for sure.
+    time
+        (n,) s of its samples as logged.
+
+    Raises
+    ------
+    LogError
+        It is declared in degrees but logged in radians, or the other way round.
+    """
+    if channel.radians:
+        return
+    low, high = float(np.nanmin(channel.values)), float(np.nanmax(channel.values))
+    if signal.unit == "deg" and max(-low, high) <= _TURN_RAD + 0.01:
+        found = _looks_like_radians(channel.values[np.isfinite(channel.values)], low, high)
+    elif signal.unit == "rad" and max(-low, high) > 2.0 * _TURN_RAD and low >= -181.0 and high <= 361.0:
+        found = _looks_like_degrees(channel.values, time)
+    else:
+        return
+    if found:
+        raise _wrong_unit(channel, signal, found, where)
+
+
+def _looks_like_radians(values: FloatArray, low: float, high: float) -> str:
+    steps = np.abs(np.diff(values))
+    if steps.size and np.any(np.abs(steps - _TURN_RAD) < 0.5):
+        return f"it jumps by {_TURN_RAD:.4g}, a whole turn in radians"
+    quantum = steps[steps > 1e-9].min(initial=np.inf)
+    if high - low > _SPAN and quantum < _COARSE:
+        return f"all its values lie between {low:.4g} and {high:.4g}"
+    return ""
+
+
+def _looks_like_degrees(values: FloatArray, time: FloatArray) -> str:
+    steps = np.diff(values)
+    if np.any(np.abs(np.abs(steps) - _TURN_DEG) < 40.0):
+        return "it jumps by 360, a whole turn in degrees"
+    with np.errstate(divide="ignore", invalid="ignore"):  # time is not in order yet
+        rates = np.abs(steps / np.diff(time))
+    fast = float(np.nanpercentile(rates, 95)) if np.isfinite(rates).any() else 0.0
+    return f"in radians it would turn at {fast:.3g} rad/s" if fast > _TOO_FAST else ""
+
+
+def _wrong_unit(channel: Channel, signal: Signal, found: str, where: str) -> LogError:
+    names = {"deg": "degrees", "rad": "radians"}
+    other = "rad" if signal.unit == "deg" else "deg"
+    return LogError(
+        f"{channel.source} is declared in {names[signal.unit]} but looks like {names[other]}: {found}.",
+        where=where,
+        mend=f'Set unit = "{other}" in [signals] heading.',
+    )
+
+
+def refuse_wrong_gyro(
+    time: FloatArray, heading: FloatArray, yaw_rate: FloatArray, signals: tuple[Signal, Signal], where: str
+) -> None:
+    """Compare the logged yaw rate with the change of heading.
+
+    Parameters
+    ----------
+    time, heading, yaw_rate
+        (n,) s, rad, rad/s; NaN where not measured.
+    signals
+        Heading and yaw rate as rovid.toml maps them.
+
+    Raises
+    ------
+    LogError
+        One of them is in another unit or sense than declared.
+    """
+    compared = _compare(time, heading, yaw_rate)
+    if compared is None:
+        return
+    ratio, alike = compared
+    if alike < 0:
+        raise LogError(
+            f"yaw_rate falls when heading grows (correlation {alike:.2f}); both should grow in the same sense.",
+            where=where,
+            mend="Set sign = -1 in [signals] yaw_rate, or in heading if that is the one turned round.",
+        )
+    if max(ratio, 1.0 / ratio) > _DEGREES / 1.6 and max(ratio, 1.0 / ratio) < _DEGREES * 1.6:
+        raise _wrong_rate(ratio, heading, signals, where)
+
+
+def _compare(time: FloatArray, heading: FloatArray, yaw_rate: FloatArray) -> tuple[float, float] | None:
+    """(yaw rate over change of heading, their correlation) over half-second windows; None if they tell nothing."""
+    rows = np.flatnonzero(np.isfinite(heading) & np.isfinite(yaw_rate))
+    if len(rows) < _FEWEST_WINDOWS:
+        return None
+    t, psi, r = time[rows], heading[rows], yaw_rate[rows]
+    width = max(2, 2 * round(_WINDOW / float(np.median(np.diff(t))) / 2))
+    first = np.arange(0, len(t) - width, max(1, len(t) // 20_000))
+    span = t[first + width] - t[first]
+    first = first[span < 2.0 * np.median(span)] if span.size else first
+    if len(first) < _FEWEST_WINDOWS:
+        return None
+    turned = psi[first + width] - psi[first]
+    mean = (r[first] + 4.0 * r[first + width // 2] + r[first + width]) / 6.0
+    rate = turned / (t[first + width] - t[first])
+    usual = np.abs(rate) <= np.percentile(np.abs(rate), 98)  # without the jumps that a wrong unit leaves
+    return _ratio(rate[usual], mean[usual])
+
+
+def _ratio(rate: FloatArray, gyro: FloatArray) -> tuple[float, float] | None:
+    size = math.sqrt(float(rate @ rate)), math.sqrt(float(gyro @ gyro))
+    if min(size) == 0.0:
+        return None
+    alike = float(rate @ gyro) / (size[0] * size[1])
+    return (size[1] / size[0], alike) if abs(alike) > _ALIKE else None
+
+
+def _wrong_rate(
+    ratio: float, heading: FloatArray, signals: tuple[Signal, Signal], where: str
+) -> LogError:
+    degrees, gyro = signals
+    # Declared degrees that are radians leave less than a turn of 57; beyond it the gyro is the wrong one.
+    small = bool(np.nanmax(np.abs(heading)) <= _TURN_RAD / _DEGREES * 1.01)
+    heading_wrong = degrees.unit == "deg" and small if ratio > 1.0 else degrees.unit == "rad"
+    culprit = degrees if heading_wrong else gyro
+    other = {"deg": "rad", "rad": "deg", "deg/s": "rad/s", "rad/s": "deg/s"}.get(culprit.unit, "rad")
+    return LogError(
+        f"yaw_rate is {ratio:.3g} times the change of heading per second; with heading in {degrees.unit} and "
+        f"yaw_rate in {gyro.unit} one of them is declared in the wrong unit, degrees for radians or the reverse.",
+        where=where,
+        mend=f'Set unit = "{other}" in [signals] {culprit.name}.',
+    )

@@ -1,0 +1,205 @@
+"""Results as aligned tables for a person at a terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from rovid.identify.bench import BenchFit
+from rovid.identify.estimate import Estimate
+from rovid.identify.inertia import METHODS, InertiaFit
+from rovid.identify.steady import DragFit, SteadyPoint
+from rovid.model import UNITS
+from rovid.output import plus_minus
+from rovid.parameters import Parameters
+from rovid.simulation import TrialSimulation, overall
+from rovid.trial import Trial
+
+
+def _table(title: str, *columns: str, left: int = 1) -> Table:
+    """A table whose first ``left`` columns are text and the rest numbers."""
+    table = Table(title=escape(title), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    for k, column in enumerate(columns):
+        table.add_column(escape(column), justify="left" if k < left else "right", overflow="fold")
+    return table
+
+
+def _number(value: float | None, form: str = ".3g") -> str:
+    return "–" if value is None or not math.isfinite(value) else format(value, form)
+
+
+def show_warnings(console: Console, warnings: Sequence[str]) -> None:
+    """Print each warning as a paragraph of its own."""
+    for text in warnings:
+        console.print(f"[yellow]Note:[/yellow] {escape(text)}", highlight=False)
+
+
+def show_parameters(console: Console, estimate: Estimate) -> None:
+    """Print value ± standard error with the 95 % interval."""
+    table = _table("", "parameter", "value ± standard error", "unit", "95 % interval")
+    table.title = None
+    for name in estimate.names:
+        if name in estimate.refused:
+            table.add_row(name, "not determined", UNITS[name], "–")
+            continue
+        low, high = estimate.interval(name)
+        interval = f"{low:.4g} … {high:.4g}" if math.isfinite(low) else "–"
+        table.add_row(name, plus_minus(estimate.value(name), estimate.standard_error(name)), UNITS[name], interval)
+    console.print(table)
+
+
+def show_drag(console: Console, fit: DragFit) -> None:
+    """Print what `rovid fit-drag` found."""
+    table = _table(
+        "Steady states",
+        "log",
+        "from s",
+        "to s",
+        "command",
+        "torque N m",
+        "rate rad/s",
+        "± rad/s",
+        "residual N m",
+        "without it DQ",
+        "DL",
+    )
+    for point, residual, left_out in zip(fit.points, fit.residuals, fit.left_out, strict=True):
+        table.add_row(*_point_cells(point), _number(residual, ".2f"), _number(left_out[0], ".5g"), _number(left_out[1]))
+    for point in fit.unsteady:
+        table.add_row(*_point_cells(point), "not steady", "–", "–", style="dim")
+    console.print(table)
+    estimate = fit.estimate
+    show_parameters(console, estimate)
+    correlation = estimate.correlation("quadratic_drag", "linear_drag") if not estimate.refused else math.nan
+    console.print(
+        f"{estimate.method}; R² {fit.r_squared:.4f}; correlation of DQ and DL {_number(correlation, '.2f')}; "
+        f"{estimate.samples} steady states",
+        highlight=False,
+    )
+    for name, each in fit.directions.items():
+        quadratic, linear = (plus_minus(each.value(key), each.standard_error(key)) for key in each.names)
+        console.print(f"heading {name} alone: DQ {quadratic}, DL {linear}", highlight=False)
+
+
+def _point_cells(point: SteadyPoint) -> list[str]:
+    return [
+        escape(point.source),
+        _number(point.start, ".0f"),
+        _number(point.stop, ".0f"),
+        escape(" ".join(f"{value:.4g}" for value in point.command)),
+        _number(point.torque, ".1f"),
+        _number(point.yaw_rate, ".4f"),
+        _number(point.yaw_rate_error, ".4f"),
+    ]
+
+
+def show_inertia(console: Console, fit: InertiaFit) -> None:
+    """Print what `rovid fit-inertia` found."""
+    table = _table("Inertia, kg m²", "method", "value ± standard error", "note")
+    for name, inertia in fit.methods.items():
+        note = "used" if name == fit.chosen else ""
+        if name == "peak" and fit.peak_bias is not None:
+            note = f"biased: on the identified model it returns {100 * fit.peak_bias:.0f} % of the truth"
+        elif name == "peak":
+            note = "biased: torque, rate and acceleration do not peak together"
+        table.add_row(METHODS[name], plus_minus(inertia.value, inertia.standard_error), note)
+        if len(inertia.runs) > 1 or name == "peak":
+            for source, value, error in inertia.runs:
+                table.add_row(f"  {escape(source)}", plus_minus(value, error), "")
+    console.print(table)
+    show_parameters(console, fit.estimate)
+    if fit.added_inertia is not None:
+        error = fit.estimate.standard_error("inertia")
+        console.print(
+            f"added inertia (inertia less the rigid body's): {plus_minus(fit.added_inertia, error)} kg m²",
+            highlight=False,
+        )
+
+
+def show_simulation(console: Console, simulations: Sequence[TrialSimulation]) -> None:
+    """Print how well the free-running simulation follows each trial."""
+    table = _table(
+        "Free-running simulation against measurement, yaw rate",
+        "trial",
+        "samples",
+        "R²",
+        "fit %",
+        "RMSE rad/s",
+        "heading after 10 s, deg",
+        "after 60 s, deg",
+    )
+    for item in simulations:
+        errors = [
+            None if item.heading_errors[h] is None else math.degrees(item.heading_errors[h] or 0.0)
+            for h in (10.0, 60.0)
+        ]
+        table.add_row(
+            escape(item.run.trial.name),
+            str(item.fit.samples),
+            _number(item.fit.r2, ".3f"),
+            _number(item.fit.fit_percent, ".1f"),
+            _number(item.fit.rmse, ".2g"),
+            *(_number(error, ".2g") for error in errors),
+        )
+    total = overall(simulations)
+    table.add_section()
+    table.add_row(
+        "all",
+        str(total.samples),
+        _number(total.r2, ".3f"),
+        _number(total.fit_percent, ".1f"),
+        _number(total.rmse, ".2g"),
+    )
+    console.print(table)
+
+
+def show_bench(console: Console, fit: BenchFit, output: Path) -> None:
+    """Print the readings beside the curve."""
+    table = _table("Bench readings against the curve", "command", "thrust N", "curve N", "residual N", left=0)
+    step = max(len(fit.command) // 40, 1)
+    for c, t, r in zip(fit.command[::step], fit.thrust[::step], fit.residuals[::step], strict=True):
+        table.add_row(f"{c:.5g}", f"{t:.2f}", f"{t - r:.2f}", f"{r:.2f}")
+    console.print(table)
+    if step > 1:
+        console.print(f"every {step}th of {len(fit.command)} readings shown", highlight=False)
+    zone = "none" if fit.dead_zone is None else f"{fit.dead_zone[0]:.5g} to {fit.dead_zone[1]:.5g}"
+    console.print(
+        f"dead zone {zone}; thrust {fit.curve.thrust.min():.1f} to {fit.curve.thrust.max():.1f} N; residual "
+        f"{fit.rms:.2g} N rms, {np.max(np.abs(fit.residuals)):.2g} N at most\nwritten to {escape(str(output))}",
+        highlight=False,
+    )
+
+
+def show_check(console: Console, rows: Sequence[tuple[Trial, Mapping[str, Any]]], problems: Mapping[str, str]) -> None:
+    """Print what each log holds and what is wrong with it."""
+    table = _table("Logs", "log", "s", "samples", "Hz", "turned deg", "held", "sines", "remarks")
+    for trial, facts in rows:
+        table.add_row(
+            escape(trial.name),
+            f"{trial.duration:.0f}",
+            str(facts["samples"]),
+            f"{1.0 / trial.period:.3g}",
+            f"{facts['heading_travel_deg']:.0f}",
+            str(facts["held_commands"]),
+            str(facts["sine_runs"]),
+            ", ".join(f"{remark.count} {remark.kind}" for remark in trial.remarks) or "none",
+        )
+    for name, problem in problems.items():
+        table.add_row(escape(name), "–", "–", "–", "–", "–", "–", f"[red]{escape(problem)}[/red]")
+    console.print(table)
+    for trial, _ in rows:
+        for remark in trial.remarks:
+            console.print(f"{escape(trial.name)}: {escape(remark.text)}", highlight=False)
+
+
+def show_written(console: Console, parameters: Parameters) -> None:
+    """Say where the parameters went."""
+    console.print(f"written to {escape(str(parameters.path))}", highlight=False)
