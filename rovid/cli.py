@@ -110,6 +110,7 @@ def fit_drag(
 
     Example: rovid fit-drag sample_logs/rosub_tank
     """
+    from rovid.config import vehicle_of_tables
     from rovid.documents import drag_document
     from rovid.identify.steady import fit_drag as fit
     from rovid.identify.steady import points_from_table, steady_points
@@ -120,6 +121,7 @@ def fit_drag(
     campaign: Campaign | None = None
     vehicle, remarks = "", []
     if table is not None:
+        vehicle = vehicle_of_tables(logs).name
         points = points_from_table(read_table(table))
     else:
         config, campaign, runs = _load(logs, cutoff)
@@ -152,6 +154,7 @@ def fit_inertia(
 
     Example: rovid fit-inertia
     """
+    from rovid.config import vehicle_of_tables
     from rovid.documents import inertia_document
     from rovid.identify.inertia import fit_inertia as fit
     from rovid.identify.inertia import fit_inertia_table
@@ -162,9 +165,10 @@ def fit_inertia(
     paths = logs or _remembered(stored)
     remarks: list[str] = []
     if (table := find_table(paths, SINE_COLUMNS)) is not None:
-        result = fit_inertia_table(read_table(table), drag=stored.drag(), rigid_body=_rigid_body(paths))
+        vehicle = vehicle_of_tables(paths)
+        result = fit_inertia_table(read_table(table), drag=stored.drag(), rigid_body=vehicle.rigid_body_inertia)
         if logs:
-            stored = stored.with_logs(logs, stored.vehicle, None)
+            stored = stored.with_logs(logs, vehicle.name, None)
     else:
         config, campaign, runs = _load(paths, cutoff)
         remarks = _remarks(campaign, runs)
@@ -305,16 +309,6 @@ def _remarks(campaign: Campaign, runs: Runs) -> list[str]:
 
 def _brief(remarks: Sequence[Remark]) -> str:
     return " ".join(remark.text for remark in remarks)
-
-
-def _rigid_body(paths: Sequence[Path]) -> float | None:
-    """Rigid-body inertia where a rovid.toml gives one; a table alone needs none."""
-    from rovid.config import find_config, load_rigid_body
-
-    try:
-        return load_rigid_body(find_config(paths))
-    except ConfigError:
-        return None
 
 
 def _stored(path: Path) -> Parameters:

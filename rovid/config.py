@@ -105,10 +105,14 @@ def load_config(path: Path) -> Config:
     return _Reader(path).config(_document(path))
 
 
-def load_rigid_body(path: Path) -> float | None:
-    """Rigid-body yaw inertia in kg m^2 that ``path`` gives, whether or not it maps any signal."""
+def vehicle_of_tables(paths: Sequence[Path]) -> Vehicle:
+    """The vehicle without its thrusters; a nameless one where there is no rovid.toml, for tables need none."""
+    try:
+        path = find_config(paths)
+    except ConfigError:
+        return Vehicle(name="vehicle", thrusters=())
     reader = _Reader(path)
-    return reader.vehicle(reader.table(_document(path), "vehicle"), ()).rigid_body_inertia
+    return reader.vehicle(reader.table(_document(path), "vehicle"), ())
 
 
 def _document(path: Path) -> dict[str, Any]:

@@ -1,0 +1,37 @@
+# `make demo` and `make test` do all the set-up on a fresh machine: nothing needs to be installed before.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+JOBS   ?= auto
+
+.PHONY: demo test lint bench clean
+
+$(VENV)/installed: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group dev --editable .
+	touch $@
+
+demo: $(VENV)/installed  ## identify the sample trial day and write its page
+	$(BIN)/rovid check sample_logs/rosub_tank
+	$(BIN)/rovid fit-drag sample_logs/rosub_tank -p demo/parameters.toml
+	$(BIN)/rovid fit-inertia -p demo/parameters.toml
+	$(BIN)/rovid simulate -p demo/parameters.toml
+	@echo "The finished page:"
+	@$(BIN)/rovid report -p demo/parameters.toml -o demo/report
+
+test: $(VENV)/installed lint  ## all tests; fails when none ran
+	$(BIN)/python -m pytest -n $(JOBS)
+
+lint: $(VENV)/installed
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+bench: $(VENV)/installed  ## timings, as ratios measured in one run
+	$(BIN)/python benchmarks/reading.py
+	$(BIN)/python benchmarks/simulation.py
+	$(BIN)/python benchmarks/startup.py
+
+clean:
+	rm -rf $(VENV) demo

@@ -1,0 +1,68 @@
+"""What the tests share: the command line run in process, and a trial day written once."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rovid import cli
+from tools.trial_day import write_trial_day
+
+ROOT = Path(__file__).parent.parent
+SAMPLES = ROOT / "sample_logs"
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a command printed and how it ended."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def document(self) -> dict[str, Any]:
+        assert self.code == 0, self.err
+        parsed = json.loads(self.out)
+        assert isinstance(parsed, dict)
+        return parsed
+
+
+Rovid = Callable[..., Done]
+
+
+@pytest.fixture
+def rovid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Rovid:
+    """Run a command in an empty folder, as its user would."""
+    monkeypatch.chdir(tmp_path)
+    return run_rovid
+
+
+def run_rovid(*arguments: object) -> Done:
+    out, err = io.StringIO(), io.StringIO()
+    argv, sys.argv = sys.argv, ["rovid", *map(str, arguments)]
+    code = 0
+    try:
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            cli.main()
+    except SystemExit as end:
+        code = int(end.code or 0)
+    finally:
+        sys.argv = argv
+    return Done(code=code, out=out.getvalue(), err=err.getvalue())
+
+
+@pytest.fixture(scope="session")
+def csv_day(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A synthetic day, all CSV, with a fixed seed."""
+    folder = tmp_path_factory.mktemp("day")
+    write_trial_day(folder, seed=11, formats="csv")
+    return folder
