@@ -105,8 +105,13 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
         methods["regression"] = _as_inertia(regression)
     if not methods:
         raise DataError(f"{refused['regression']} {refused['orbit_integral']}")
-    chosen = "orbit_integral" if trials else "regression"
-    estimate = _estimate(chosen, methods, regression, drag, sum(trial.cycles for trial in trials))
+    # Without a steady drag the regression gives inertia and drag that belong together.
+    chosen = "orbit_integral" if trials and (drag is not None or regression is None) else "regression"
+    estimate = (
+        regression.estimate
+        if regression is not None and chosen == "regression"
+        else _single(methods["orbit_integral"], sum(trial.cycles for trial in trials))
+    )
     bias = None
     if trials and drag is not None:
         bias = peak_bias(trials, _model(estimate.value("inertia"), drag))
@@ -169,22 +174,13 @@ def _as_inertia(regression: Regression) -> Inertia:
     return Inertia(value=estimate.value("inertia"), standard_error=estimate.standard_error("inertia"), runs=())
 
 
-def _estimate(
-    chosen: str,
-    methods: dict[str, Inertia],
-    regression: Regression | None,
-    drag: Estimate | None,
-    cycles: int,
-) -> Estimate:
-    if regression is not None and (chosen == "regression" or drag is None):
-        return regression.estimate
-    reading = methods[chosen]
+def _single(reading: Inertia, cycles: int) -> Estimate:
     return Estimate(
         names=("inertia",),
         values=np.array([reading.value]),
         covariance=np.array([[reading.standard_error**2]]),
         degrees_of_freedom=float(max(cycles - 1, 1)),
-        method=METHODS[chosen],
+        method=METHODS["orbit_integral"],
         samples=cycles,
     )
 
