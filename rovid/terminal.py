@@ -73,9 +73,13 @@ def show_drag(console: Console, fit: DragFit) -> None:
     )
     for point, residual, left_out in zip(fit.points, fit.residuals, fit.left_out, strict=True):
         table.add_row(*_point_cells(point), _number(residual, ".2f"), _number(left_out[0], ".5g"), _number(left_out[1]))
-    for point in fit.unsteady:
-        table.add_row(*_point_cells(point), "not steady", "–", "–", style="dim")
     console.print(table)
+    if fit.unsteady:
+        found = ", ".join(dict.fromkeys(point.source for point in fit.unsteady))
+        console.print(
+            f"{len(fit.unsteady)} holds left out because the rate was still changing, in {escape(found)}",
+            highlight=False,
+        )
     estimate = fit.estimate
     show_parameters(console, estimate)
     correlation = estimate.correlation("quadratic_drag", "linear_drag") if not estimate.refused else math.nan

@@ -57,12 +57,12 @@ def test_noisy_bench_readings_give_a_rising_curve_with_its_dead_zone() -> None:
     fit = fit_bench(command, true_thrust(command) + rng.normal(0.0, 0.3, len(command)))
     assert (np.diff(fit.curve.thrust) >= 0.0).all()
     assert fit.dead_zone is not None
-    # 0.3 N of noise hides the first 0.3 N or so of thrust, and the curve starts flat: 0.25 V at 9 N/V^2.
-    assert fit.dead_zone[0] == pytest.approx(-0.4, abs=0.35)
-    assert fit.dead_zone[1] == pytest.approx(0.4, abs=0.35)
+    # Noise of 0.17 N (three repeats) hides thrust of up to 1.2 N, and the curve starts flat: 0.5 V at 5 N/V^2.
+    assert fit.dead_zone[0] == pytest.approx(-0.4, abs=0.5)
+    assert fit.dead_zone[1] == pytest.approx(0.4, abs=0.5)
     inside = (fit.curve.command >= fit.dead_zone[0]) & (fit.curve.command <= fit.dead_zone[1])
     assert (fit.curve.thrust[inside] == 0.0).all()
-    assert np.abs(fit.curve(command) - true_thrust(command)).max() < 1.2  # four sigma of the noise
+    assert np.abs(fit.curve(command) - true_thrust(command)).max() < 1.5  # what the noise can hide
     assert fit.rms == pytest.approx(0.3, rel=0.25)
 
 
@@ -70,11 +70,11 @@ def test_exact_readings_stay_as_they_are() -> None:
     command = np.arange(1100.0, 1901.0, 4.0)
     thrust = true_thrust((command - 1500.0) / 80.0)
     fit = fit_bench(command[::-1], thrust[::-1])
-    assert fit.curve.thrust == pytest.approx(thrust, abs=0.005 * np.abs(thrust).max())
+    assert fit.curve.thrust == pytest.approx(thrust, abs=0.001 * np.abs(thrust).max())
     assert fit.dead_zone is not None
-    # Thrust below half a percent of the largest counts as none: 0.36 V beyond the true dead zone of 0.4 V.
-    assert fit.dead_zone[0] == pytest.approx(1500 - 0.4 * 80, abs=0.36 * 80)
-    assert fit.dead_zone[1] == pytest.approx(1500 + 0.4 * 80, abs=0.36 * 80)
+    # Thrust below a thousandth of the largest counts as none: 0.2 V beyond the true dead zone of 0.4 V.
+    assert fit.dead_zone[0] == pytest.approx(1500 - 0.4 * 80, abs=0.2 * 80)
+    assert fit.dead_zone[1] == pytest.approx(1500 + 0.4 * 80, abs=0.2 * 80)
 
 
 def test_readings_that_fall_with_the_command_give_a_falling_curve() -> None:

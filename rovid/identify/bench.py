@@ -24,8 +24,9 @@ THRUST_UNITS = {
 # In order of preference: a sheet that has a PWM column has the battery's voltage too.
 _COMMAND_NAMES = ("command|cmd", "pwm", "throttle|signal|input", "volt")
 _THRUST_NAMES = ("thrust|force",)
-# A reading below this share of the largest thrust, or below the bench's own noise, is no thrust.
-_ZERO_SHARE = 0.005
+# A reading below this share of the largest thrust, or below the bench's own noise, is no thrust. A bench that
+# never contradicts itself is believed to a thousandth, another to half a percent.
+_ZERO_SHARE_EXACT, _ZERO_SHARE_NOISY = 0.001, 0.005
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,7 +122,8 @@ def fit_bench(command: FloatArray, thrust: FloatArray) -> BenchFit:
     rising = direction * mean
     monotone = _isotonic(rising, counts)
     noise = _noise(levels, rising, monotone)
-    idle = _idle(rising, max(noise, _ZERO_SHARE * float(np.max(np.abs(mean)))))
+    share = _ZERO_SHARE_NOISY if noise > 0.0 else _ZERO_SHARE_EXACT
+    idle = _idle(rising, max(noise, share * float(np.max(np.abs(mean)))))
     values = monotone.copy()
     if idle is not None:
         low, high = idle

@@ -265,7 +265,7 @@ def fit_drag(points: Sequence[SteadyPoint]) -> DragFit:
         samples=len(fitted),
         refused=refused,
     )
-    warnings += _warnings(estimate, fitted, points)
+    warnings += _warnings(estimate)
     directions = _directions(fitted, design, torque, error, free)
     if (text := _direction_warning(fitted, residuals, error, directions)) is not None:
         warnings.append(text)
@@ -420,7 +420,7 @@ def _normalised(points: Sequence[SteadyPoint], fit: Estimate, error: FloatArray,
     return np.asarray((torque - design @ fit.values) / error[rows])
 
 
-def _warnings(estimate: Estimate, fitted: Sequence[SteadyPoint], points: Sequence[SteadyPoint]) -> list[str]:
+def _warnings(estimate: Estimate) -> list[str]:
     texts = [f"{name} is not determined: {reason}" for name, reason in estimate.refused.items()]
     for name in NAMES:
         if name in estimate.refused or estimate.value(name) == 0.0 or estimate.differs_from_zero(name):
@@ -430,6 +430,4 @@ def _warnings(estimate: Estimate, fitted: Sequence[SteadyPoint], points: Sequenc
             f"{name} cannot be told from zero: {estimate.value(name):.3g} ± {estimate.standard_error(name):.2g} "
             f"{estimate.unit(name)}, 95 % interval {low:.3g} to {high:.3g}. Slower holds would tell."
         )
-    if len(points) > len(fitted):
-        texts.append(f"{len(points) - len(fitted)} holds were still changing and were left out of the fit.")
     return texts
