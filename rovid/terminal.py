@@ -148,7 +148,7 @@ def show_simulation(console: Console, simulations: Sequence[TrialSimulation]) ->
         table.add_row(
             escape(item.run.trial.name),
             str(item.fit.samples),
-            _number(item.fit.r2, ".3f"),
+            _number(item.fit.r2, ".4f"),
             _number(item.fit.fit_percent, ".1f"),
             _number(item.fit.rmse, ".2g"),
             *(_number(error, ".2g") for error in errors),
@@ -158,7 +158,7 @@ def show_simulation(console: Console, simulations: Sequence[TrialSimulation]) ->
     table.add_row(
         "all",
         str(total.samples),
-        _number(total.r2, ".3f"),
+        _number(total.r2, ".4f"),
         _number(total.fit_percent, ".1f"),
         _number(total.rmse, ".2g"),
     )
