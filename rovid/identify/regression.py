@@ -15,8 +15,9 @@ from rovid.runs import Run
 from rovid.trial import FloatArray
 
 NAMES = ("inertia", "quadratic_drag", "linear_drag")
-_BLOCK_SECONDS = 20.0
-_MIN_BLOCKS = 8
+# A block has to be long beside the memory of waves and eddies, and there have to be enough of them.
+_BLOCK_SECONDS = 40.0
+_BLOCKS = 12
 _PASSES = 8
 _CONVERGED = 1e-4
 
@@ -38,8 +39,8 @@ def fit_regression(runs: Sequence[Run]) -> Regression:
     Sensor noise and the disturbance torque are in the regressors, which biases least squares. The
     instruments are the same regressors from a noise-free simulation under the measured torque, renewed with
     each estimate (the refined instrumental variable method, Young 2011; Ljung 1999, section 7.6): they know
-    the torque but not the noise. Drag is kept from turning negative. The covariance is robust to residuals
-    that are correlated within blocks of 20 s.
+    the torque but not the noise. Drag is kept from turning negative. The covariance is a jackknife
+    over blocks of 40 s (shorter where the logs are), within which the residuals may be correlated.
 
     Raises
     ------
@@ -60,7 +61,7 @@ def fit_regression(runs: Sequence[Run]) -> Regression:
         if done:
             break
     residuals = torque - measured @ values
-    covariance = _robust_covariance(instruments, measured, residuals, blocks, free)
+    covariance = _jackknife_covariance(instruments, measured, torque, blocks, free)
     estimate = Estimate(
         names=NAMES,
         values=values,
@@ -84,10 +85,11 @@ def fit_regression(runs: Sequence[Run]) -> Regression:
 
 def _torque(runs: Sequence[Run]) -> tuple[FloatArray, NDArray[np.intp]]:
     """(n,) torque and block number at every valid instant of all runs."""
+    length = min(_BLOCK_SECONDS, sum(run.valid.sum() * run.rates.kernel.period for run in runs) / _BLOCKS)
     torque, blocks, first = [], [], 0
     for run in runs:
         torque.append(run.drive[run.valid])
-        blocks.append(first + (run.rates.time[run.valid] // _BLOCK_SECONDS).astype(np.intp))
+        blocks.append(first + (run.rates.time[run.valid] // length).astype(np.intp))
         first = int(np.max(blocks[-1], initial=first)) + 1
     return np.concatenate(torque), np.concatenate(blocks)
 
@@ -149,21 +151,23 @@ def _physical_start(plain: FloatArray, measured: FloatArray, torque: FloatArray)
     return np.asarray(np.maximum(values, floor * np.array([1.0, 0.0, 1.0])))
 
 
-def _robust_covariance(
+def _jackknife_covariance(
     instruments: FloatArray,
     measured: FloatArray,
-    residuals: FloatArray,
+    torque: FloatArray,
     blocks: NDArray[np.intp],
     free: NDArray[np.bool_],
 ) -> FloatArray:
-    """Sandwich covariance with the scores summed over blocks, small-sample corrected."""
-    z, x = instruments[:, free], measured[:, free]
-    scores = np.stack([np.bincount(blocks, weights=column * residuals) for column in z.T], axis=1)
-    count = int(np.sum(np.bincount(blocks) > 0))
-    bread = np.linalg.inv(z.T @ x)
+    """Covariance from leaving out one block at a time, which allows for residuals correlated within blocks."""
+    z, x = instruments[:, free], measured[:, free] / (scale := np.linalg.norm(measured[:, free], axis=0))
+    edges = np.flatnonzero(np.diff(blocks, prepend=-1))
+    moments = np.add.reduceat(z[:, :, None] * x[:, None, :], edges)
+    work = np.add.reduceat(z * torque[:, None], edges)
+    without = np.linalg.solve(moments.sum(axis=0) - moments, (work.sum(axis=0) - work)[:, :, None])[:, :, 0] / scale
+    count = len(edges)
+    deviations = without - without.mean(axis=0)
     covariance = np.zeros((3, 3))
-    correction = count / max(count - free.sum(), 1)
-    covariance[np.ix_(free, free)] = bread @ (scores.T @ scores) @ bread.T * correction
+    covariance[np.ix_(free, free)] = (count - 1) / count * deviations.T @ deviations
     return covariance
 
 
