@@ -93,10 +93,32 @@ def find_sines(trial: Trial, torque: FloatArray) -> list[SineRun]:
         if last < len(periods) and _alike(periods, amplitudes, first, last):
             continue
         if last - first >= MIN_CYCLES:
-            run = _sine(trial, torque, crossings[first], crossings[last], last - first)
+            run = _sine(trial, torque, *_extended(trial, torque, crossings[first], crossings[last], last - first))
             runs.extend([run] if run is not None else [])
         first = last
     return runs
+
+
+def _extended(trial: Trial, torque: FloatArray, start: float, stop: float, cycles: int) -> tuple[float, float, int]:
+    """Add the first and the last wave: from rest there is no rising crossing, nor is there at the end."""
+    period = (stop - start) / cycles
+    if _repeats(trial, torque, start, -period, period):
+        start, cycles = start - period, cycles + 1
+    if _repeats(trial, torque, stop - period, period, period):
+        stop, cycles = stop + period, cycles + 1
+    return start, stop, cycles
+
+
+def _repeats(trial: Trial, torque: FloatArray, start: float, shift: float, period: float) -> bool:
+    """Whether the wave that begins at ``start`` is there ``shift`` s away too."""
+    if start + shift < trial.time[0] or start + shift + period > trial.time[-1] + trial.period:
+        return False
+    instants = start + np.linspace(0.0, period, 200, endpoint=False)
+    wave, other = (
+        torque[np.clip(np.searchsorted(trial.time, t + 1e-9, side="right") - 1, 0, len(torque) - 1)]
+        for t in (instants, instants + shift)
+    )
+    return float(np.sqrt(np.mean((wave - other) ** 2))) < _SAME_AMPLITUDE * float(np.ptp(wave)) / 2.0
 
 
 def _alike(periods: FloatArray, amplitudes: FloatArray, first: int, last: int) -> bool:

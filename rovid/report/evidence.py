@@ -1,0 +1,31 @@
+"""Everything that a report shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rovid.identify.inertia import InertiaFit
+from rovid.identify.steady import DragFit
+from rovid.parameters import Parameters
+from rovid.runs import Runs
+from rovid.simulation import TrialSimulation
+from rovid.trial import Campaign
+from rovid.vehicle import Vehicle
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evidence:
+    """What the logs gave; where something is missing its refusal says why.
+
+    ``campaign`` and ``runs`` are None where tables stood in place of logs.
+    """
+
+    vehicle: Vehicle
+    parameters: Parameters
+    campaign: Campaign | None
+    runs: Runs | None
+    drag: DragFit | None
+    drag_refusal: str
+    inertia: InertiaFit | None
+    inertia_refusal: str
+    simulations: tuple[TrialSimulation, ...]
