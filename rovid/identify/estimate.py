@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from rovid.model import UNITS
 from rovid.trial import FloatArray, read_only
@@ -56,7 +56,7 @@ class Estimate:
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval by Student's t."""
-        reach = float(stats.t.ppf(0.5 + level / 2.0, self.degrees_of_freedom)) * self.standard_error(name)
+        reach = student_t(0.5 + level / 2.0, self.degrees_of_freedom) * self.standard_error(name)
         return self.value(name) - reach, self.value(name) + reach
 
     def correlation(self, first: str, second: str) -> float:
@@ -72,3 +72,10 @@ class Estimate:
     def unit(self, name: str) -> str:
         """Unit of the parameter ``name``."""
         return UNITS[name]
+
+
+def student_t(probability: float, degrees_of_freedom: float) -> float:
+    """Quantile of Student's t; of the normal distribution for infinite degrees of freedom."""
+    if np.isinf(degrees_of_freedom):
+        return float(special.ndtri(probability))
+    return float(special.stdtrit(degrees_of_freedom, probability))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
@@ -403,7 +403,7 @@ def _direction_warning(
     dof = len(points) - 4
     if dof <= 0 or apart <= 0.0:
         return None
-    p_value = float(stats.f.sf((together - apart) / 2.0 / (apart / dof), 2, dof))
+    p_value = float(special.fdtrc(2, dof, (together - apart) / 2.0 / (apart / dof)))
     if p_value > 0.01:
         return None
     up, down = (directions[name].value("quadratic_drag") for name in ("up", "down"))

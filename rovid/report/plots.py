@@ -11,8 +11,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy import signal, stats
+from scipy import signal
 
+from rovid.identify.estimate import student_t
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.identify.sine import SineTrial
 from rovid.identify.steady import DragFit
@@ -50,6 +51,8 @@ def render(figure: Figure, kind: str) -> bytes:
     metadata = {"Date": None} if kind == "svg" else {"Software": None}
     with mpl.rc_context(STYLE):
         figure.savefig(buffer, format=kind, dpi=_PNG_DPI, metadata=metadata)
+    # The layout, half of the work, is the same for the next kind.
+    figure.set_layout_engine("none")
     return buffer.getvalue()
 
 
@@ -84,7 +87,7 @@ def steady_torque(fit: DragFit) -> Figure:
     line = np.linspace(min(0.0, 1.05 * rate.min()), max(0.0, 1.05 * rate.max()), 300)
     design = np.column_stack((np.abs(line) * line, line))
     drag = design @ fit.estimate.values
-    reach = float(stats.t.ppf(0.975, fit.estimate.degrees_of_freedom)) * np.sqrt(
+    reach = student_t(0.975, fit.estimate.degrees_of_freedom) * np.sqrt(
         np.einsum("ni,ij,nj->n", design, np.nan_to_num(fit.estimate.covariance), design)
     )
     top.fill_between(line, drag - reach, drag + reach, color=BLUE, alpha=0.2, linewidth=0, label="95 % band")
