@@ -190,7 +190,10 @@ def _with_warnings(estimate: Estimate, warnings: tuple[str, ...]) -> Estimate:
 
 
 def _method_warnings(methods: dict[str, Inertia], refused: dict[str, str]) -> list[str]:
-    texts = [f"{METHODS[name]} was not possible: {reason}" for name, reason in refused.items() if name != "peak"]
+    texts = []
+    for reason in dict.fromkeys(refused.values()):
+        names = " and ".join(METHODS[name] for name in refused if refused[name] == reason and name != "peak")
+        texts.append(f"Not possible, {names}: {reason}")
     orbit = methods.get("orbit_integral")
     if orbit is not None and orbit.consistent is False:
         runs = ", ".join(f"{name} {value:.4g} ± {error:.2g}" for name, value, error in orbit.runs)

@@ -62,6 +62,10 @@ def fit_regression(runs: Sequence[Run]) -> Regression:
             break
     residuals = torque - measured @ values
     covariance = _jackknife_covariance(instruments, measured, torque, blocks, free)
+    if not free.all():
+        # A drag at its bound is as uncertain as it was before it was held there.
+        unbounded = _jackknife_covariance(instruments, measured, torque, blocks, np.ones(3, dtype=bool))
+        covariance[~free, ~free] = np.diag(unbounded)[~free]
     estimate = Estimate(
         names=NAMES,
         values=values,
@@ -163,7 +167,8 @@ def _jackknife_covariance(
     edges = np.flatnonzero(np.diff(blocks, prepend=-1))
     moments = np.add.reduceat(z[:, :, None] * x[:, None, :], edges)
     work = np.add.reduceat(z * torque[:, None], edges)
-    without = np.linalg.solve(moments.sum(axis=0) - moments, (work.sum(axis=0) - work)[:, :, None])[:, :, 0] / scale
+    others = np.linalg.pinv(moments.sum(axis=0) - moments)
+    without = (others @ (work.sum(axis=0) - work)[:, :, None])[:, :, 0] / scale
     count = len(edges)
     deviations = without - without.mean(axis=0)
     covariance = np.zeros((3, 3))
