@@ -14,6 +14,7 @@ from rovid.config import Config
 from rovid.documents import remark_document
 from rovid.errors import RovidError
 from rovid.readers import find_logs, read_log
+from rovid.rates import white_noise
 from rovid.segments import find_holds, find_sines
 from rovid.trial import Remark, Trial
 
@@ -47,6 +48,7 @@ def _facts(trial: Trial, config: Config) -> dict[str, Any]:
         "duration": trial.duration,
         "samples": int(trial.measured.sum()),
         "sample_rate": 1.0 / trial.period,
+        "heading_noise_deg": math.degrees(white_noise(heading)),
         "heading_travel_deg": math.degrees(float(np.sum(np.abs(np.diff(heading))))),
         "torque_range": [float(torque.min()), float(torque.max())],
         "held_commands": len(find_holds(trial, config.vehicle, torque)),

@@ -15,10 +15,8 @@ from rovid.errors import ConfigError, DataError, RovidError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from rovid.config import Config
     from rovid.parameters import Parameters
-    from rovid.runs import Runs
-    from rovid.trial import Campaign, Remark
+    from rovid.study import Study
 
 app = typer.Typer(
     help="From an underwater vehicle's trial logs to a dynamic model its owner can defend.",
@@ -110,34 +108,18 @@ def fit_drag(
 
     Example: rovid fit-drag sample_logs/rosub_tank
     """
-    from rovid.config import vehicle_of_tables
     from rovid.documents import drag_document
-    from rovid.identify.steady import fit_drag as fit
-    from rovid.identify.steady import points_from_table, steady_points
-    from rovid.tables import STEADY_COLUMNS, find_table, read_table
-    from rovid.terminal import show_drag, show_warnings, show_written
+    from rovid.terminal import show_drag, show_fit
 
-    table = find_table(logs, STEADY_COLUMNS)
-    campaign: Campaign | None = None
-    vehicle, remarks = "", []
-    if table is not None:
-        vehicle = vehicle_of_tables(logs).name
-        points = points_from_table(read_table(table))
-    else:
-        config, campaign, runs = _load(logs, cutoff)
-        vehicle, remarks = config.vehicle.name, _remarks(campaign, runs)
-        points = steady_points(runs.items, config.vehicle)
-    result = fit(points)
-    stored = _stored(parameters).with_logs(logs, vehicle, campaign).with_estimate(result.estimate)
+    study = _open(logs, cutoff)
+    result = study.drag()
+    stored = _stored(parameters).with_logs(study.paths, study.vehicle.name, study.campaign)
+    stored = stored.with_estimate(result.estimate)
     stored.write()
-    warnings = [*remarks, *result.estimate.warnings]
     if json:
-        _print_json(drag_document(result, warnings))
-        return
-    console = _console()
-    show_drag(console, result)
-    show_warnings(console, warnings)
-    show_written(console, stored)
+        _print_json(drag_document(result, study))
+    else:
+        show_fit(_console(), result, show_drag, study, stored)
 
 
 @app.command()
@@ -154,37 +136,20 @@ def fit_inertia(
 
     Example: rovid fit-inertia
     """
-    from rovid.config import vehicle_of_tables
     from rovid.documents import inertia_document
-    from rovid.identify.inertia import fit_inertia as fit
-    from rovid.identify.inertia import fit_inertia_table
-    from rovid.tables import SINE_COLUMNS, find_table, read_table
-    from rovid.terminal import show_inertia, show_warnings, show_written
+    from rovid.terminal import show_fit, show_inertia
 
     stored = _stored(parameters)
-    paths = logs or _remembered(stored)
-    remarks: list[str] = []
-    if (table := find_table(paths, SINE_COLUMNS)) is not None:
-        vehicle = vehicle_of_tables(paths)
-        result = fit_inertia_table(read_table(table), drag=stored.drag(), rigid_body=vehicle.rigid_body_inertia)
-        if logs:
-            stored = stored.with_logs(logs, vehicle.name, None)
-    else:
-        config, campaign, runs = _load(paths, cutoff)
-        remarks = _remarks(campaign, runs)
-        result = fit(runs.items, drag=stored.drag(), rigid_body=config.vehicle.rigid_body_inertia)
-        if logs:
-            stored = stored.with_logs(logs, config.vehicle.name, campaign)
+    study = _open(logs or _remembered(stored), cutoff)
+    result = study.inertia(stored.drag())
+    if logs:
+        stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
     stored = stored.with_estimate(result.estimate)
     stored.write()
-    warnings = [*remarks, *result.estimate.warnings]
     if json:
-        _print_json(inertia_document(result, warnings))
-        return
-    console = _console()
-    show_inertia(console, result)
-    show_warnings(console, warnings)
-    show_written(console, stored)
+        _print_json(inertia_document(result, study))
+    else:
+        show_fit(_console(), result, show_inertia, study, stored)
 
 
 @app.command()
@@ -253,15 +218,16 @@ def simulate(
 
     stored = read_parameters(parameters)
     model = stored.model()
-    _, campaign, runs = _load(logs or _remembered(stored), cutoff)
-    simulations = simulate_runs(runs.items, model)
-    warnings = [*_remarks(campaign, runs), *stored.changed_sources(campaign)]
+    study = _open(logs or _remembered(stored), cutoff)
+    if study.campaign is None or study.runs is None:
+        raise DataError("are tables; only logs can be simulated.", where="LOGS", mend="Give LOGS.")
+    simulations = simulate_runs(study.runs.items, model)
+    warnings = [*study.remarks(), *stored.changed_sources(study.campaign)]
     if json:
         _print_json(simulation_document(stored, simulations, warnings))
-        return
-    console = _console()
-    show_simulation(console, simulations)
-    show_warnings(console, warnings)
+    else:
+        show_simulation(_console(), simulations)
+        show_warnings(_console(), warnings)
 
 
 @app.command()
@@ -281,34 +247,19 @@ def report(
     """
     from rovid.report.build import build_report
 
-    _announce_compilation()
     stored = _stored(parameters)
-    page = build_report(stored, logs or _remembered(stored), output, cutoff=cutoff)
+    page = build_report(stored, _open(logs or _remembered(stored), cutoff), output)
     if json:
         _print_json({"schema": "rovid-report/1", "page": str(page), "parameters": str(parameters)})
     else:
         _console().print(str(page), highlight=False, soft_wrap=True)
 
 
-def _load(paths: Sequence[Path], cutoff: float | None) -> tuple[Config, Campaign, Runs]:
-    from rovid.config import find_config, load_config
-    from rovid.readers import read_campaign
-    from rovid.runs import prepare
+def _open(paths: Sequence[Path], cutoff: float | None) -> Study:
+    from rovid.study import open_study
 
     _announce_compilation()
-    config = load_config(find_config(paths))
-    campaign = read_campaign(paths, config)
-    return config, campaign, prepare(campaign, config.vehicle, cutoff=cutoff)
-
-
-def _remarks(campaign: Campaign, runs: Runs) -> list[str]:
-    """What was noticed, one line a log so that nothing is dropped silently."""
-    lines = [f"{trial.name}: {_brief(trial.remarks)}" for trial in campaign.trials if trial.remarks]
-    return [*lines, *(remark.text for remark in (*campaign.remarks, *runs.remarks))]
-
-
-def _brief(remarks: Sequence[Remark]) -> str:
-    return " ".join(remark.text for remark in remarks)
+    return open_study(paths, cutoff=cutoff)
 
 
 def _stored(path: Path) -> Parameters:

@@ -13,7 +13,9 @@ from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.identify.sine import Inertia
 from rovid.identify.steady import DragFit, SteadyPoint
 from rovid.parameters import Parameters
+from rovid.runs import Runs
 from rovid.simulation import TrialSimulation, overall
+from rovid.study import Study
 from rovid.trial import Remark, Trial
 
 Document = dict[str, Any]
@@ -33,7 +35,7 @@ def parameter_document(estimate: Estimate) -> Document:
     }
 
 
-def _fit_document(estimate: Estimate, warnings: Sequence[str]) -> Document:
+def _fit_document(estimate: Estimate, study: Study) -> Document:
     return {
         "schema": "rovid-fit/1",
         "parameters": parameter_document(estimate),
@@ -42,14 +44,27 @@ def _fit_document(estimate: Estimate, warnings: Sequence[str]) -> Document:
         "samples": estimate.samples,
         "method": estimate.method,
         "not_identifiable": ["thrust_scale", *estimate.refused],
-        "warnings": list(warnings),
+        "filter": None if study.runs is None else filter_document(study.runs),
+        "warnings": [*study.remarks(), *estimate.warnings],
     }
 
 
-def drag_document(fit: DragFit, warnings: Sequence[str]) -> Document:
+def filter_document(runs: Runs) -> Document:
+    """The low pass and the standard deviation of the sensor noise behind it."""
+    heading, rate, acceleration = runs.noise()
+    return {
+        "cutoff_hz": runs.cutoff,
+        "cutoff_chosen_from_data": runs.chosen,
+        "heading_noise": {"value": heading, "unit": "rad"},
+        "yaw_rate_noise": {"value": rate, "unit": "rad/s"},
+        "acceleration_noise": {"value": acceleration, "unit": "rad/s^2"},
+    }
+
+
+def drag_document(fit: DragFit, study: Study) -> Document:
     """What `rovid fit-drag --json` prints."""
     estimate = fit.estimate
-    return _fit_document(estimate, warnings) | {
+    return _fit_document(estimate, study) | {
         "r_squared": fit.r_squared,
         "correlation": estimate.correlation("quadratic_drag", "linear_drag"),
         "degrees_of_freedom": estimate.degrees_of_freedom,
@@ -83,10 +98,9 @@ def _left_out(row: np.ndarray[Any, np.dtype[np.float64]]) -> Document:
     return {"quadratic_drag": row[0], "linear_drag": row[1], "torque_prediction_error": row[2]}
 
 
-def inertia_document(fit: InertiaFit, warnings: Sequence[str]) -> Document:
+def inertia_document(fit: InertiaFit, study: Study) -> Document:
     """What `rovid fit-inertia --json` prints."""
-    document = _fit_document(fit.estimate, warnings)
-    return document | {
+    return _fit_document(fit.estimate, study) | {
         "chosen": fit.chosen,
         "methods": {name: _method(name, inertia, fit) for name, inertia in fit.methods.items()},
         "refused": fit.refused,

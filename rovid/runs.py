@@ -41,11 +41,21 @@ class Run:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Runs:
-    """The runs of a campaign, the cut-off they share in Hz, and what had to be left out."""
+    """The runs of a campaign, the cut-off they share in Hz (``chosen`` from the data?), and what was left out."""
 
     items: tuple[Run, ...]
     cutoff: float
+    chosen: bool
     remarks: tuple[Remark, ...]
+
+    def noise(self) -> tuple[float, float, float]:
+        """Median over the runs of the sensor's noise in heading (rad), and what the low pass leaves of it.
+
+        Standard deviations; rate in rad/s, acceleration in rad/s^2.
+        """
+        rows = [(r.rates.heading_noise, r.rates.yaw_rate_noise, r.rates.acceleration_noise) for r in self.items]
+        heading, rate, acceleration = np.median(rows, axis=0)
+        return float(heading), float(rate), float(acceleration)
 
 
 def prepare(campaign: Campaign, vehicle: Vehicle, *, cutoff: float | None = None) -> Runs:
@@ -68,7 +78,7 @@ def prepare(campaign: Campaign, vehicle: Vehicle, *, cutoff: float | None = None
         runs.append(Run(trial=trial, torque=torque, rates=rates, drive=rates.held(trial, torque)))
     if not runs:
         raise DataError(remarks[0].text if remarks else "there is no trial.")
-    return Runs(items=tuple(runs), cutoff=shared, remarks=tuple(remarks))
+    return Runs(items=tuple(runs), cutoff=shared, chosen=cutoff is None, remarks=tuple(remarks))
 
 
 def stack(runs: Sequence[Run]) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.intp]]:

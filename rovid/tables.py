@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -126,15 +126,23 @@ def header(path: Path) -> tuple[str, ...]:
     return tuple(cell.strip().strip('"') for cell in lines[0].split(max(",;\t", key=lines[0].count)))
 
 
-def find_table(paths: Sequence[Path], columns: Iterable[str]) -> Path | None:
-    """First CSV among ``paths``, or directly inside them, that has all ``columns`` and no time column."""
-    wanted = set(columns)
+def find_table(paths: Sequence[Path], columns: Sequence[str]) -> Path | None:
+    """First of ``paths`` that is a table with all ``columns``, or the first such table in a folder without logs."""
     for path in paths:
-        for candidate in sorted(path.glob("*.csv")) if path.is_dir() else [path]:
-            names = header(candidate)
-            if wanted <= set(names) and not any(name.lower().startswith(("time", "t_s")) for name in names):
-                return candidate
+        inside = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+        if path.is_dir() and (any(path.rglob("*.mcap")) or not all(map(_is_table, path.rglob("*.csv")))):
+            continue
+        found = [one for one in inside if one.suffix.lower() == ".csv" and set(columns) <= set(header(one))]
+        if found and _is_table(found[0]):
+            return found[0]
     return None
+
+
+def _is_table(path: Path) -> bool:
+    """Whether a CSV is one of the tables rovid knows, which a time column would make a log."""
+    names = header(path)
+    timed = any(name.lower().startswith(("time", "t_s", "stamp")) for name in names)
+    return not timed and any(set(columns) <= set(names) for columns in (CURVE_COLUMNS, STEADY_COLUMNS, SINE_COLUMNS))
 
 
 def curve_text(command: FloatArray, thrust: FloatArray) -> str:

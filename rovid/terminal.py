@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from rich import box
@@ -20,8 +20,12 @@ from rovid.identify.steady import DragFit, SteadyPoint
 from rovid.model import UNITS
 from rovid.output import plus_minus
 from rovid.parameters import Parameters
+from rovid.runs import Runs
 from rovid.simulation import TrialSimulation, overall
+from rovid.study import Study
 from rovid.trial import Trial
+
+_Fit = TypeVar("_Fit", DragFit, InertiaFit)
 
 
 def _table(title: str, *columns: str, left: int = 1) -> Table:
@@ -40,6 +44,16 @@ def show_warnings(console: Console, warnings: Sequence[str]) -> None:
     """Print each warning as a paragraph of its own."""
     for text in warnings:
         console.print(f"[yellow]Note:[/yellow] {escape(text)}", highlight=False)
+
+
+def show_filter(console: Console, runs: Runs) -> None:
+    """Print the low pass and the noise that it leaves."""
+    heading, rate, acceleration = runs.noise()
+    console.print(
+        f"low pass {runs.cutoff:.3g} Hz, {'chosen from the data' if runs.chosen else 'as given'}; noise: heading "
+        f"{math.degrees(heading):.2g} deg, rate {rate:.2g} rad/s, acceleration {acceleration:.2g} rad/s²",
+        highlight=False,
+    )
 
 
 def show_parameters(console: Console, estimate: Estimate) -> None:
@@ -184,26 +198,33 @@ def show_bench(console: Console, fit: BenchFit, output: Path) -> None:
 
 def show_check(console: Console, rows: Sequence[tuple[Trial, Mapping[str, Any]]], problems: Mapping[str, str]) -> None:
     """Print what each log holds and what is wrong with it."""
-    table = _table("Logs", "log", "s", "samples", "Hz", "turned deg", "held", "sines", "remarks")
+    table = _table("Logs", "log", "s", "samples", "Hz", "noise deg", "turned deg", "held", "sines", "remarks")
     for trial, facts in rows:
         table.add_row(
             escape(trial.name),
             f"{trial.duration:.0f}",
             str(facts["samples"]),
             f"{1.0 / trial.period:.3g}",
+            f"{facts['heading_noise_deg']:.2g}",
             f"{facts['heading_travel_deg']:.0f}",
             str(facts["held_commands"]),
             str(facts["sine_runs"]),
             ", ".join(f"{remark.count} {remark.kind}" for remark in trial.remarks) or "none",
         )
     for name, problem in problems.items():
-        table.add_row(escape(name), "–", "–", "–", "–", "–", "–", f"[red]{escape(problem)}[/red]")
+        table.add_row(escape(name), *["–"] * 7, f"[red]{escape(problem)}[/red]")
     console.print(table)
     for trial, _ in rows:
         for remark in trial.remarks:
             console.print(f"{escape(trial.name)}: {escape(remark.text)}", highlight=False)
 
 
-def show_written(console: Console, parameters: Parameters) -> None:
-    """Say where the parameters went."""
+def show_fit(
+    console: Console, fit: _Fit, show: Callable[[Console, _Fit], None], study: Study, parameters: Parameters
+) -> None:
+    """Print a fit, how the signals were filtered, what was noticed, and where the parameters went."""
+    show(console, fit)
+    if study.runs is not None:
+        show_filter(console, study.runs)
+    show_warnings(console, [*study.remarks(), *fit.estimate.warnings])
     console.print(f"written to {escape(str(parameters.path))}", highlight=False)

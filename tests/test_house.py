@@ -27,6 +27,7 @@ HOUSE = [
     "identify",
     "output",
     "parameters",
+    "study",
     "documents",
     "check",
     "terminal",

@@ -94,7 +94,7 @@ def _context(evidence: Evidence, album: _Album) -> dict[str, Any]:
         "horizons": HORIZONS,
         "overall": overall(evidence.simulations) if evidence.simulations else None,
         "sources": stored.sources,
-        "cutoff": None if evidence.runs is None else evidence.runs.cutoff,
+        "runs": evidence.runs,
         "version": __version__,
         "pictures": _pictures(evidence, album),
         "trial_pictures": [_trial_picture(item, k, album) for k, item in enumerate(evidence.simulations, 1)],

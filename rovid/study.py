@@ -1,0 +1,97 @@
+"""What the user's LOGS hold, logs or tables, and what can be identified from them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rovid.config import find_config, load_config, vehicle_of_tables
+from rovid.errors import DataError
+from rovid.identify.estimate import Estimate
+from rovid.identify.inertia import InertiaFit, fit_inertia, fit_inertia_table
+from rovid.identify.steady import DragFit, fit_drag, points_from_table, steady_points
+from rovid.readers import read_campaign
+from rovid.runs import Runs, prepare
+from rovid.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_table
+from rovid.trial import Campaign
+from rovid.vehicle import Vehicle
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Study:
+    """Logs with their runs, or tables of results in their place.
+
+    Attributes
+    ----------
+    paths
+        As the user gave them.
+    campaign, runs
+        None where there are tables.
+    steady, sine
+        Tables of steady states and of sine trials; None where there are logs, or no such table.
+    """
+
+    paths: tuple[Path, ...]
+    vehicle: Vehicle
+    campaign: Campaign | None = None
+    runs: Runs | None = None
+    steady: Path | None = None
+    sine: Path | None = None
+
+    def remarks(self) -> list[str]:
+        """What was noticed in the logs, one text a log, so that nothing is dropped silently."""
+        if self.campaign is None or self.runs is None:
+            return []
+        logs = [
+            f"{trial.name}: {' '.join(remark.text for remark in trial.remarks)}"
+            for trial in self.campaign.trials
+            if trial.remarks
+        ]
+        return [*logs, *(remark.text for remark in (*self.campaign.remarks, *self.runs.remarks))]
+
+    def drag(self) -> DragFit:
+        """Drag from steady turns.
+
+        Raises
+        ------
+        DataError
+            There are none.
+        """
+        if self.runs is not None:
+            return fit_drag(steady_points(self.runs.items, self.vehicle))
+        if self.steady is None:
+            raise DataError(f"there is no table of steady states (columns {', '.join(STEADY_COLUMNS)}).")
+        return fit_drag(points_from_table(read_table(self.steady)))
+
+    def inertia(self, drag: Estimate | None) -> InertiaFit:
+        """Inertia from sine runs and all excited data, with the steady ``drag`` where it is known.
+
+        Raises
+        ------
+        DataError
+            There is nothing to read it from.
+        """
+        rigid_body = self.vehicle.rigid_body_inertia
+        if self.runs is not None:
+            return fit_inertia(self.runs.items, drag=drag, rigid_body=rigid_body)
+        if self.sine is None:
+            raise DataError(f"there is no table of sine trials (columns {', '.join(SINE_COLUMNS)}).")
+        return fit_inertia_table(read_table(self.sine), drag=drag, rigid_body=rigid_body)
+
+
+def open_study(paths: Sequence[Path], *, cutoff: float | None = None) -> Study:
+    """Read whatever ``paths`` hold.
+
+    Raises
+    ------
+    RovidError
+        The logs or rovid.toml cannot be read.
+    """
+    steady, sine = find_table(paths, STEADY_COLUMNS), find_table(paths, SINE_COLUMNS)
+    if steady is not None or sine is not None:
+        return Study(paths=tuple(paths), vehicle=vehicle_of_tables(paths), steady=steady, sine=sine)
+    config = load_config(find_config(paths))
+    campaign = read_campaign(paths, config)
+    runs = prepare(campaign, config.vehicle, cutoff=cutoff)
+    return Study(paths=tuple(paths), vehicle=config.vehicle, campaign=campaign, runs=runs)
