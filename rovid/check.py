@@ -13,8 +13,8 @@ import numpy as np
 from rovid.config import Config
 from rovid.documents import remark_document
 from rovid.errors import RovidError
-from rovid.readers import find_logs, read_log
 from rovid.rates import white_noise
+from rovid.readers import find_logs, read_log
 from rovid.segments import find_holds, find_sines
 from rovid.trial import Remark, Trial
 
