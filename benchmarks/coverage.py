@@ -12,13 +12,20 @@ from pathlib import Path
 import numpy as np
 
 from rovid.config import find_config, load_config
+from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import fit_inertia
+from rovid.identify.likelihood import fit_likelihood
 from rovid.identify.steady import fit_drag, steady_points
 from rovid.readers import read_campaign
 from rovid.runs import prepare
 from tools.trial_day import write_trial_day
 
-COLUMNS = ("DQ steady", "DL steady", "I orbit", "I balance", "I regression", "DQ regression", "DL regression")
+COLUMNS = (
+    *("DQ steady", "DL steady"),
+    *("I orbit", "I balance"),
+    *("I regression", "DQ regression", "DL regression"),
+    *("I likelihood", "DQ likelihood", "DL likelihood"),
+)
 
 
 def deviations(seed: int) -> list[float]:
@@ -30,18 +37,18 @@ def deviations(seed: int) -> list[float]:
     drag = fit_drag(steady_points(runs.items, config.vehicle)).estimate
     fit = fit_inertia(runs.items, drag=drag, rigid_body=config.vehicle.rigid_body_inertia)
     assert fit.regression is not None
-    regression = fit.regression.estimate
-    values = [
-        (drag.value("quadratic_drag"), drag.standard_error("quadratic_drag"), truth.quadratic_drag),
-        (drag.value("linear_drag"), drag.standard_error("linear_drag"), truth.linear_drag),
-        *(
-            (fit.methods[key].value, fit.methods[key].standard_error, truth.inertia)
-            for key in ("orbit_integral", "harmonic_balance", "regression")
-        ),
-        (regression.value("quadratic_drag"), regression.standard_error("quadratic_drag"), truth.quadratic_drag),
-        (regression.value("linear_drag"), regression.standard_error("linear_drag"), truth.linear_drag),
+    true = {"inertia": truth.inertia, "quadratic_drag": truth.quadratic_drag, "linear_drag": truth.linear_drag}
+    sines = [fit.methods[key] for key in ("orbit_integral", "harmonic_balance")]
+    return [
+        *normalised(drag, true),
+        *((reading.value - truth.inertia) / reading.standard_error for reading in sines),
+        *normalised(fit.regression.estimate, true),
+        *normalised(fit_likelihood(runs.items).estimate, true),
     ]
-    return [(value - true) / error for value, error, true in values]
+
+
+def normalised(estimate: Estimate, truth: dict[str, float]) -> list[float]:
+    return [(estimate.value(name) - truth[name]) / estimate.standard_error(name) for name in estimate.names]
 
 
 def table(rows: Sequence[Sequence[float]]) -> str:

@@ -153,6 +153,34 @@ def fit_inertia(
 
 
 @app.command()
+def fit(
+    logs: OptionalLogs = None,
+    *,
+    parameters: ParameterFile = DEFAULT_PARAMETERS,
+    cutoff: Cutoff = None,
+    json: Json = False,
+) -> None:
+    """All parameters at once by maximum likelihood, from every trial; right under feedback too.
+
+    Example: rovid fit
+    """
+    from rovid.documents import likelihood_document
+    from rovid.terminal import show_fit, show_likelihood
+
+    stored = _stored(parameters)
+    study = _open(logs or _remembered(stored), cutoff)
+    result = study.likelihood()
+    if logs:
+        stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
+    stored = stored.with_estimate(result.estimate)
+    stored.write()
+    if json:
+        _print_json(likelihood_document(result, study))
+    else:
+        show_fit(_console(), result, show_likelihood, study, stored)
+
+
+@app.command()
 def fit_thruster(
     bench: Annotated[Path, typer.Argument(metavar="BENCH.csv", help="Readings of command and thrust.")],
     *,

@@ -10,6 +10,7 @@ import numpy as np
 from rovid.identify.bench import BenchFit
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
+from rovid.identify.likelihood import LikelihoodFit
 from rovid.identify.sine import Inertia
 from rovid.identify.steady import DragFit, SteadyPoint
 from rovid.parameters import Parameters
@@ -111,6 +112,23 @@ def inertia_document(fit: InertiaFit, study: Study) -> Document:
             "standard_error": fit.estimate.standard_error("inertia"),
             "unit": "kg m^2",
         },
+    }
+
+
+def likelihood_document(fit: LikelihoodFit, study: Study) -> Document:
+    """What `rovid fit --json` prints."""
+    return _fit_document(fit.estimate, study) | {
+        "log_likelihood": fit.log_likelihood,
+        "disturbance": {
+            "value": fit.disturbance,
+            "unit": "N m",
+            "correlation_time": {"value": fit.correlation_time, "unit": "s"},
+            "limit_share_of_torque": fit.limit,
+            "at_limit": fit.at_limit,
+        },
+        "heading_noise_fitted": {"value": fit.heading_noise, "unit": "rad"},
+        "innovations_white": fit.white,
+        "free_run_r2": {"this_fit": fit.free_run_r2, "simulation_fit": fit.base_r2},
     }
 
 

@@ -67,6 +67,29 @@ def initial_rate(trial: Trial) -> float:
     return float(np.polynomial.polynomial.polyfit(time, heading - heading[0], 2 if len(time) > 5 else 1)[1])
 
 
+def body_angle(trial: Trial) -> FloatArray:
+    """(n,) rad, the integral of the body's yaw rate; the heading itself where no tilt is logged.
+
+    d(angle) = cos(phi) cos(theta) dpsi - sin(phi) dtheta (Fossen 2011, eq. 2.28 solved for r). NaN where the heading
+    was not measured.
+    """
+    if trial.roll is None or trial.pitch is None:
+        return trial.heading
+    known = trial.measured
+    roll, pitch = (_filled(trial, values)[known] for values in (trial.roll, trial.pitch))
+    level = np.cos(roll) * np.cos(pitch)
+    steps = 0.5 * (level[1:] + level[:-1]) * np.diff(trial.heading[known])
+    steps -= 0.5 * (np.sin(roll[1:]) + np.sin(roll[:-1])) * np.diff(pitch)
+    angle = np.full(len(trial.time), np.nan)
+    angle[known] = trial.heading[known][0] + np.concatenate(([0.0], np.cumsum(steps)))
+    return angle
+
+
+def _filled(trial: Trial, values: FloatArray) -> FloatArray:
+    finite = np.isfinite(values)
+    return np.interp(trial.time, trial.time[finite], values[finite]) if finite.any() else np.zeros(len(values))
+
+
 def _euler_heading(trial: Trial, rate: FloatArray) -> FloatArray:
     assert trial.roll is not None and trial.pitch is not None  # noqa: S101, PT018 - narrowed by the caller
     grid = uniform_grid(trial)

@@ -10,6 +10,7 @@ from rovid.config import find_config, load_config, vehicle_of_tables
 from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit, fit_inertia, fit_inertia_table
+from rovid.identify.likelihood import LikelihoodFit, fit_likelihood
 from rovid.identify.steady import DragFit, fit_drag, points_from_table, steady_points
 from rovid.readers import read_campaign
 from rovid.runs import Runs, prepare
@@ -78,6 +79,18 @@ class Study:
         if self.sine is None:
             raise DataError(f"there is no table of sine trials (columns {', '.join(SINE_COLUMNS)}).")
         return fit_inertia_table(read_table(self.sine), drag=drag, rigid_body=rigid_body)
+
+    def likelihood(self) -> LikelihoodFit:
+        """All parameters at once by maximum likelihood.
+
+        Raises
+        ------
+        DataError
+            There are no logs, or the vehicle was not excited enough.
+        """
+        if self.runs is None:
+            raise DataError("a table holds no time series to fit.", where=self.paths[0], mend="Give logs.")
+        return fit_likelihood(self.runs.items)
 
 
 def open_study(paths: Sequence[Path], *, cutoff: float | None = None) -> Study:

@@ -16,6 +16,7 @@ from rich.table import Table
 from rovid.identify.bench import BenchFit
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
+from rovid.identify.likelihood import LikelihoodFit
 from rovid.identify.steady import DragFit, SteadyPoint
 from rovid.model import UNITS
 from rovid.output import plus_minus
@@ -25,7 +26,7 @@ from rovid.simulation import TrialSimulation, overall
 from rovid.study import Study
 from rovid.trial import Trial
 
-_Fit = TypeVar("_Fit", DragFit, InertiaFit)
+_Fit = TypeVar("_Fit", DragFit, InertiaFit, LikelihoodFit)
 
 
 def _table(title: str, *columns: str, left: int = 1) -> Table:
@@ -140,6 +141,19 @@ def show_inertia(console: Console, fit: InertiaFit) -> None:
             f"added inertia (inertia less the rigid body's): {plus_minus(fit.added_inertia, error)} kg m²",
             highlight=False,
         )
+
+
+def show_likelihood(console: Console, fit: LikelihoodFit) -> None:
+    """Print what `rovid fit` found."""
+    show_parameters(console, fit.estimate)
+    console.print(
+        f"{fit.estimate.method}: log-likelihood {fit.log_likelihood:.1f} over {fit.estimate.samples} headings; "
+        f"innovations {'white' if fit.white else 'not white'}\n"
+        f"disturbance torque {fit.disturbance:.3g} N m with a memory of {fit.correlation_time:.2g} s; heading noise "
+        f"{math.degrees(fit.heading_noise):.2g} deg\n"
+        f"free-running yaw rate R² {fit.free_run_r2:.4f}; the fit that looks at nothing else reaches {fit.base_r2:.4f}",
+        highlight=False,
+    )
 
 
 def show_simulation(console: Console, simulations: Sequence[TrialSimulation]) -> None:

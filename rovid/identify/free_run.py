@@ -1,0 +1,58 @@
+"""Fit of the free-running yaw rate: what a user means by a good model, and a start that stays sane."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from rovid.identify.regression import fit_regression
+from rovid.model import Model
+from rovid.runs import Run
+from rovid.simulation import compare
+from rovid.trial import FloatArray
+
+
+def fit_free_run(runs: Sequence[Run]) -> Model:
+    """Least squares of measured less simulated yaw rate, both behind the same filter, within physical bounds.
+
+    Raises
+    ------
+    DataError
+        The vehicle was not excited enough to start from.
+    """
+    start = fit_regression(runs).estimate.values
+    # A drag at its bound still needs a scale to move by.
+    rate = max(float(np.sqrt(np.nanmean(np.concatenate([run.rates.yaw_rate for run in runs]) ** 2))), 1e-9)
+    drag = start[1] * rate + start[2]
+    scale = np.array([start[0], drag / rate, drag])
+
+    def misfit(x: FloatArray) -> FloatArray:
+        return _misfit(runs, _model(x * scale))
+
+    solution = least_squares(
+        misfit,
+        start / scale,
+        bounds=(np.array([0.05, 0.0, 0.0]), np.array([20.0, np.inf, np.inf])),
+        x_scale=np.maximum(start / scale, 0.1),
+    )
+    return _model(solution.x * scale)
+
+
+def free_run_r2(runs: Sequence[Run], model: Model) -> float:
+    """R^2 of yaw rate over all runs, each simulated freely from its first sample."""
+    measured = np.concatenate([run.rates.yaw_rate for run in runs])
+    return compare(measured, np.concatenate([_simulated(run, model) for run in runs])).r2
+
+
+def _model(values: FloatArray) -> Model:
+    return Model(inertia=float(values[0]), quadratic_drag=float(values[1]), linear_drag=float(values[2]))
+
+
+def _simulated(run: Run, model: Model) -> FloatArray:
+    return run.rates.smooth_samples(run.trial, model.simulate(run.trial, run.torque)[0])
+
+
+def _misfit(runs: Sequence[Run], model: Model) -> FloatArray:
+    return np.concatenate([np.nan_to_num(run.rates.yaw_rate - _simulated(run, model)) for run in runs])

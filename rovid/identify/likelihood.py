@@ -1,0 +1,263 @@
+"""Maximum likelihood of Kalman-filter innovations: all parameters from all trials at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+from scipy.optimize import Bounds, minimize
+
+from rovid.identify.estimate import Estimate
+from rovid.identify.free_run import fit_free_run, free_run_r2
+from rovid.model import Model, body_angle, initial_rate
+from rovid.runs import Run
+from rovid.trial import FloatArray
+
+NAMES = ("inertia", "quadratic_drag", "linear_drag")
+# Upper limits of the disturbance, as shares of the torque in use, from loose to tight. Without a limit the
+# disturbance explains whatever the model does not, and the parameters go where they like.
+LIMITS = (0.05, 0.02, 0.01, 0.005)
+# The free-running simulation may lose this much R^2 against the fit that looks at nothing else.
+_R2_LOSS = 0.01
+_RATE_ERROR = 0.2  # of the rate's root mean square: how well the first rate of a trial is known
+_ANGLE_NOISE_FLOOR = 1e-5  # rad; no heading is better, and one from an autopilot's filter would claim to be
+_BLOCK_SECONDS = 40.0
+_WHITE_LAGS = 20
+_WHITE_P = 1e-3
+_KURTOSIS = 1.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LikelihoodFit:
+    """Maximum-likelihood estimate and what it says of the disturbance.
+
+    Attributes
+    ----------
+    log_likelihood
+        Of the innovations of all trials.
+    disturbance, correlation_time
+        Standard deviation of the disturbance torque in N m and its memory in s.
+    heading_noise
+        Standard deviation of the white noise of the heading in rad.
+    limit
+        Share of the torque in use that the disturbance was allowed.
+    at_limit
+        Whether it would take more.
+    white
+        Whether the normalised innovations are white (Ljung-Box) and free of heavy tails.
+    free_run_r2, base_r2
+        R^2 of the free-running yaw rate with this model, and with the fit that looks at nothing else.
+    """
+
+    estimate: Estimate
+    log_likelihood: float
+    disturbance: float
+    correlation_time: float
+    heading_noise: float
+    limit: float
+    at_limit: bool
+    white: bool
+    free_run_r2: float
+    base_r2: float
+
+
+def fit_likelihood(runs: Sequence[Run]) -> LikelihoodFit:
+    """Estimate inertia, drag, disturbance and heading noise together by the prediction-error method.
+
+    The likelihood of the innovations of an extended Kalman filter (Ljung 1999, section 7.4; Schweppe 1965) with a
+    first-order Gauss-Markov disturbance torque is right under feedback, with gaps and at any sampling. It starts
+    from the free-running fit. The disturbance is limited; the limit is tightened until the free-running simulation
+    is as good as that of the fit that looks at nothing else.
+
+    Raises
+    ------
+    DataError
+        The vehicle was not excited enough.
+    """
+    base = fit_free_run(runs)
+    base_r2 = free_run_r2(runs, base)
+    best: tuple[_Problem, FloatArray, float] | None = None
+    for limit in LIMITS:
+        problem = _Problem(runs, base, limit)
+        x = problem.solve()
+        r2 = free_run_r2(runs, problem.model(x))
+        if best is None or r2 > best[2]:
+            best = problem, x, r2
+        if r2 >= base_r2 - _R2_LOSS:
+            break
+    assert best is not None  # noqa: S101 - there are limits
+    problem, x, r2 = best
+    return problem.result(x, r2=r2, base_r2=base_r2)
+
+
+class _Problem:
+    """The likelihood as a function of scaled, unconstrained-as-possible coordinates.
+
+    x = log I, DQ and DL over their scale, log of disturbance, correlation time and heading noise.
+    """
+
+    def __init__(self, runs: Sequence[Run], start: Model, limit: float) -> None:
+        self.runs = runs
+        self.limit = limit
+        self.angles = [body_angle(run.trial) for run in runs]
+        self.missing = [np.full(len(run.trial.time), np.nan) for run in runs]
+        rates = np.concatenate([run.rates.yaw_rate for run in runs])
+        self.rate = max(float(np.sqrt(np.nanmean(rates**2))), 1e-9)
+        drag = start.quadratic_drag * self.rate + start.linear_drag
+        self.scale = np.array([drag / self.rate, drag])
+        torque = np.concatenate([run.torque for run in runs])
+        self.torque = float(np.sqrt(np.mean(torque[torque != 0.0] ** 2)))
+        noise = max(float(np.median([run.rates.heading_noise for run in runs])), _ANGLE_NOISE_FLOOR)
+        top = math.log(limit * self.torque)
+        self.start = np.array(
+            [
+                math.log(start.inertia),
+                start.quadratic_drag / self.scale[0],
+                start.linear_drag / self.scale[1],
+                min(math.log(0.01 * self.torque), top - 0.1),
+                math.log(4.0),
+                math.log(noise),
+            ]
+        )
+        angle = (math.log(_ANGLE_NOISE_FLOOR), math.log(0.2))
+        self.bounds = (
+            np.array([self.start[0] - 2.5, 0.0, 0.0, top - 9.0, math.log(0.2), angle[0]]),
+            np.array([self.start[0] + 2.5, np.inf, np.inf, top, math.log(100.0), angle[1]]),
+        )
+
+    def solve(self) -> FloatArray:
+        solution = minimize(self.cost, self.start, method="L-BFGS-B", bounds=Bounds(*self.bounds))
+        return np.asarray(solution.x)
+
+    def model(self, x: FloatArray) -> Model:
+        return Model(
+            inertia=math.exp(x[0]),
+            quadratic_drag=float(x[1] * self.scale[0]),
+            linear_drag=float(x[2] * self.scale[1]),
+        )
+
+    def innovations(self, x: FloatArray) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+        """(time, innovation, variance) of each run, where the heading was measured; the first is the start."""
+        from rovid.kernels import innovations
+
+        model = self.model(x)
+        values = np.array([model.inertia, model.quadratic_drag, model.linear_drag])
+        noise = np.array([*np.exp(x[3:6]), 1.0])
+        out = []
+        for run, angle, missing in zip(self.runs, self.angles, self.missing, strict=True):
+            start = np.array([initial_rate(run.trial), _RATE_ERROR * self.rate])
+            error, variance = innovations(run.trial.time, run.torque, angle, missing, values, noise, start)
+            known = np.flatnonzero(np.isfinite(error[:, 0]))[1:]
+            out.append((run.trial.time[known], error[known, 0], variance[known, 0]))
+        return out
+
+    def cost(self, x: FloatArray) -> float:
+        total = 0.0
+        for _, error, variance in self.innovations(x):
+            total += 0.5 * float(np.sum(np.log(2.0 * np.pi * variance) + error**2 / variance))
+        return total if math.isfinite(total) else 1e12
+
+    def block_costs(self, x: FloatArray) -> FloatArray:
+        """Cost summed over blocks of time; what the scores' scatter is judged by."""
+        sums = []
+        for time, error, variance in self.innovations(x):
+            pieces = 0.5 * (np.log(2.0 * np.pi * variance) + error**2 / variance)
+            sums.append(np.bincount((time / _BLOCK_SECONDS).astype(np.intp), weights=pieces))
+        return np.concatenate(sums)
+
+    def covariance(self, x: FloatArray, *, sandwich: bool) -> FloatArray:
+        """(3, 3) of inertia and drags: inverse curvature, or the sandwich that allows for coloured innovations."""
+        free = [k for k in range(len(x)) if k not in {1, 2} or x[k] > 1e-9]
+        step = 1e-3
+        scores, curvature = [], np.zeros((len(free), len(free)))
+        centre = self.block_costs(x)
+        sides = {}
+        for i, k in enumerate(free):
+            for sign in (1, -1):
+                sides[i, sign] = self.block_costs(self._moved(x, {k: sign * step}))
+            scores.append((sides[i, 1] - sides[i, -1]) / (2.0 * step))
+            curvature[i, i] = float(np.sum(sides[i, 1] - 2.0 * centre + sides[i, -1])) / step**2
+        for i, k in enumerate(free):
+            for j in range(i):
+                both = self.block_costs(self._moved(x, {k: step, free[j]: step}))
+                mixed = float(np.sum(both - sides[i, 1] - sides[j, 1] + centre)) / step**2
+                curvature[i, j] = curvature[j, i] = mixed
+        inverse = np.linalg.pinv(curvature)
+        if sandwich:
+            matrix = np.stack(scores, axis=1)
+            matrix = matrix - matrix.mean(axis=0)
+            inverse = inverse @ (matrix.T @ matrix * len(matrix) / (len(matrix) - 1)) @ inverse
+        jacobian = {0: math.exp(x[0]), 1: self.scale[0], 2: self.scale[1]}
+        out = np.zeros((3, 3))
+        wanted = [(i, k) for i, k in enumerate(free) if k < 3]
+        for i, k in wanted:
+            for j, m in wanted:
+                out[k, m] = inverse[i, j] * jacobian[k] * jacobian[m]
+        return out
+
+    @staticmethod
+    def _moved(x: FloatArray, steps: dict[int, float]) -> FloatArray:
+        moved = x.copy()
+        for k, step in steps.items():
+            moved[k] += step
+        return moved
+
+    def result(self, x: FloatArray, *, r2: float, base_r2: float) -> LikelihoodFit:
+        model = self.model(x)
+        white = innovations_are_white([error / np.sqrt(variance) for _, error, variance in self.innovations(x)])
+        at_limit = x[3] > self.bounds[1][3] - 1e-3
+        samples = sum(int(run.trial.measured.sum()) for run in self.runs)
+        estimate = Estimate(
+            names=NAMES,
+            values=np.array([model.inertia, model.quadratic_drag, model.linear_drag]),
+            covariance=self.covariance(x, sandwich=not white),
+            method="maximum likelihood of Kalman-filter innovations",
+            samples=samples,
+            warnings=tuple(self._warnings(model, white=white, at_limit=bool(at_limit))),
+        )
+        return LikelihoodFit(
+            estimate=estimate,
+            log_likelihood=-self.cost(x),
+            disturbance=math.exp(x[3]),
+            correlation_time=math.exp(x[4]),
+            heading_noise=math.exp(x[5]),
+            limit=self.limit,
+            at_limit=bool(at_limit),
+            white=white,
+            free_run_r2=r2,
+            base_r2=base_r2,
+        )
+
+    def _warnings(self, model: Model, *, white: bool, at_limit: bool) -> list[str]:
+        texts = []
+        if at_limit:
+            texts.append(
+                f"The disturbance torque would exceed {100 * self.limit:.2g} % of the torque in use "
+                f"({self.limit * self.torque:.3g} N m): the base model misses something that these data show."
+            )
+        if not white:
+            texts.append(
+                "The innovations are not white: the standard errors come from the scatter between stretches of the "
+                "logs, not from the curvature of the likelihood."
+            )
+        texts += [f"{name} is held at zero, its lower bound." for name in NAMES[1:] if getattr(model, name) == 0.0]
+        return texts
+
+
+def innovations_are_white(series: Sequence[FloatArray]) -> bool:
+    """Whether normalised innovations are white (Ljung-Box over all trials) and without heavy tails.
+
+    Spikes leave innovations white, so that the kurtosis is looked at too.
+    """
+    count = sum(len(z) for z in series)
+    power = sum(float(z @ z) for z in series)
+    statistic = 0.0
+    for lag in range(1, _WHITE_LAGS + 1):
+        product = sum(float(z[lag:] @ z[:-lag]) for z in series if len(z) > lag)
+        statistic += (product / power) ** 2 / (count - lag)
+    p_value = float(special.gammaincc(_WHITE_LAGS / 2.0, count * (count + 2.0) * statistic / 2.0))
+    fourth = sum(float(np.sum(z**4)) for z in series) * count / power**2
+    return p_value > _WHITE_P and fourth - 3.0 < _KURTOSIS

@@ -1,0 +1,122 @@
+"""Maximum likelihood: the truth of an independent simulator, and sanity where the model is wrong."""
+
+from __future__ import annotations
+
+import secrets
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rovid.identify.likelihood import innovations_are_white
+from rovid.kernels import innovations, simulate
+from rovid.trial import FloatArray
+from tests.conftest import SAMPLES, Rovid
+from tools.trial_day import write_trial_day
+from tools.truth import ROSUB
+
+TRUTH = {
+    "inertia": ROSUB.dynamics.inertia,
+    "quadratic_drag": ROSUB.dynamics.quadratic_drag,
+    "linear_drag": ROSUB.dynamics.linear_drag,
+}
+
+
+@pytest.mark.parametrize("day", ["fixed", "fresh"])
+def test_everything_about_the_day_comes_back(day: str, tmp_path: Path, rovid: Rovid) -> None:
+    seed = 3 if day == "fixed" else secrets.randbelow(10**6)
+    print(f"seed {seed}")
+    write_trial_day(tmp_path / "day", seed=seed)
+    fit = rovid("fit", "day", "--json").document
+    for name, truth in TRUTH.items():
+        found = fit["parameters"][name]
+        # 3.5 standard errors: three numbers, passed by chance once in 700 days.
+        assert abs(found["value"] - truth) < 3.5 * found["standard_error"], name
+        assert found["standard_error"] < 0.04 * truth
+    assert fit["innovations_white"] is True
+    # 3300 s of a torque with a memory of 4 s: some 400 independent values, 7 % after the heading's noise.
+    assert fit["disturbance"]["value"] == pytest.approx(ROSUB.disturbance.standard_deviation, rel=0.25)
+    assert fit["disturbance"]["correlation_time"]["value"] == pytest.approx(4.0, rel=0.5)
+    assert fit["heading_noise_fitted"]["value"] == pytest.approx(np.deg2rad(0.01), rel=0.05)
+    assert fit["log_likelihood"] > 0
+    assert rovid("simulate", "--json").document["overall"]["yaw_rate_r2"] > 0.995
+
+
+def test_a_dive_under_autopilot_stays_physical_and_simulates(rovid: Rovid) -> None:
+    fit = rovid("fit", SAMPLES / "bluerov2_pier59", "--json").document
+    values = {name: found["value"] for name, found in fit["parameters"].items()}
+    assert values["inertia"] == pytest.approx(2.5, rel=0.25)
+    assert values["quadratic_drag"] >= 0.0
+    assert values["linear_drag"] >= 0.0
+    assert fit["innovations_white"] is False
+    assert fit["free_run_r2"]["this_fit"] >= fit["free_run_r2"]["simulation_fit"] - 0.01
+    assert any("not white" in text for text in fit["warnings"])
+
+
+def test_tables_have_no_likelihood(rovid: Rovid) -> None:
+    done = rovid("fit", SAMPLES / "rosub_paper")
+    assert done.code == 2
+    assert "no time series" in done.err
+
+
+@pytest.mark.parametrize("name", ["coloured", "spiky"])
+def test_what_is_not_white_is_seen(name: str) -> None:
+    rng = np.random.default_rng()
+    white = rng.normal(size=20_000)
+    series = {
+        "coloured": white[1:] + 0.1 * white[:-1],
+        "spiky": np.where(rng.random(20_000) < 0.005, 20.0, 1.0) * white,
+    }[name]
+    assert not innovations_are_white([series])
+
+
+def test_white_is_seldom_called_coloured() -> None:
+    rng = np.random.default_rng()
+    trials = rng.normal(size=(200, 25, 200))
+    # One in a thousand expected: more than three of 200 happens once in 15 000 runs.
+    assert sum(not innovations_are_white(list(series)) for series in trials) <= 3
+
+
+def random_run(count: int) -> tuple[FloatArray, FloatArray]:
+    """Irregular instants and a torque held between them."""
+    rng = np.random.default_rng()
+    return np.cumsum(rng.uniform(0.01, 0.4, count)), rng.normal(0.0, 100.0, count)
+
+
+def test_without_disturbance_innovations_are_the_output_error() -> None:
+    time, torque = random_run(400)
+    rate, angle = simulate(time, torque, 5057.0, 3532.0, 132.0, 0.02)
+    measured = angle + np.random.default_rng().normal(0.0, 1e-3, len(time))
+    measured[0] = 0.0
+    missing = np.full(len(time), np.nan)
+    error, variance = innovations(
+        time,
+        torque,
+        measured,
+        missing,
+        np.array([5057.0, 3532.0, 132.0]),
+        np.array([1e-6, 4.0, 1e-3, 1.0]),
+        np.array([0.02, 1e-9]),
+    )
+    # What the filter learns from the first heading alone, a few parts in a hundred of the noise, is left.
+    assert np.max(np.abs(error[1:, 0] - (measured - angle)[1:])) < 1.1e-3
+    assert variance[-1, 0] == pytest.approx(1e-6, rel=0.05)
+    assert np.isfinite(rate).all()
+
+
+def test_filter_variance_against_a_fine_grid() -> None:
+    # The same filter fed every instant and every hundredth part of it, where nothing is measured.
+    time, torque = random_run(200)
+    fine = np.unique(np.concatenate([np.linspace(a, b, 100, endpoint=False) for a, b in pairwise(time)] + [time[-1:]]))
+    at = np.searchsorted(fine, time)
+    held = torque[np.clip(np.searchsorted(time, fine, side="right") - 1, 0, len(time) - 1)]
+    _, angle = simulate(time, torque, 2.5, 1.5, 5.0, 0.0)
+    model, noise, start = np.array([2.5, 1.5, 5.0]), np.array([5.0, 1.0, 1e-3, 1.0]), np.array([0.0, 0.1])
+    sparse = np.full(len(fine), np.nan)
+    sparse[at] = angle
+    coarse, coarse_variance = innovations(time, torque, angle, np.full(len(time), np.nan), model, noise, start)
+    exact, exact_variance = innovations(fine, held, sparse, np.full(len(fine), np.nan), model, noise, start)
+    # Sub-steps of a twentieth of the shortest time constant leave the second-order transition a few percent off.
+    assert coarse_variance[1:, 0] == pytest.approx(exact_variance[at, 0][1:], rel=0.05)
+    assert coarse[1:, 0] == pytest.approx(exact[at, 0][1:], abs=0.05 * float(np.sqrt(exact_variance[at, 0].max())))
