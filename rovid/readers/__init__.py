@@ -7,7 +7,7 @@ base are the same for all (`rovid.readers.timebase`).
 
 from __future__ import annotations
 
-from rovid.readers.campaign import read_campaign
+from rovid.readers.campaign import find_logs, read_campaign
 from rovid.readers.formats import READERS, read_log
 
-__all__ = ["READERS", "read_campaign", "read_log"]
+__all__ = ["READERS", "find_logs", "read_campaign", "read_log"]

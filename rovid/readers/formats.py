@@ -64,7 +64,7 @@ def read_log(path: Path, config: Config, name: str | None = None) -> Trial:
             where=path,
             mend="Convert the log or name it by its format.",
         )
-    from rovid.readers.timebase import build  # noqa: PLC0415  pulls in numerics only when a log is read
+    from rovid.readers.timebase import build
 
     try:
         raw = form.read(path, config)

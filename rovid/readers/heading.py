@@ -37,8 +37,8 @@ _FROZEN_SAMPLES, _FROZEN_SECONDS, _FROZEN_RATIO = 10, 1.0, 4.0
 # With a jump of this size at both ends (or at the start of the log), shorter stretches count too.
 _STUCK_SAMPLES, _STUCK_JUMP = 4, 20.0 * _DEG
 
-# Held repeats: between steps of two quanta or more each row of a true measurement differs.
-_FEWEST_RUNS = 20
+# Held repeats: between steps that are not one quantum of the log, each row of a true measurement differs.
+_FEWEST_RUNS, _SAME_STEP = 20, 1.02
 
 # Rates at the ends of a gap are taken over this time.
 _RATE_SECONDS = 1.0
@@ -95,10 +95,18 @@ class _Path:
         return _JERK * typical(np.diff(self.time[:10_000])) ** 2
 
     @cached_property
-    def quantum(self) -> float:
-        """Smallest step in rad: the resolution of the log."""
+    def least(self) -> float:
+        """Smallest step in rad: the resolution of the log, or the step of a steady noise-free turn."""
         sizes = np.abs(self.short)
         return float(sizes[sizes > 1e-9].min(initial=np.pi))
+
+    @cached_property
+    def flicker(self) -> float:
+        """Resolution in rad of a log that flickers between neighbouring values; 0 for a finer one."""
+        steps = self.short[np.abs(self.short) > 1e-9]
+        smallest = steps[np.abs(steps) <= _SAME_STEP * self.least]
+        both_ways = smallest.size > 0.3 * steps.size and smallest.min() < 0.0 < smallest.max()
+        return self.least if both_ways else 0.0
 
     def without(self, bad: BoolArray) -> _Path:
         return _Path(self.time[~bad], self.angle[~bad])
@@ -112,11 +120,11 @@ def clean(time: FloatArray, angle: FloatArray) -> Cleaned:
     time
         (n,) s, strictly increasing.
     angle
-        (n,) rad, wrapped in whatever way or not at all; NaN or infinite where missing.
+        (n,) rad, finite, wrapped in whatever way or not at all.
     """
     remarks: list[Remark] = []
-    good = _finite(angle, remarks)
-    path = _Path(time, angle) if good is None else _Path(time[good], angle[good])
+    good: IntArray | None = None
+    path = _Path(time, angle)
     for find, kind, text in _TESTS:
         bad = find(path)
         if bad is None:
@@ -133,16 +141,6 @@ def clean(time: FloatArray, angle: FloatArray) -> Cleaned:
     return Cleaned(heading=heading, remarks=tuple(remarks))
 
 
-def _finite(angle: FloatArray, remarks: list[Remark]) -> IntArray | None:
-    if np.isfinite(angle.sum()):  # one pass; a NaN or an infinity spoils any sum
-        return None
-    rows = np.flatnonzero(np.isfinite(angle))
-    if count := len(angle) - len(rows):
-        text = f"The heading is missing in {count} samples."
-        remarks.append(Remark(kind="missing", count=count, text=text))
-    return rows
-
-
 def _repeats(path: _Path) -> BoolArray | None:
     """Rows that hold an older reading because the logger is faster than the sensor."""
     steps, count = path.steps, len(path.angle)
@@ -151,7 +149,7 @@ def _repeats(path: _Path) -> BoolArray | None:
     edges = np.flatnonzero(steps) + 1
     if len(edges) <= _FEWEST_RUNS:
         return None
-    fast = np.abs(path.short[edges - 1]) >= 1.99 * path.quantum
+    fast = np.abs(path.short[edges - 1]) > _SAME_STEP * path.least  # not one quantum, which rest can make
     runs = np.diff(edges)[fast[:-1] & fast[1:]]
     held = round(float(np.median(runs))) if len(runs) >= _FEWEST_RUNS else 1
     if held < 2:
@@ -187,9 +185,10 @@ def _spikes_once(path: _Path) -> BoolArray | None:
     limit = _spike_limit(path, bend)
     if bend.max() <= limit and bend.min() >= -limit:
         return None
+    limit = max(limit, 2.5 * path.flicker)
     bad = np.zeros(count, dtype=bool)
     starts = np.flatnonzero((bend > limit) | (bend < -limit)) + 2
-    for length in range(1, _LONGEST_SPIKE + 1):
+    for length in range(_LONGEST_SPIKE, 0, -1):  # or the good samples between two long spikes would pass for one
         inside = starts[starts + length + 1 < count]
         for first in inside[_leaves_path(path, inside, length, limit)].tolist():
             _mark(bad, path, first, length, limit)
@@ -210,7 +209,9 @@ def _leaves_path(path: _Path, first: IntArray, length: int, limit: float) -> Boo
     span = time[after] - time[before]
     slope = wrap(angle[after] - angle[before]) / span
     # Where the slopes on both sides disagree with the bridge, the vehicle itself was changing its rate.
-    bent = np.maximum(_bent(path, slope, before, -1), _bent(path, slope, after, 1))
+    left = wrap(angle[before] - angle[before - 1]) / (time[before] - time[before - 1])
+    right = wrap(angle[after + 1] - angle[after]) / (time[after + 1] - time[after])
+    bent = np.maximum(np.abs(left - slope), np.abs(right - slope))
     off = np.stack(
         [
             np.abs(wrap(angle[first + k] - angle[before] - slope * (time[first + k] - time[before])))
@@ -220,13 +221,6 @@ def _leaves_path(path: _Path, first: IntArray, length: int, limit: float) -> Boo
     edge = np.minimum(off[0], off[-1])
     steep = (edge >= _EDGE_SHARE * off.max(axis=0)) | (edge > _SURE_EDGE)
     return np.asarray((edge > limit + bent * span) & steep)
-
-
-def _bent(path: _Path, slope: FloatArray, at: IntArray, way: int) -> FloatArray:
-    """(m,) rad/s between the bridge and the path that leaves ``at``; the next but one in case of a spike."""
-    near = [np.clip(at + way * k, 0, len(path.angle) - 1) for k in (1, 2)]
-    rates = [wrap(path.angle[k] - path.angle[at]) / (path.time[k] - path.time[at]) for k in near]
-    return np.minimum(*(np.abs(rate - slope) for rate in rates))
 
 
 def _mark(bad: BoolArray, path: _Path, first: int, length: int, limit: float) -> None:
@@ -277,7 +271,7 @@ def _still_runs(path: _Path, moves: IntArray) -> Iterator[tuple[int, int]]:
     """(first, last) index of each run of identical values that a jump ends; not one that ends the log."""
     starts = np.concatenate(([0], moves + 1))[: len(moves)]
     lengths = moves - starts + 1
-    jump = np.abs(path.short[moves]) > max(_LEAST_SPIKE, path.jerk, 3.0 * path.quantum)
+    jump = np.abs(path.short[moves]) > max(_LEAST_SPIKE, path.jerk, 3.0 * path.least)
     chosen = jump & ((lengths >= _STUCK_SAMPLES) | ((starts == 0) & (lengths > 1)))
     return zip(starts[chosen].tolist(), moves[chosen].tolist(), strict=True)
 

@@ -31,7 +31,7 @@ def unit_of(name: str, magnitude: float, declared: str) -> str:
     return "s"
 
 
-def seconds(values: NDArray[Any], name: str, declared: str) -> FloatArray:
+def seconds(values: NDArray[Any], name: str, declared: str, origin: int | None = None) -> FloatArray:
     """(n,) s of (n,) numbers; integers lose their start before they become floats, so no digit is lost.
 
     Parameters
@@ -42,12 +42,15 @@ def seconds(values: NDArray[Any], name: str, declared: str) -> FloatArray:
         The column or field.
     declared
         Unit of rovid.toml: auto, s, ms, us or ns.
+    origin
+        What to take off integers; the first of them by default.
     """
     if not values.size:
         return values.astype(np.float64)
     few = np.abs(values[:: len(values) // 1000 + 1].astype(np.float64))
-    few = few[np.isfinite(few)]
+    few = few[few < 1e30]  # without what is no time at all
     scale = _SCALE[unit_of(name, float(np.median(few)) if few.size else 0.0, declared)]
+    since: FloatArray = values
     if values.dtype.kind == "i":
-        return (values - values[0]) * scale
-    return values if scale == 1.0 else values * scale
+        since = (values - (values[0] if origin is None else origin)).astype(np.float64)
+    return since if scale == 1.0 else since * scale

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rovid.errors import LogError
+from rovid.readers.raw import sensible
 from rovid.trial import FloatArray, Remark
 
 # Recorders write messages a little out of order; more than this is a clock that was set back.
@@ -17,6 +18,8 @@ _MOST_BACKWARD = 0.05
 _MOST_DUPLICATE = 0.5
 # A clock that is set while recording (GPS fix, NTP) jumps by far more than the log lasts.
 _LEAP, _LEAP_RATIO = 3600.0, 10.0
+# Stamps closer than this are one; runs longer than this (35 days) are none: floats keep ticks apart until then.
+_TICK, _LONGEST = 1e-9, 3e6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,11 +60,14 @@ def order(
     LogError
         More than 5 % of the samples run backwards, most stamps repeat, or the clock leaps.
     """
-    if time.size < 2 or bool(np.diff(time).min() > 0):  # a NaN makes this false
-        remarks: list[Remark] = []
-    else:
+    remarks: list[Remark] = []
+    with np.errstate(over="ignore", invalid="ignore"):  # of what is no time at all
+        steps = np.diff(time)
+    # A NaN makes the first false; between sensible ends, increasing values are sensible.
+    if not bool(steps.min(initial=np.inf) > _TICK) or not sensible(time[:1]).all() or not sensible(time[-1:]).all():
         time, values, remarks = _mend(time, values, clock, place, sortable=sortable, where=where)
-    _refuse_leap(time, clock, where)
+        steps = np.diff(time)
+    _refuse_leap(time, steps, clock, where)
     return Ordered(time=time, values=values, remarks=tuple(remarks))
 
 
@@ -75,7 +81,7 @@ def _mend(
     where: str,
 ) -> tuple[FloatArray, Mapping[str, FloatArray], list[Remark]]:
     remarks: list[Remark] = []
-    rows = np.flatnonzero(np.isfinite(time))
+    rows = np.flatnonzero(sensible(time))
     if lost := len(time) - len(rows):
         remarks.append(_remark("missing", lost, f"{clock} is missing in {lost} samples; they were left out."))
     if sortable:
@@ -133,11 +139,11 @@ def _merge(
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
     """One row a stamp; each signal's first value there that is not missing."""
     stamps = time[rows]
-    fresh = np.diff(stamps, prepend=-np.inf) > 0
+    fresh = np.concatenate(([True], np.diff(stamps) > _TICK))[: len(stamps)]
     group = np.cumsum(fresh) - 1
     merged = {}
     for name, column in values.items():
-        known = np.flatnonzero(np.isfinite(column[rows]))[::-1]
+        known = np.flatnonzero(sensible(column[rows]))[::-1]
         merged[name] = np.full(int(fresh.sum()), np.nan)
         merged[name][group[known]] = column[rows[known]]  # backwards: the first of a group is written last
     return stamps[fresh], merged
@@ -152,13 +158,10 @@ def _refuse_coarse(doubled: int, total: int, clock: str, where: str) -> None:
         )
 
 
-def _refuse_leap(time: FloatArray, clock: str, where: str) -> None:
-    if time.size < 2:
-        return
-    whole = float(time[-1] - time[0])
+def _refuse_leap(time: FloatArray, steps: FloatArray, clock: str, where: str) -> None:
+    whole = float(time[-1] - time[0]) if time.size else 0.0
     if whole <= _LEAP:
         return
-    steps = np.diff(time)
     at = int(np.argmax(steps))
     if steps[at] > max(_LEAP, _LEAP_RATIO * (whole - steps[at])):
         raise LogError(
@@ -166,4 +169,10 @@ def _refuse_leap(time: FloatArray, clock: str, where: str) -> None:
             f"{whole - steps[at]:.6g} s.",
             where=where,
             mend="Cut the log where its clock was set.",
+        )
+    if whole > _LONGEST:
+        raise LogError(
+            f"{clock} runs over {whole / 86400.0:.4g} days; a run of at most {_LONGEST / 86400.0:.0f} was expected.",
+            where=where,
+            mend="Check the unit of time in rovid.toml, or cut the log.",
         )

@@ -7,10 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rovid.config import Config, Signal
 from rovid.errors import ConfigError
 from rovid.trial import FloatArray, Remark
+
+# No time in s, angle or command is this large; a damaged log is.
+_ABSURD = 1e15
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,6 +83,11 @@ def mapped(config: Config, kind: str, path: Path) -> dict[str, Signal]:
                 mend=f'Add {kind} = "…" beside its other sources, or leave this log out.',
             )
     return wanted
+
+
+def sensible(values: FloatArray) -> NDArray[np.bool_]:
+    """(n,) where a number was measured: neither missing, nor infinite, nor beyond all units."""
+    return np.abs(values) < _ABSURD
 
 
 def typical(values: FloatArray) -> float:

@@ -16,17 +16,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rovid.config import Config, Signal
 from rovid.errors import LogError
 from rovid.readers.heading import clean, gap_limit
 from rovid.readers.ordering import order
-from rovid.readers.raw import Channel, RawLog, typical
-from rovid.readers.units import refuse_wrong_gyro, refuse_wrong_heading
+from rovid.readers.raw import Channel, RawLog, sensible, typical
+from rovid.readers.units import refuse_wrong_heading, told_by_gyro
 from rovid.trial import FloatArray, Remark, Trial
-
-IntArray = NDArray[np.intp]
 
 _CONTINUOUS = ("yaw_rate", "roll", "pitch")
 _ANGLES = ("roll", "pitch")
@@ -47,7 +44,7 @@ class _Series:
 
     def known(self) -> _Series:
         """Without what is missing."""
-        good = np.isfinite(self.values)
+        good = sensible(self.values)
         return self if good.all() else _Series(time=self.time[good], values=self.values[good])
 
 
@@ -77,26 +74,19 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
     work = _Builder(raw=raw, config=config, name=name, remarks=list(raw.remarks))
     series = _ordered(work)
     heading = _heading(work, series["heading"])
-    commands = [_command(work, signal, series[signal.name]) for signal in config.commands]
+    commands = [_command(work, signal.name, series[signal.name]) for signal in config.commands]
     base = _base(work, heading, commands)
-    start = base[0] if base.size else 0.0
-    continuous = {
-        key: _interpolated(work, key, series[key], base) for key in _CONTINUOUS if key in series
-    }
-    extras = {
-        key: _held(_filled(value), base)
-        for key, value in series.items()
-        if key in config.signals and key not in ("heading", *_CONTINUOUS)
-    }
     psi = _exactly(heading, base)
+    continuous = {key: _interpolated(work, key, series[key], base) for key in _CONTINUOUS if key in series}
     _check_units(work, base, psi, continuous.get("yaw_rate"))
+    plain = [key for key in series if key in config.signals and key not in ("heading", *_CONTINUOUS)]
     return Trial(
         name=name,
         path=path,
-        time=base - start,
+        time=base - base[0],
         heading=psi,
         commands=np.column_stack([_held(command, base) for command in commands]),
-        extras=extras,
+        extras={key: _held(series[key].known(), base) for key in plain},
         remarks=tuple(work.remarks),
         **continuous,
     )
@@ -104,12 +94,11 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
 
 def _ordered(work: _Builder) -> dict[str, _Series]:
     """Every signal in order of time, in SI; each clock is put in order once."""
-    clocks: dict[int, list[str]] = {}
+    clocks: dict[int, dict[str, Channel]] = {}
     for name, channel in work.raw.channels.items():
-        clocks.setdefault(id(channel.time), []).append(name)
-    series = {}
-    for names in clocks.values():
-        channels = {name: work.raw.channels[name] for name in names}
+        clocks.setdefault(id(channel.time), {})[name] = channel
+    series: dict[str, _Series] = {}
+    for channels in clocks.values():
         series.update(_one_clock(work, channels))
     return series
 
@@ -134,3 +123,143 @@ def _one_clock(work: _Builder, channels: Mapping[str, Channel]) -> dict[str, _Se
 def _scaled(values: FloatArray, channel: Channel, signal: Signal) -> FloatArray:
     factor = float(np.sign(signal.factor)) if channel.radians else signal.factor
     return values if factor == 1.0 else values * factor
+
+
+def _heading(work: _Builder, logged: _Series) -> _Series:
+    """Measured heading, unwrapped; NaN where it is none."""
+    source = work.raw.channels["heading"].source
+    known = logged.known()
+    if len(known.values) < _FEWEST_HEADINGS:
+        raise LogError(
+            f"{source} holds {len(known.values)} headings; at least {_FEWEST_HEADINGS} were expected.",
+            where=work.name,
+            mend="Leave this log out, or map the column or topic that holds the heading.",
+        )
+    if known.values.min() == known.values.max():
+        raise LogError(
+            f"{source} never changes: the sensor was frozen, or this is not the heading.",
+            where=work.name,
+            mend="Map the column or topic that holds the heading, or leave this log out.",
+        )
+    cleaned = clean(known.time, known.values)
+    _say_missing(work, "heading", len(logged.values) - len(known.values))
+    work.remarks.extend(cleaned.remarks)
+    _check_interval(work, known.time)
+    return _Series(time=known.time, values=cleaned.heading)
+
+
+def _say_missing(work: _Builder, name: str, count: int, then: str = "") -> None:
+    if count:
+        source = work.raw.channels[name].source
+        work.remark("missing", count, f"{source} ({name}) is missing in {count} samples{then}.")
+
+
+def _check_interval(work: _Builder, time: FloatArray) -> None:
+    interval = typical(np.diff(time))
+    if _FASTEST <= interval <= _SLOWEST or (interval > _SLOWEST and work.config.time.unit != "auto"):
+        return
+    raise LogError(
+        f"successive headings are {interval:.4g} s apart if the unit of {work.raw.channels['heading'].clock} "
+        "is taken right; somewhere between a millisecond and some seconds was expected.",
+        where=work.name,
+        mend='Set unit = "s", "ms", "us" or "ns" in [signals] time.',
+    )
+
+
+def _command(work: _Builder, name: str, logged: _Series) -> _Series:
+    """The command where it is known."""
+    known = logged.known()
+    if not known.values.size:
+        raise LogError(
+            f"{work.raw.channels[name].source} ({name}) holds no number.",
+            where=work.name,
+            mend="Map the column or topic that holds the command, or leave this log out.",
+        )
+    _say_missing(work, name, len(logged.values) - len(known.values), "; the value before was held")
+    return known
+
+
+def _base(work: _Builder, heading: _Series, commands: list[_Series]) -> FloatArray:
+    """(n,) s: headings measured while every command is known, and changes of a command among them."""
+    measured = heading.known().time
+    known = max(command.time[0] for command in commands)
+    kept: FloatArray = measured if known <= measured[0] else measured[measured >= known]
+    if len(kept) < _FEWEST_HEADINGS:
+        raise LogError(
+            f"{len(kept)} headings are measured after every command is known (from {known - measured[0]:.1f} s "
+            f"behind the first heading on); at least {_FEWEST_HEADINGS} were expected.",
+            where=work.name,
+            mend="Leave this log out, or check that its topics or columns are mapped right.",
+        )
+    if (late := kept[0] - measured[0]) > _LATE_START:
+        count = len(measured) - len(kept)
+        work.remark("start", count, f"The first {late:.1f} s were left out: a command was not known yet.")
+    for signal, command in zip(work.config.commands, commands, strict=True):
+        _say_stale(work, signal.name, command.time, float(kept[-1]))
+    whole = measured is heading.time
+    changes = [_changes(command, kept) for command in commands if not (whole and command.time is heading.time)]
+    if not any(change.size for change in changes):
+        return kept
+    base: FloatArray = np.unique(np.concatenate([kept, *changes]))
+    distinct: FloatArray = base[np.diff(base - base[0], prepend=-1.0) > 0.0]  # to what a float can hold
+    return distinct
+
+
+def _changes(command: _Series, kept: FloatArray) -> FloatArray:
+    """Instants within ``kept`` at which the command changed."""
+    times: FloatArray = command.time[1:][np.diff(command.values) != 0.0]
+    inside: FloatArray = times[(times > kept[0]) & (times < kept[-1])]
+    return inside
+
+
+def _say_stale(work: _Builder, name: str, time: FloatArray, end: float) -> None:
+    silent = end - time[-1]
+    if silent <= _STALE_SECONDS or len(time) < _FEWEST_HEADINGS:
+        return
+    usual, most = np.percentile(np.diff(time), (50, 90))
+    if silent > _STALE_INTERVALS * usual and most <= _REGULAR * usual:
+        source = work.raw.channels[name].source
+        text = f"{source} ({name}) stops {silent:.1f} s before the heading; its last value was held."
+        work.remark("stale", 1, text)
+
+
+def _held(series: _Series, base: FloatArray) -> FloatArray:
+    """(n,) last value at or before each instant; NaN before the first."""
+    if series.time is base:
+        return series.values
+    if not series.values.size:
+        return np.full(len(base), np.nan)
+    at = np.searchsorted(series.time, base, side="right") - 1
+    return np.where(at < 0, np.nan, series.values[at])
+
+
+def _exactly(series: _Series, base: FloatArray) -> FloatArray:
+    """(n,) the value measured at each instant; NaN where there is none."""
+    if series.time is base:
+        return series.values
+    at = np.minimum(np.searchsorted(series.time, base), len(series.time) - 1)
+    return np.where(series.time[at] == base, series.values[at], np.nan)
+
+
+def _interpolated(work: _Builder, name: str, logged: _Series, base: FloatArray) -> FloatArray | None:
+    """(n,) linear between neighbours no farther apart than a gap, NaN elsewhere; None if nothing is known."""
+    series = logged.known()
+    _say_missing(work, name, len(logged.values) - len(series.values))
+    if series.time is base or not series.values.size:
+        return series.values if series.values.size else None
+    values = np.unwrap(series.values) if name in _ANGLES else series.values
+    after = np.minimum(np.searchsorted(series.time, base), len(series.time) - 1)
+    before = np.maximum(after - 1, 0)
+    exact = series.time[after] == base
+    inside = (series.time[before] <= base) & (base <= series.time[after])
+    near = series.time[after] - series.time[before] <= gap_limit(np.diff(series.time))
+    return np.where(exact | (inside & near), np.interp(base, series.time, values), np.nan)
+
+
+def _check_units(work: _Builder, base: FloatArray, psi: FloatArray, yaw_rate: FloatArray | None) -> None:
+    heading = work.config.signals["heading"]
+    if yaw_rate is not None and told_by_gyro(
+        base, psi, yaw_rate, (heading, work.config.signals["yaw_rate"]), work.name
+    ):
+        return
+    refuse_wrong_heading(work.raw.channels["heading"], heading, psi, work.name)

@@ -8,30 +8,30 @@ import numpy as np
 
 from rovid.config import Signal
 from rovid.errors import LogError
-from rovid.readers.raw import Channel
+from rovid.readers.raw import Channel, sensible
 from rovid.trial import FloatArray
 
 _DEGREES = 180.0 / math.pi
 _TURN_RAD, _TURN_DEG = 2.0 * math.pi, 360.0
 # More than a half turn in radians, but only three and a half degrees.
 _SPAN = 3.5
-# Radians are logged finer than this; degrees often are not.
-_COARSE = 0.0099
+# Radians are logged finer than to two decimals (half a degree); degrees often are not.
+_COARSE = 0.01
 # No underwater vehicle keeps turning this fast (rad/s).
 _TOO_FAST = 6.0
 _FEWEST_WINDOWS, _WINDOW = 50, 0.5
 _ALIKE = 0.8
 
 
-def refuse_wrong_heading(channel: Channel, signal: Signal, time: FloatArray, where: str) -> None:
-    """Look at the range and the jumps of a heading as logged.
+def refuse_wrong_heading(channel: Channel, signal: Signal, heading: FloatArray, where: str) -> None:
+    """Look at the range and the jumps of a heading.
 
     Parameters
     ----------
     channel
-        The heading; one made from a quaternion is in radians for sure.
-    time
-        (n,) s of its samples as logged.
+        The heading as logged; one made from a quaternion is in radians for sure.
+    heading
+        (n,) rad, cleaned, as if declared right; NaN where not measured.
 
     Raises
     ------
@@ -40,34 +40,38 @@ def refuse_wrong_heading(channel: Channel, signal: Signal, time: FloatArray, whe
     """
     if channel.radians:
         return
-    low, high = float(np.nanmin(channel.values)), float(np.nanmax(channel.values))
-    if signal.unit == "deg" and max(-low, high) <= _TURN_RAD + 0.01:
-        found = _looks_like_radians(channel.values[np.isfinite(channel.values)], low, high)
-    elif signal.unit == "rad" and max(-low, high) > 2.0 * _TURN_RAD and low >= -181.0 and high <= 361.0:
-        found = _looks_like_degrees(channel.values, time)
+    found = ""
+    if signal.unit == "deg":
+        low, high = (float(end * _DEGREES) for end in (np.fmin.reduce(heading), np.fmax.reduce(heading)))
+        if max(-low, high) <= _TURN_RAD + 0.01:
+            found = _looks_like_radians(heading[np.isfinite(heading)] * _DEGREES, low, high)
     else:
-        return
+        good = sensible(channel.time) & sensible(channel.values)
+        found = _looks_like_degrees(channel.time[good], channel.values[good])
     if found:
         raise _wrong_unit(channel, signal, found, where)
 
 
 def _looks_like_radians(values: FloatArray, low: float, high: float) -> str:
     steps = np.abs(np.diff(values))
-    if steps.size and np.any(np.abs(steps - _TURN_RAD) < 0.5):
+    if np.any((np.abs(steps - _TURN_RAD) < 0.5) & (steps > 10.0 * np.median(steps))):
         return f"it jumps by {_TURN_RAD:.4g}, a whole turn in radians"
-    quantum = steps[steps > 1e-9].min(initial=np.inf)
-    if high - low > _SPAN and quantum < _COARSE:
+    rounded = bool(np.all(np.abs(values / _COARSE - np.rint(values / _COARSE)) < 1e-6))
+    if high - low > _SPAN and not rounded:
         return f"all its values lie between {low:.4g} and {high:.4g}"
     return ""
 
 
-def _looks_like_degrees(values: FloatArray, time: FloatArray) -> str:
+def _looks_like_degrees(time: FloatArray, values: FloatArray) -> str:
+    low, high = float(values.min()), float(values.max())
+    if max(-low, high) <= 2.0 * _TURN_RAD or low < -181.0 or high > 361.0:
+        return ""
     steps = np.diff(values)
     if np.any(np.abs(np.abs(steps) - _TURN_DEG) < 40.0):
         return "it jumps by 360, a whole turn in degrees"
-    with np.errstate(divide="ignore", invalid="ignore"):  # time is not in order yet
-        rates = np.abs(steps / np.diff(time))
-    fast = float(np.nanpercentile(rates, 95)) if np.isfinite(rates).any() else 0.0
+    seconds = np.diff(time)
+    rates = np.abs(steps[seconds > 0] / seconds[seconds > 0])
+    fast = float(np.percentile(rates, 95)) if rates.size else 0.0
     return f"in radians it would turn at {fast:.3g} rad/s" if fast > _TOO_FAST else ""
 
 
@@ -81,10 +85,10 @@ def _wrong_unit(channel: Channel, signal: Signal, found: str, where: str) -> Log
     )
 
 
-def refuse_wrong_gyro(
+def told_by_gyro(
     time: FloatArray, heading: FloatArray, yaw_rate: FloatArray, signals: tuple[Signal, Signal], where: str
-) -> None:
-    """Compare the logged yaw rate with the change of heading.
+) -> bool:
+    """Whether the logged yaw rate confirms the unit of the heading.
 
     Parameters
     ----------
@@ -96,11 +100,11 @@ def refuse_wrong_gyro(
     Raises
     ------
     LogError
-        One of them is in another unit or sense than declared.
+        One of the two is in another unit or sense than declared.
     """
     compared = _compare(time, heading, yaw_rate)
     if compared is None:
-        return
+        return False
     ratio, alike = compared
     if alike < 0:
         raise LogError(
@@ -108,8 +112,9 @@ def refuse_wrong_gyro(
             where=where,
             mend="Set sign = -1 in [signals] yaw_rate, or in heading if that is the one turned round.",
         )
-    if max(ratio, 1.0 / ratio) > _DEGREES / 1.6 and max(ratio, 1.0 / ratio) < _DEGREES * 1.6:
+    if _DEGREES / 1.6 < max(ratio, 1.0 / ratio) < _DEGREES * 1.6:
         raise _wrong_rate(ratio, heading, signals, where)
+    return 0.5 < ratio < 2.0
 
 
 def _compare(time: FloatArray, heading: FloatArray, yaw_rate: FloatArray) -> tuple[float, float] | None:
@@ -139,9 +144,7 @@ def _ratio(rate: FloatArray, gyro: FloatArray) -> tuple[float, float] | None:
     return (size[1] / size[0], alike) if abs(alike) > _ALIKE else None
 
 
-def _wrong_rate(
-    ratio: float, heading: FloatArray, signals: tuple[Signal, Signal], where: str
-) -> LogError:
+def _wrong_rate(ratio: float, heading: FloatArray, signals: tuple[Signal, Signal], where: str) -> LogError:
     degrees, gyro = signals
     # Declared degrees that are radians leave less than a turn of 57; beyond it the gyro is the wrong one.
     small = bool(np.nanmax(np.abs(heading)) <= _TURN_RAD / _DEGREES * 1.01)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
@@ -19,10 +21,10 @@ def counts(done: Cleaned) -> dict[str, int]:
     return {remark.kind: remark.count for remark in done.remarks}
 
 
-def course(rates: list[tuple[float, float]], interval: float, start: float = 10.0) -> tuple[FloatArray, FloatArray]:
+def course(rates: Sequence[tuple[float, float]], interval: float, start: float = 10.0) -> tuple[FloatArray, FloatArray]:
     """(time, unwrapped deg) of (seconds, deg/s) pieces with hard starts and stops."""
     rate = np.concatenate([np.full(round(seconds / interval), value) for seconds, value in rates])
-    return np.arange(len(rate) + 1) * interval, start + np.concatenate(([0.0], np.cumsum(rate * interval)))
+    return np.arange(len(rate) + 1.0) * interval, start + np.concatenate(([0.0], np.cumsum(rate * interval)))
 
 
 FAST = [(5, 0), (3, 60), (5, 0), (2, -60), (0.4, 60), (3, -60), (5, 0), (0.3, 60), (4, 0), (20, 5), (10, -30), (5, 0)]
@@ -55,9 +57,9 @@ def test_clean_data_lose_nothing(wrapped: str, interval: float, noise: float, re
 @pytest.mark.parametrize("interval", [0.05, 0.1, 0.2])
 def test_waves_lose_nothing(period: float, interval: float) -> None:
     """A burst of fast oscillation in a quiet log is motion, near the limit of the sampling too."""
-    time = np.arange(0.0, 120.0, interval)
-    burst = (time > 50.0) & (time < 60.0)
-    psi = 90.0 + 3.0 * np.sin(2 * np.pi * time / period) * burst
+    time = np.arange(0.0, 250.0, interval)
+    phase = 2.0 * np.pi * (time - 50.0) / period
+    psi = 90.0 + 3.0 * np.sin(phase) * ((phase > 0.0) & (phase < 40.0 * np.pi))
     assert counts(cleaned(time, psi)) == {}
 
 
@@ -74,7 +76,7 @@ def test_coarse_compass_at_rest_and_slowly_turning_loses_nothing() -> None:
 
 
 @pytest.mark.parametrize("length", [1, 2, 3])
-@pytest.mark.parametrize("size", [0.7, 5.0, 40.0, 170.0, -179.0, 200.0])
+@pytest.mark.parametrize("size", [1.0, 5.0, 40.0, 170.0, -179.0, 200.0])
 @pytest.mark.parametrize("rate", [0.0, 7.0, 60.0])
 def test_spikes_go(length: int, size: float, rate: float) -> None:
     time, psi = course([(20, rate)], 0.05)

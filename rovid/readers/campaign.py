@@ -1,0 +1,216 @@
+"""Folders and files -> the trials of one campaign: which files are logs, what they are called, which are doubles."""
+
+from __future__ import annotations
+
+import filecmp
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rovid.config import Config
+from rovid.errors import LogError
+from rovid.readers.formats import READERS, read_log
+from rovid.tables import CURVE_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS
+from rovid.trial import Campaign, Remark
+
+# Progress is worth a bar from here on.
+_LARGE = 20_000_000
+# Tables that stand beside logs and are none; each lacks the time column.
+_TABLES = (
+    frozenset(CURVE_COLUMNS),
+    frozenset(STEADY_COLUMNS),
+    frozenset(SINE_COLUMNS) - {"torque_amplitude_Nm"},
+)
+
+Progress = Callable[[Path, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Found:
+    """A file to read: where it is and what to call it; ``asked`` for by name rather than found in a folder."""
+
+    path: Path
+    name: str
+    asked: bool
+
+
+def read_campaign(paths: Sequence[Path], config: Config, progress: Progress | None = None) -> Campaign:
+    """Every log in ``paths``.
+
+    Parameters
+    ----------
+    paths
+        Files, and folders that are searched with their subfolders, hidden ones left out. In a folder, CSV
+        files that are no logs (thrust curves, tables of results, files without any mapped column) are left
+        out; the last kind is remarked upon.
+    progress
+        Called with each file and its size in bytes after it is read. Without it, a bar is shown on stderr where
+        that is a terminal and the logs are large.
+
+    Raises
+    ------
+    LogError
+        A path does not exist, there are no logs, or one of them cannot be read.
+    ConfigError
+        rovid.toml does not map a format that is there.
+    """
+    logs, remarks = find_logs(paths, config)
+    trials = []
+    with _shown(logs, progress) as advance:
+        for name, path in logs:
+            trials.append(read_log(path, config, name))
+            advance(path, _size(path))
+    from rovid.readers.twins import without_twins
+
+    kept = without_twins(trials, remarks)
+    return Campaign(trials=tuple(kept), sources=tuple(paths), remarks=tuple(remarks))
+
+
+def find_logs(paths: Sequence[Path], config: Config) -> tuple[list[tuple[str, Path]], list[Remark]]:
+    """(name, file) of every log in ``paths`` by name, copies left out, and what was noticed; nothing is read yet.
+
+    Raises
+    ------
+    LogError
+        A path does not exist, or there are no logs.
+    """
+    remarks: list[Remark] = []
+    found = _named(_once([one for path in paths for one in _search(path)], remarks))
+    logs = [one for one in found if one.asked or _is_log(one, config, remarks)]
+    if not logs:
+        raise _no_logs(paths, found)
+    return [(one.name, one.path) for one in _without_copies(logs, remarks)], remarks
+
+
+def _search(path: Path) -> Iterator[_Found]:
+    """The file itself, or what the folder holds, by name."""
+    if path.is_dir():
+        inside = (item for item in _walk(path) if item.suffix.lower() in READERS)
+        names = sorted((item.relative_to(path).as_posix(), item) for item in inside)
+        yield from (_Found(path=item, name=name, asked=False) for name, item in names)
+    elif path.exists():
+        yield _Found(path=path, name=path.name, asked=True)
+    else:
+        raise LogError(
+            "there is no such file or folder.", where=path, mend="Give a log or the folder that holds the logs."
+        )
+
+
+def _walk(folder: Path) -> Iterator[Path]:
+    for here, folders, files in os.walk(folder, onerror=_unreadable):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        yield from (Path(here, name) for name in files if not name.startswith("."))
+
+
+def _unreadable(error: OSError) -> None:
+    raise LogError(f"cannot be read ({error.strerror}).", where=error.filename) from error
+
+
+def _once(found: Sequence[_Found], remarks: list[Remark]) -> list[_Found]:
+    """Each file once, though two of the paths lead to it."""
+    first: dict[Path, _Found] = {}
+    for one in found:
+        known = first.setdefault(one.path.resolve(), one)
+        if known is not one:
+            remarks.append(_left_out(one.name, f"it is the same file as {known.name}"))
+    return list(first.values())
+
+
+def _left_out(name: str, why: str) -> Remark:
+    return Remark(kind="repeated", count=1, text=f"{name} was left out: {why}.")
+
+
+def _named(found: Sequence[_Found]) -> list[_Found]:
+    """Files with names that differ: with more of their path where two folders hold the same name."""
+    counts: dict[str, int] = {}
+    for one in found:
+        counts[one.name] = counts.get(one.name, 0) + 1
+    named = [one if counts[one.name] == 1 else replace(one, name=one.path.as_posix()) for one in found]
+    return sorted(named, key=lambda one: one.name)
+
+
+def _is_log(one: _Found, config: Config, remarks: list[Remark]) -> bool:
+    """Whether a file in a folder is a log; other CSV tables may stand beside them."""
+    if one.path.suffix.lower() != ".csv":
+        return True
+    from rovid.readers.csv_header import read_layout
+
+    mapped = {signal.sources["csv"] for signal in config.wanted("csv").values()}
+    time = config.time.sources.get("csv", "")
+    try:
+        names = set(read_layout(one.path, mapped | {time}).names)
+    except (OSError, LogError):
+        return True  # reading it says what is wrong
+    if time not in names and any(columns <= names for columns in _TABLES):
+        return False
+    if names & (mapped | {time}):
+        return True
+    text = f"{one.name} was left out: it holds none of the columns that rovid.toml maps, so it is no log."
+    remarks.append(Remark(kind="skipped", count=1, text=text))
+    return False
+
+
+def _no_logs(paths: Sequence[Path], found: Sequence[_Found]) -> LogError:
+    where = ", ".join(str(path) for path in paths)
+    if not found:
+        return LogError(
+            f"holds no logs: no {' or '.join(READERS)} file.",
+            where=where or "logs",
+            mend="Give the folder that holds the logs.",
+        )
+    shown = ", ".join(one.name for one in found[:5])
+    return LogError(
+        f"holds {len(found)} tables ({shown}{', …' if len(found) > 5 else ''}) but no log: none has the mapped "
+        "time and heading columns.",
+        where=where,
+        mend="Correct [signals] in rovid.toml, or give the folder that holds the logs.",
+    )
+
+
+def _without_copies(logs: Sequence[_Found], remarks: list[Remark]) -> list[_Found]:
+    """The first of files with the same bytes."""
+    by_size: dict[int, list[_Found]] = {}
+    kept = []
+    for one in logs:
+        alike = by_size.setdefault(_size(one.path), [])
+        twin = next((other for other in alike if _size(one.path) and _same_bytes(other.path, one.path)), None)
+        if twin is None:
+            alike.append(one)
+            kept.append(one)
+        else:
+            remarks.append(_left_out(one.name, f"it is a copy of {twin.name}"))
+    return kept
+
+
+def _same_bytes(one: Path, other: Path) -> bool:
+    try:
+        return filecmp.cmp(one, other, shallow=False)
+    except OSError:  # reading it says so
+        return False
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:  # a link to nowhere: reading it says so
+        return 0
+
+
+@contextmanager
+def _shown(logs: Sequence[tuple[str, Path]], progress: Progress | None) -> Iterator[Progress]:
+    """What to call after each file."""
+    total = sum(_size(path) for _, path in logs)
+    if progress is not None:
+        yield progress
+    elif total < _LARGE or not sys.stderr.isatty():
+        yield lambda _path, _size: None
+    else:
+        from rich.console import Console
+        from rich.progress import Progress as Bar
+
+        with Bar(console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task("Reading logs", total=total)
+            yield lambda _path, size: bar.advance(task, size)

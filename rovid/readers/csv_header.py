@@ -1,0 +1,250 @@
+"""How a CSV file is written: its encoding, delimiter, decimal sign, header, and where its last whole line ends."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from rovid.errors import LogError, nearest
+
+_HEAD = 1 << 16
+_TAIL = 1 << 16
+_DELIMITERS = (",", ";", "\t")
+_BOMS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+_LINE_END = re.compile("\r\n|\n|\r")
+_NOT_TEXT = re.compile("[\x00-\x08\x0e-\x1f]")
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
+_SPACED_QUOTE = re.compile(r"[,;\t] +\"")
+_SAMPLE_ROWS = 200
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """What has to be known of a CSV file before its numbers are read.
+
+    Attributes
+    ----------
+    encoding
+        utf-8 (also for pure ASCII), utf-8-sig, utf-16, utf-32 or cp1252.
+    names
+        Of the columns, without spaces around them.
+    lines
+        Of the file up to the end of the header.
+    before
+        Those of them in front of the header that are not empty.
+    plain
+        They cannot confuse pandas' own count of lines.
+    spaced
+        Quotes follow a space.
+    offset
+        Characters up to the end of the header (bytes, except in UTF-16 and UTF-32).
+    rows
+        The first rows of cells.
+    """
+
+    path: Path
+    encoding: str
+    delimiter: str
+    names: tuple[str, ...]
+    lines: int
+    before: int
+    plain: bool
+    spaced: bool
+    offset: int
+    rows: tuple[tuple[str, ...], ...]
+
+    @property
+    def wide(self) -> bool:
+        """Whether a character takes more than one byte, NUL bytes among them."""
+        return self.encoding in {"utf-16", "utf-16-le", "utf-16-be", "utf-32"}
+
+    @property
+    def width(self) -> int:
+        """Number of columns, with empty ones that a delimiter at the end of each line makes."""
+        return max(len(self.names), *(len(row) for row in self.rows[:5]), 0)
+
+    def decimal(self, columns: Collection[int]) -> str:
+        """The decimal sign that the first rows use in ``columns``."""
+        cells = (row[at] for row in self.rows for at in columns if at < len(row))
+        return "," if any(_DECIMAL_COMMA.fullmatch(cell) for cell in cells) else "."
+
+    def column(self, name: str, signal: str) -> int:
+        """Index of the column ``name``.
+
+        Raises
+        ------
+        LogError
+            There is none, or more than one.
+        """
+        found = [index for index, present in enumerate(self.names) if present == name]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise LogError(
+                f"has {len(found)} columns named {name!r}, which is mapped to {signal}; one was expected.",
+                where=self.path,
+                mend="Rename the others in the header.",
+            )
+        raise LogError(
+            f"has no column {name!r}, which rovid.toml maps to {signal}. {nearest(name, self.names)}",
+            where=self.path,
+            mend=f"Correct the name in rovid.toml ({signal}), or leave this log out.",
+        )
+
+
+def read_layout(path: Path, wanted: Collection[str]) -> Layout:
+    """Look at the beginning of ``path``.
+
+    Parameters
+    ----------
+    wanted
+        Column names that rovid.toml maps; they settle which delimiter and which line is the header's.
+
+    Raises
+    ------
+    LogError
+        The file is empty, is no text, or has no header.
+    """
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+    if not head.rstrip(b"\0 \t\r\n"):
+        found = "holds only NUL bytes; the recorder never wrote to it" if head.strip() else "is empty"
+        raise LogError(f"{found}.", where=path, mend="Delete it.")
+    encoding = _encoding(path, head)
+    text = _decode(head, encoding)
+    lines = list(_lines(text))
+    at = _header_line(lines, wanted, path)
+    line, end = lines[at]
+    delimiter = max(_DELIMITERS, key=lambda sign: _score(_split(line, sign), wanted))
+    names = _split(line.lstrip("#") if line.lstrip().startswith("#") else line, delimiter)
+    before = [text for text, _ in lines[:at] if text]
+    whole = lines[at + 1 :] if len(head) < _HEAD else lines[at + 1 : -1]
+    rows = [tuple(_cells(text, delimiter)) for text, _ in whole[:_SAMPLE_ROWS] if text.strip()]
+    return Layout(
+        path=path,
+        encoding=encoding,
+        delimiter=delimiter,
+        names=tuple(names),
+        lines=at + 1,
+        before=len(before),
+        plain=all(text.strip() and text.count('"') % 2 == 0 for text in before),
+        spaced=any(_SPACED_QUOTE.search(text) for text, _ in whole[:_SAMPLE_ROWS]),
+        offset=end if encoding.startswith(("utf-16", "utf-32")) else len(_encode(text[:end], encoding)),
+        rows=tuple(rows),
+    )
+
+
+def _encoding(path: Path, head: bytes) -> str:
+    for mark, name in _BOMS:
+        if head.startswith(mark):
+            return name
+    body = head.rstrip(b"\0")
+    if b"\0" in body:
+        sides = {"utf-16-le": body[1::2], "utf-16-be": body[::2]}
+        for name, side in sides.items():
+            if side.count(0) > 0.9 * len(side):
+                return name
+        raise _binary(path, "NUL bytes")
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8"
+
+
+def _decode(head: bytes, encoding: str) -> str:
+    return codecs.getincrementaldecoder(encoding)(errors="replace").decode(head)
+
+
+def _encode(text: str, encoding: str) -> bytes:
+    # Only its length matters; a byte that cp1252 does not know was decoded to one character.
+    return text.encode(encoding, errors="replace")
+
+
+def _binary(path: Path, found: str) -> LogError:
+    return LogError(
+        f"is no text: it holds {found}; a table with a header row was expected.",
+        where=path,
+        mend="Export it as CSV, or give it the suffix of its format.",
+    )
+
+
+def _lines(text: str) -> Iterator[tuple[str, int]]:
+    """(line, where its end-of-line ends) of each line; the last may be cut."""
+    start = 0
+    for match in _LINE_END.finditer(text):
+        yield text[start : match.start()], match.end()
+        start = match.end()
+    if start < len(text):
+        yield text[start:], len(text)
+
+
+def _header_line(lines: list[tuple[str, int]], wanted: Collection[str], path: Path) -> int:
+    """Index of the first line that is no comment, or of a comment just before it that names columns."""
+    number = next((i for i, (line, _) in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), None)
+    comment = next((i for i in range(len(lines) if number is None else number, 0, -1) if lines[i - 1][0]), 0) - 1
+    if comment >= 0 and lines[comment][0].lstrip().startswith("#"):
+        inside = lines[comment][0].lstrip().lstrip("#")
+        if _hits(inside, wanted) > (0 if number is None else _hits(lines[number][0], wanted)):
+            number = comment
+    if number is None:
+        raise LogError("has no header row, only comments.", where=path)
+    if found := _NOT_TEXT.search(lines[number][0]):
+        raise _binary(path, f"the control character {found[0]!r}")
+    return number
+
+
+def _hits(line: str, wanted: Collection[str]) -> int:
+    return max(len(set(_split(line, sign)) & set(wanted)) for sign in _DELIMITERS)
+
+
+def _score(names: list[str], wanted: Collection[str]) -> tuple[int, int]:
+    return len(set(names) & set(wanted)), len(names)
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    return [name.strip() for name in _cells(line, delimiter)]
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    try:
+        return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+    except csv.Error:  # a field beyond the module's limit: no header has that
+        return [line]
+
+
+def last_whole_line(file: IO[bytes], size: int) -> tuple[int, int]:
+    """(where the last whole line ends, how many NUL bytes stand at the end of the file), in bytes.
+
+    A recorder that loses power leaves a line without an end, or a tail of NUL bytes.
+    """
+    end = size
+    while end:
+        start = max(0, end - _TAIL)
+        file.seek(start)
+        block = file.read(end - start)
+        text = block.rstrip(b"\0")
+        end = start + len(text)
+        if text:
+            break
+    nul, whole = size - end, end
+    while whole:
+        start = max(0, whole - _TAIL)
+        file.seek(start)
+        block = file.read(whole - start)
+        at = max(block.rfind(b"\n"), block.rfind(b"\r"))
+        if at >= 0:
+            return start + at + 1, nul
+        whole = start
+    return 0, nul

@@ -1,0 +1,266 @@
+"""CSV tables: one row an instant, any names, any of the usual spellings of numbers and times."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import pandas as pd
+
+from rovid.config import Config, Signal
+from rovid.errors import ConfigError, LogError
+from rovid.readers.csv_header import Layout, last_whole_line, read_layout
+from rovid.readers.instants import seconds
+from rovid.readers.raw import Channel, RawLog, mapped
+from rovid.trial import FloatArray, Remark
+
+KIND = "csv"
+_MISSING = ("", "nan", "NaN", "NAN", "-nan")
+# A whole number this long does not fit a float64 without loss: nanoseconds since 1970.
+_LONG_INTEGER = 16
+
+
+def read(path: Path, config: Config) -> RawLog:
+    """Wanted columns of ``path``.
+
+    Raises
+    ------
+    LogError
+        It is no such table, lacks a column, or holds text in the place of a number.
+    ConfigError
+        rovid.toml does not map the time, the heading or a command for CSV.
+    """
+    signals = {"time": time_signal(config), **mapped(config, KIND, path)}
+    layout = read_layout(path, {signal.sources[KIND] for signal in signals.values()})
+    columns = {name: layout.column(signal.sources[KIND], name) for name, signal in signals.items()}
+    with path.open("rb") as file:
+        size = file.seek(0, io.SEEK_END)
+        end, nul = (size, 0) if layout.wide else last_whole_line(file, size)
+    table = _Table(layout=layout, columns=columns, signals=signals, end=end, size=size)
+    frame = table.read()
+    if not len(frame):
+        raise LogError("has a header but no rows.", where=path, mend="Leave it out.")
+    time = table.time(frame)
+    channels = {
+        name: Channel(
+            source=signal.sources[KIND],
+            clock=signals["time"].sources[KIND],
+            time=time,
+            values=time if columns[name] == columns["time"] else frame[columns[name]].to_numpy(dtype=np.float64),
+        )
+        for name, signal in signals.items()
+        if name != "time"
+    }
+    return RawLog(
+        channels=channels,
+        place=lambda _, row: f"line {table.line(row)}",
+        remarks=_cut(size - nul - end, nul),
+    )
+
+
+def time_signal(config: Config) -> Signal:
+    """The time column.
+
+    Raises
+    ------
+    ConfigError
+        rovid.toml names none for CSV.
+    """
+    if KIND not in config.time.sources:
+        raise ConfigError(
+            "time names no csv column, but there is a CSV log.",
+            where=config.path,
+            mend='Add time = { csv = "<column>" } to [signals].',
+        )
+    return config.time
+
+
+def _cut(line: int, nul: int) -> tuple[Remark, ...]:
+    if not line and not nul:
+        return ()
+    parts = [f"a last line of {line} bytes without an end"] * bool(line) + [f"{nul} NUL bytes"] * bool(nul)
+    text = f"The file ends in {' and '.join(parts)}, as a crash leaves it; that was left out."
+    return (Remark(kind="truncated", count=line + nul, text=text),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Table:
+    """The file, and where in it the wanted numbers are."""
+
+    layout: Layout
+    columns: Mapping[str, int]
+    signals: Mapping[str, Signal]
+    end: int
+    size: int
+
+    def read(self) -> pd.DataFrame:
+        """The wanted columns as float64; time as int64 or text where a float would lose digits."""
+        for kind, decimal, spaces in self._attempts():
+            kinds = {**dict.fromkeys(self.columns.values(), "float64"), self.columns["time"]: kind}
+            try:
+                return self._parse(kinds, decimal, spaces=spaces)
+            except (ValueError, TypeError, OverflowError) as error:  # pandas' own errors are among them
+                reason = error
+        raise self._complaint(str(reason)) from reason
+
+    def _attempts(self) -> Iterator[tuple[str, str, bool]]:
+        """(type of the time, decimal sign, whether to drop spaces before cells), the likely first.
+
+        Dropping spaces costs pandas 40 % more time, and numbers do not need it; empty cells and quotes do.
+        """
+        kind, decimal = self._time_kind(), self.decimal
+        yield kind, decimal, self.layout.spaced
+        yield kind, decimal, True
+        if decimal == "." and self.layout.delimiter != ",":
+            yield kind, ",", True
+        if kind == "int64":
+            yield "Int64", decimal, True
+            yield "float64", decimal, True
+
+    @property
+    def decimal(self) -> str:
+        return self.layout.decimal(self.columns.values())
+
+    def _time_kind(self) -> str:
+        at = self.columns["time"]
+        cell = next((row[at].strip() for row in self.layout.rows if at < len(row) and row[at].strip()), "0")
+        if self.signals["time"].unit == "iso8601" or not _is_number(cell, self.decimal):
+            return "str"
+        return "int64" if cell.isdigit() and len(cell) >= _LONG_INTEGER else "float64"
+
+    def _parse(self, kinds: Mapping[int, str], decimal: str, *, spaces: bool) -> pd.DataFrame:
+        direct = self.layout.plain and not self.layout.wide and self.end == self.size
+        with np.errstate(all="ignore"), self._body() if not direct else _nothing() as body:
+            return pd.read_csv(
+                body or str(self.layout.path),  # pandas reads a path in bytes, faster than a file in text
+                engine="c",
+                sep=self.layout.delimiter,
+                decimal=decimal,
+                header=self.layout.before if direct else None,
+                names=list(range(self.layout.width)),
+                index_col=False,
+                usecols=sorted(set(kinds)),
+                dtype=dict(kinds),
+                keep_default_na=False,
+                na_values=[word + space for word in _MISSING for space in ("", " ")],
+                skipinitialspace=spaces,
+                encoding="utf-8",
+                encoding_errors="replace",
+            )
+
+    @contextmanager
+    def _body(self) -> Iterator[IO[str]]:
+        """The rows between the header and the end of the last whole line."""
+        if self.layout.wide:
+            text = self.layout.path.read_bytes().decode(self.layout.encoding, errors="replace")
+            yield io.StringIO(text[self.layout.offset : _last_end(text)])
+            return
+        with self.layout.path.open("rb") as file:
+            rows = _Slice(file, self.layout.offset, self.end)
+            yield io.TextIOWrapper(io.BufferedReader(rows, 1 << 18), encoding="utf-8", errors="replace", newline="")
+
+    def time(self, frame: pd.DataFrame) -> FloatArray:
+        """(n,) s; NaN where missing."""
+        column = frame[self.columns["time"]]
+        name = self.signals["time"].sources[KIND]
+        unit = self.signals["time"].unit
+        if column.dtype.kind in "if" and isinstance(column.dtype, np.dtype):
+            return seconds(column.to_numpy(), name, unit)
+        if column.dtype == "Int64":
+            known = column.notna().to_numpy()
+            time = np.full(len(column), np.nan)
+            time[known] = seconds(column[known].to_numpy(dtype=np.int64), name, unit)
+            return time
+        return self._dates(column)
+
+    def _dates(self, column: pd.Series[Any]) -> FloatArray:
+        text = column.str.strip().str.replace(",", ".", regex=False)
+        dates = pd.to_datetime(text, format="ISO8601", utc=True, errors="coerce")
+        if dates.notna().sum() < column.notna().sum():
+            row = int(np.argmax((dates.isna() & column.notna()).to_numpy()))
+            raise LogError(
+                f"{self.signals['time'].sources[KIND]} is {column.iloc[row]!r}; seconds, an ISO 8601 time "
+                "(2026-01-07T12:00:00.05Z) or an epoch time was expected.",
+                where=f"{self.layout.path}:{self.line(row)}",
+                mend="Delete the row, or write its time so.",
+            )
+        if dates.isna().all():
+            return np.full(len(dates), np.nan)
+        return np.asarray((dates - dates.min()) / pd.Timedelta(seconds=1), dtype=np.float64)
+
+    def line(self, row: int) -> int:
+        """Number, from 1, of the line in the file that holds the data row ``row``; slow, for messages only."""
+        return next((number for index, (number, _) in enumerate(self._rows()) if index == row), 0)
+
+    def _rows(self) -> Iterator[tuple[int, list[str]]]:
+        """(line number, cells) of each data row."""
+        first = self.layout.lines + 1
+        with self._body() as body:
+            reader = csv.reader(body, delimiter=self.layout.delimiter, skipinitialspace=True)
+            while True:
+                number = first + reader.line_num
+                try:
+                    cells = next(reader)
+                except StopIteration:
+                    return
+                except csv.Error:  # a cell beyond the module's limit
+                    cells = []
+                if len(cells) > 1 or any(cell.strip() for cell in cells):
+                    yield number, cells
+
+    def _complaint(self, reason: str) -> LogError:
+        """The first wanted cell that is no number, found by a slow second look."""
+        numeric = {at: name for name, at in self.columns.items() if self._time_kind() != "str" or name != "time"}
+        for number, cells in self._rows():
+            for at, name in numeric.items():
+                cell = cells[at].strip() if at < len(cells) else ""
+                if cell not in _MISSING and not _is_number(cell, self.decimal):
+                    return LogError(
+                        f"{self.signals[name].sources[KIND]} is {_short(cell)}, a number was expected.",
+                        where=f"{self.layout.path}:{number}",
+                        mend="Delete the row or leave the cell empty.",
+                    )
+        return LogError(f"cannot be read as a table ({reason.strip()}).", where=self.layout.path)
+
+
+def _is_number(cell: str, decimal: str) -> bool:
+    try:
+        return "_" not in cell and not math.isnan(float(cell.replace(decimal, ".")))
+    except ValueError:
+        return False
+
+
+def _short(cell: str) -> str:
+    return repr(cell if len(cell) <= 40 else cell[:40] + "…")
+
+
+def _last_end(text: str) -> int:
+    return max(text.rfind("\n"), text.rfind("\r")) + 1
+
+
+@contextmanager
+def _nothing() -> Iterator[None]:
+    yield None
+
+
+class _Slice(io.RawIOBase):
+    """Bytes ``start`` to ``end`` of a file."""
+
+    def __init__(self, file: IO[bytes], start: int, end: int) -> None:
+        self._file, self._left = file, max(0, end - start)
+        file.seek(start)
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        count = self._file.readinto(memoryview(buffer)[: self._left])  # type: ignore[attr-defined]  # a raw file has it
+        self._left -= count
+        return int(count)

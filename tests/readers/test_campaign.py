@@ -1,0 +1,246 @@
+"""Folders: what is a log, what it is called, what is left out and said."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rovid.config import Config
+from rovid.errors import LogError
+from rovid.readers import find_logs, read_campaign
+from rovid.trial import Campaign, FloatArray
+from tests.readers.logs import (
+    campaign,
+    csv_text,
+    dive,
+    kinds,
+    mcap_bytes,
+    stamped,
+    standard,
+    to_ns,
+    toml,
+    turning,
+)
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Config:
+    return campaign(tmp_path)
+
+
+def names(found: Campaign) -> list[str]:
+    return [trial.name for trial in found.trials]
+
+
+def said(found: Campaign) -> str:
+    return " ".join(remark.text for remark in found.remarks)
+
+
+def log(seed: int, rate: float = 8.0) -> str:
+    time, heading = turning(seed=seed, rate=rate)
+    return csv_text(standard(time_s=time, heading_deg=heading % 360.0))
+
+
+def test_a_folder_in_the_order_of_names(tmp_path: Path, config: Config) -> None:
+    for folder in ("b", "a/deep", ".hidden"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "b" / "x.csv").write_text(log(1))
+    (tmp_path / "a" / "deep" / "y.CSV").write_text(log(2, rate=5.0))
+    (tmp_path / "z.mcap").write_bytes(mcap_bytes(dive(300)))
+    (tmp_path / ".hidden" / "h.csv").write_text("nonsense")
+    (tmp_path / ".h.csv").write_text("nonsense")
+    (tmp_path / "notes.txt").write_text("nonsense")
+    found = read_campaign([tmp_path], config)
+    assert names(found) == ["a/deep/y.CSV", "b/x.csv", "z.mcap"]
+    assert found.remarks == ()
+    assert found.sources == (tmp_path,)
+
+
+TABLES = {
+    "curve": "command,thrust_N\n0,0\n1,1\n",
+    "steady": "command,yaw_rate_rad_s,torque_Nm\n1,0.1,42\n",
+    "sine": "trial,period_s,torque_amplitude_Nm,peak_yaw_rate_rad_s\na,40,100,0.1\n",
+}
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_known_tables_are_no_logs(table: str, tmp_path: Path, config: Config) -> None:
+    (tmp_path / "table.csv").write_text(TABLES[table])
+    (tmp_path / "hold.csv").write_text(log(1))
+    found = read_campaign([tmp_path], config)
+    assert names(found) == ["hold.csv"]
+    assert found.remarks == ()
+
+
+@pytest.mark.parametrize("text", ["PWM (µs), Force\n1100,-4\n", "-4.9,-63.1\n-4.8,-57.3\n", "just a note\n"])
+def test_tables_without_a_mapped_column_are_said(text: str, tmp_path: Path, config: Config) -> None:
+    (tmp_path / "bench.csv").write_bytes(text.encode("latin-1"))
+    (tmp_path / "hold.csv").write_text(log(1))
+    found = read_campaign([tmp_path], config)
+    assert names(found) == ["hold.csv"]
+    assert [remark.kind for remark in found.remarks] == ["skipped"]
+    assert "bench.csv was left out" in said(found)
+
+
+@pytest.mark.parametrize("missing", ["time_s", "heading_deg", "fore_V"])
+def test_a_log_that_lacks_one_column_is_an_error(missing: str, tmp_path: Path, config: Config) -> None:
+    columns = standard()
+    columns["other"] = columns.pop(missing)
+    (tmp_path / "bad.csv").write_text(csv_text(columns))
+    (tmp_path / "hold.csv").write_text(log(1))
+    with pytest.raises(LogError, match=f"bad.csv: has no column '{missing}'"):
+        read_campaign([tmp_path], config)
+
+
+@pytest.mark.parametrize("content", [b"", bytes(range(256)) * 10])
+def test_a_file_that_cannot_be_looked_at_counts_as_a_log(content: bytes, tmp_path: Path, config: Config) -> None:
+    (tmp_path / "bad.csv").write_bytes(content)
+    (tmp_path / "hold.csv").write_text(log(1))
+    found, _ = find_logs([tmp_path], config)
+    assert [name for name, _ in found] == ["bad.csv", "hold.csv"]
+    with pytest.raises(LogError, match=r"bad\.csv"):
+        read_campaign([tmp_path], config)
+
+
+def test_nothing_there(tmp_path: Path, config: Config) -> None:
+    with pytest.raises(LogError, match=r"holds 1 tables \(curve.csv\) but no log"):
+        read_campaign([tmp_path], config)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(LogError, match=r"empty: holds no logs: no \.csv or \.mcap file"):
+        read_campaign([tmp_path / "empty"], config)
+    with pytest.raises(LogError, match=r"nowhere: there is no such file or folder"):
+        read_campaign([tmp_path / "nowhere"], config)
+    with pytest.raises(LogError, match="no column 'time_s'"):
+        read_campaign([tmp_path / "curve.csv"], config)
+    with pytest.raises(LogError, match=r"suffix '\.toml'"):
+        read_campaign([tmp_path / "rovid.toml"], config)
+
+
+def test_files_and_folders_together(tmp_path: Path, config: Config) -> None:
+    for number, folder in enumerate(("mon", "tue")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "hold.csv").write_text(log(number, rate=5.0 + number))
+        (tmp_path / folder / f"only_{folder}.csv").write_text(log(number, rate=9.0 + number))
+    found = read_campaign([tmp_path / "mon", tmp_path / "tue", tmp_path / "mon" / "hold.csv"], config)
+    assert sorted(Path(name).name for name in names(found)) == ["hold.csv", "hold.csv", "only_mon.csv", "only_tue.csv"]
+    assert len(set(names(found))) == 4
+    assert "the same file" in said(found)
+
+
+def test_copies_are_left_out(tmp_path: Path, config: Config) -> None:
+    (tmp_path / "a.csv").write_text(log(1))
+    (tmp_path / "copy of a.csv").write_text(log(1))
+    (tmp_path / "other.csv").write_text(log(1, rate=5.0))
+    found = read_campaign([tmp_path], config)
+    assert names(found) == ["a.csv", "other.csv"]
+    assert "copy of a.csv was left out: it is a copy of a.csv" in said(found)
+
+
+def motion(seed: int, count: int = 2400) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(time, heading deg, command) of a run with rest, turns to both sides and noise of 0.01 deg."""
+    time = np.arange(float(count)) * 0.05
+    command = np.where(time < 20, 0.0, np.where(time < 60, 1.5, np.where(time < 90, -1.0, 0.0)))
+    rate = np.zeros(count)
+    for k in range(1, count):
+        rate[k] = rate[k - 1] + 0.05 * (6.0 * command[k] - rate[k - 1]) / 3.0
+    heading = 100.0 + np.cumsum(rate) * 0.05 + np.random.default_rng(seed).normal(0.0, 0.01, count)
+    return time, heading, command
+
+
+def as_csv(seed: int, part: slice = slice(None), decimals: int = 3, late: float = 0.0) -> str:
+    time, heading, command = (values[part] for values in motion(seed))
+    return csv_text(
+        {"time_s": time - late, "heading_deg": np.round(heading, decimals) % 360.0, "fore_V": command}, form=".6f"
+    )
+
+
+def as_mcap(seed: int) -> bytes:
+    time, heading, command = motion(seed)
+    messages = [
+        ("/phins/heading", int(ns), stamped(h % 360, int(ns))) for ns, h in zip(to_ns(time), heading, strict=True)
+    ]
+    messages += [("/thrusters/fore", int(ns), stamped(u, int(ns))) for ns, u in zip(to_ns(time), command, strict=True)]
+    return mcap_bytes(sorted(messages, key=lambda message: message[1]), compression="zstd")
+
+
+SAME = {
+    "both formats": (as_csv(1), "dive.csv"),
+    "rounded to a tenth": (as_csv(1, decimals=1), "dive.csv"),
+    "every second sample": (as_csv(1, slice(None, None, 2)), "dive.mcap"),
+    "begun two seconds later": (as_csv(1, slice(40, None), late=2.0), "dive.mcap"),
+    "cut short": (as_csv(1, slice(0, 1700)), "dive.mcap"),
+}
+
+
+@pytest.mark.parametrize("case", SAME)
+def test_a_recording_given_twice_counts_once(case: str, tmp_path: Path, config: Config) -> None:
+    text, kept = SAME[case]
+    (tmp_path / "dive.csv").write_text(text)
+    (tmp_path / "dive.mcap").write_bytes(as_mcap(1))
+    found = read_campaign([tmp_path], config)
+    assert names(found) == [kept]
+    assert "the same recording" in said(found)
+
+
+@pytest.mark.parametrize("decimals", [2, 3, 6])
+def test_the_same_run_repeated_is_not_the_same_recording(decimals: int, tmp_path: Path, config: Config) -> None:
+    """Same commands, same motion to the last hundredth: only the noise differs."""
+    for seed in (1, 2, 3):
+        (tmp_path / f"hold_{seed}.csv").write_text(as_csv(seed, decimals=decimals))
+    (tmp_path / "hold_4.mcap").write_bytes(as_mcap(4))
+    found = read_campaign([tmp_path], config)
+    assert len(found.trials) == 4
+    assert found.remarks == ()
+
+
+def test_two_rests_are_not_the_same_recording(tmp_path: Path, config: Config) -> None:
+    time = turning(1200)[0]
+    for seed in (1, 2):
+        heading = 90.0 + np.random.default_rng(seed).normal(0.0, 0.01, 1200)
+        (tmp_path / f"rest_{seed}.csv").write_text(
+            csv_text({"time_s": time, "heading_deg": heading, "fore_V": 0.0 * time})
+        )
+    assert len(read_campaign([tmp_path], config).trials) == 2
+
+
+def test_the_same_heading_under_other_commands_is_not_the_same(tmp_path: Path, config: Config) -> None:
+    (tmp_path / "a.csv").write_text(as_csv(1))
+    (tmp_path / "b.csv").write_text(as_csv(1).replace(",1.500000", ",2.500000"))
+    assert len(read_campaign([tmp_path], config).trials) == 2
+
+
+def test_progress_is_told(tmp_path: Path, config: Config) -> None:
+    (tmp_path / "a.csv").write_text(log(1))
+    (tmp_path / "b.csv").write_text(log(2, rate=5.0))
+    seen: list[tuple[str, int]] = []
+    read_campaign([tmp_path], config, progress=lambda path, size: seen.append((path.name, size)))
+    assert [name for name, _ in seen] == ["a.csv", "b.csv"]
+    assert all(size > 1000 for _, size in seen)
+
+
+def test_unreadable_folder_entries_are_told(tmp_path: Path, config: Config) -> None:
+    (tmp_path / "folder.csv").mkdir()
+    (tmp_path / "hold.csv").write_text(log(1))
+    (tmp_path / "gone.csv").symlink_to(tmp_path / "nowhere.csv")
+    with pytest.raises(LogError, match=r"gone\.csv"):
+        read_campaign([tmp_path], config)
+
+
+def test_formats_mix(tmp_path: Path) -> None:
+    config = campaign(tmp_path, toml('supply = { csv = "supply_V" }'))
+    (tmp_path / "a.csv").write_text(csv_text(standard(supply_V=np.full(400, 48.0))))
+    (tmp_path / "b.mcap").write_bytes(mcap_bytes([(t, ns + 10**12, f) for t, ns, f in dive(700)]))
+    found = read_campaign([tmp_path], config)
+    assert [sorted(trial.extras) for trial in found.trials] == [["supply"], []]
+    assert all(kinds(trial) == {} for trial in found.trials)
+
+
+def test_readers_start_light() -> None:
+    heavy = ["pandas", "mcap", "scipy", "numba", "rich"]
+    code = "import sys, rovid.readers; print([m for m in sys.argv[1:] if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code, *heavy], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
