@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -112,7 +113,8 @@ def fit_drag(
     from rovid.terminal import show_drag, show_fit
 
     study = _open(logs, cutoff)
-    result = study.drag()
+    with _busy("Fitting drag …"):
+        result = study.drag()
     stored = _stored(parameters).with_logs(study.paths, study.vehicle.name, study.campaign)
     stored = stored.with_estimate(result.estimate)
     stored.write()
@@ -141,7 +143,8 @@ def fit_inertia(
 
     stored = _stored(parameters)
     study = _open(logs or _remembered(stored), cutoff)
-    result = study.inertia(stored.drag())
+    with _busy("Fitting inertia …"):
+        result = study.inertia(stored.drag())
     if logs:
         stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
     stored = stored.with_estimate(result.estimate)
@@ -169,7 +172,8 @@ def fit(
 
     stored = _stored(parameters)
     study = _open(logs or _remembered(stored), cutoff)
-    result = study.likelihood()
+    with _busy("Maximising the likelihood …"):
+        result = study.likelihood()
     if logs:
         stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
     stored = stored.with_estimate(result.estimate)
@@ -249,7 +253,8 @@ def simulate(
     study = _open(logs or _remembered(stored), cutoff)
     if study.campaign is None or study.runs is None:
         raise DataError("are tables; only logs can be simulated.", where="LOGS", mend="Give LOGS.")
-    simulations = simulate_runs(study.runs.items, model)
+    with _busy("Simulating …"):
+        simulations = simulate_runs(study.runs.items, model)
     warnings = [*study.remarks(), *stored.changed_sources(study.campaign)]
     if json:
         _print_json(simulation_document(stored, simulations, warnings))
@@ -276,7 +281,9 @@ def report(
     from rovid.report.build import build_report
 
     stored = _stored(parameters)
-    page = build_report(stored, _open(logs or _remembered(stored), cutoff), output)
+    study = _open(logs or _remembered(stored), cutoff)
+    with _busy("Drawing and writing the page …"):
+        page = build_report(stored, study, output)
     if json:
         _print_json({"schema": "rovid-report/1", "page": str(page), "parameters": str(parameters)})
     else:
@@ -288,6 +295,18 @@ def _open(paths: Sequence[Path], cutoff: float | None) -> Study:
 
     _announce_compilation()
     return open_study(paths, cutoff=cutoff)
+
+
+@contextmanager
+def _busy(text: str) -> Iterator[None]:
+    """Show a person that work goes on; nothing where nobody watches."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(text):
+        yield
 
 
 def _stored(path: Path) -> Parameters:
