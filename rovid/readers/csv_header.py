@@ -74,6 +74,22 @@ class Layout:
         """Number of columns, with empty ones that a delimiter at the end of each line makes."""
         return max(len(self.names), *(len(row) for row in self.rows[:5]), 0)
 
+    def refuse_long_rows(self) -> None:
+        """Complain of the first row that holds more than the header names, as commas within numbers make it.
+
+        Raises
+        ------
+        LogError
+            With its line.
+        """
+        for number, row in enumerate(self.rows):
+            if any(cell.strip() for cell in row[len(self.names) :]):
+                raise LogError(
+                    f"row {number + 1} holds {len(row)} cells, but the header names {len(self.names)} columns.",
+                    where=self.path,
+                    mend="Name every column; where the decimal sign is a comma, separate the cells by semicolons.",
+                )
+
     def decimal(self, columns: Collection[int]) -> str:
         """The decimal sign that the first rows use in ``columns``."""
         cells = (row[at] for row in self.rows for at in columns if at < len(row))

@@ -39,6 +39,7 @@ def read(path: Path, config: Config) -> RawLog:
     """
     signals = {"time": time_signal(config), **mapped(config, KIND, path)}
     layout = read_layout(path, {signal.sources[KIND] for signal in signals.values()})
+    layout.refuse_long_rows()
     columns = {name: layout.column(signal.sources[KIND], name) for name, signal in signals.items()}
     with path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
@@ -181,8 +182,10 @@ class _Table:
         return self._dates(column)
 
     def _dates(self, column: pd.Series[Any]) -> FloatArray:
-        text = column.str.strip().str.replace(",", ".", regex=False)
-        dates = pd.to_datetime(text, format="ISO8601", utc=True, errors="coerce")
+        dates = pd.to_datetime(column, format="ISO8601", utc=True, errors="coerce")
+        if dates.notna().sum() < column.notna().sum():
+            tidy = column.str.strip().str.replace(",", ".", regex=False)  # ISO 8601 allows a comma, pandas does not
+            dates = pd.to_datetime(tidy, format="ISO8601", utc=True, errors="coerce")
         if dates.notna().sum() < column.notna().sum():
             row = int(np.argmax((dates.isna() & column.notna()).to_numpy()))
             raise LogError(

@@ -19,9 +19,10 @@ import numpy as np
 
 from rovid.config import Config, Signal
 from rovid.errors import LogError
-from rovid.readers.heading import clean, gap_limit
+from rovid.readers.heading import clean
 from rovid.readers.ordering import order
-from rovid.readers.raw import Channel, RawLog, sensible, typical
+from rovid.readers.raw import Channel, RawLog, typical
+from rovid.readers.series import Base, Series, common_base
 from rovid.readers.units import refuse_wrong_heading, told_by_gyro
 from rovid.trial import FloatArray, Remark, Trial
 
@@ -33,19 +34,6 @@ _SLOWEST, _FASTEST = 10.0, 2e-4
 _LATE_START = 1.0
 # A command that is logged regularly and then no more, for this long and this many of its intervals.
 _STALE_SECONDS, _STALE_INTERVALS, _REGULAR = 5.0, 10.0, 3.0
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Series:
-    """One signal, ordered: (m,) s and (m,) values in SI or the command's unit, NaN where missing."""
-
-    time: FloatArray
-    values: FloatArray
-
-    def known(self) -> _Series:
-        """Without what is missing."""
-        good = sensible(self.values)
-        return self if good.all() else _Series(time=self.time[good], values=self.values[good])
 
 
 @dataclass(kw_only=True, eq=False)
@@ -75,35 +63,35 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
     series = _ordered(work)
     heading = _heading(work, series["heading"])
     commands = [_command(work, signal.name, series[signal.name]) for signal in config.commands]
-    base = _base(work, heading, commands)
-    psi = _exactly(heading, base)
-    continuous = {key: _interpolated(work, key, series[key], base) for key in _CONTINUOUS if key in series}
-    _check_units(work, base, psi, continuous.get("yaw_rate"))
+    base = common_base(heading, commands, *_span(work, heading, commands))
+    psi = base.exactly(heading)
+    continuous = {key: _continuous(work, key, series[key], base) for key in _CONTINUOUS if key in series}
+    _check_units(work, base.time, psi, continuous.get("yaw_rate"))
     plain = [key for key in series if key in config.signals and key not in ("heading", *_CONTINUOUS)]
     return Trial(
         name=name,
         path=path,
-        time=base - base[0],
+        time=base.time - base.time[0],
         heading=psi,
-        commands=np.column_stack([_held(command, base) for command in commands]),
-        extras={key: _held(series[key].known(), base) for key in plain},
+        commands=np.column_stack([base.held(command) for command in commands]),
+        extras={key: base.held(series[key]) for key in plain},
         remarks=tuple(work.remarks),
         **continuous,
     )
 
 
-def _ordered(work: _Builder) -> dict[str, _Series]:
+def _ordered(work: _Builder) -> dict[str, Series]:
     """Every signal in order of time, in SI; each clock is put in order once."""
     clocks: dict[int, dict[str, Channel]] = {}
     for name, channel in work.raw.channels.items():
         clocks.setdefault(id(channel.time), {})[name] = channel
-    series: dict[str, _Series] = {}
+    series: dict[str, Series] = {}
     for channels in clocks.values():
         series.update(_one_clock(work, channels))
     return series
 
 
-def _one_clock(work: _Builder, channels: Mapping[str, Channel]) -> dict[str, _Series]:
+def _one_clock(work: _Builder, channels: Mapping[str, Channel]) -> dict[str, Series]:
     first = next(iter(channels))
     ordered = order(
         channels[first].time,
@@ -115,7 +103,7 @@ def _one_clock(work: _Builder, channels: Mapping[str, Channel]) -> dict[str, _Se
     )
     work.remarks.extend(ordered.remarks)
     return {
-        name: _Series(time=ordered.time, values=_scaled(values, channels[name], work.signal(name)))
+        name: Series(time=ordered.time, values=_scaled(values, channels[name], work.signal(name)))
         for name, values in ordered.values.items()
     }
 
@@ -125,33 +113,37 @@ def _scaled(values: FloatArray, channel: Channel, signal: Signal) -> FloatArray:
     return values if factor == 1.0 else values * factor
 
 
-def _heading(work: _Builder, logged: _Series) -> _Series:
+def _heading(work: _Builder, logged: Series) -> Series:
     """Measured heading, unwrapped; NaN where it is none."""
     source = work.raw.channels["heading"].source
-    known = logged.known()
-    if len(known.values) < _FEWEST_HEADINGS:
+    known = logged.known
+    if len(known) < _FEWEST_HEADINGS:
         raise LogError(
-            f"{source} holds {len(known.values)} headings; at least {_FEWEST_HEADINGS} were expected.",
+            f"{source} holds {len(known)} headings; at least {_FEWEST_HEADINGS} were expected.",
             where=work.name,
             mend="Leave this log out, or map the column or topic that holds the heading.",
         )
-    if known.values.min() == known.values.max():
+    if known.min() == known.max():
         raise LogError(
             f"{source} never changes: the sensor was frozen, or this is not the heading.",
             where=work.name,
             mend="Map the column or topic that holds the heading, or leave this log out.",
         )
-    cleaned = clean(known.time, known.values)
-    _say_missing(work, "heading", len(logged.values) - len(known.values))
+    cleaned = clean(logged.stamps, known)
+    _say_missing(work, "heading", logged)
     work.remarks.extend(cleaned.remarks)
-    _check_interval(work, known.time)
-    return _Series(time=known.time, values=cleaned.heading)
+    _check_interval(work, logged.stamps)
+    heading = cleaned.heading
+    if logged.missing:
+        heading = np.full(len(logged.time), np.nan)
+        heading[logged.good] = cleaned.heading
+    return Series(time=logged.time, values=heading)
 
 
-def _say_missing(work: _Builder, name: str, count: int, then: str = "") -> None:
-    if count:
+def _say_missing(work: _Builder, name: str, logged: Series, then: str = "") -> None:
+    if logged.missing:
         source = work.raw.channels[name].source
-        work.remark("missing", count, f"{source} ({name}) is missing in {count} samples{then}.")
+        work.remark("missing", logged.missing, f"{source} ({name}) is missing in {logged.missing} samples{then}.")
 
 
 def _check_interval(work: _Builder, time: FloatArray) -> None:
@@ -166,50 +158,35 @@ def _check_interval(work: _Builder, time: FloatArray) -> None:
     )
 
 
-def _command(work: _Builder, name: str, logged: _Series) -> _Series:
-    """The command where it is known."""
-    known = logged.known()
-    if not known.values.size:
+def _command(work: _Builder, name: str, logged: Series) -> Series:
+    """The command, which is known at least once."""
+    if not logged.known.size:
         raise LogError(
             f"{work.raw.channels[name].source} ({name}) holds no number.",
             where=work.name,
             mend="Map the column or topic that holds the command, or leave this log out.",
         )
-    _say_missing(work, name, len(logged.values) - len(known.values), "; the value before was held")
-    return known
+    _say_missing(work, name, logged, "; the value before was held")
+    return logged
 
 
-def _base(work: _Builder, heading: _Series, commands: list[_Series]) -> FloatArray:
-    """(n,) s: headings measured while every command is known, and changes of a command among them."""
-    measured = heading.known().time
-    known = max(command.time[0] for command in commands)
-    kept: FloatArray = measured if known <= measured[0] else measured[measured >= known]
-    if len(kept) < _FEWEST_HEADINGS:
+def _span(work: _Builder, heading: Series, commands: list[Series]) -> tuple[float, float]:
+    """First and last instant: a heading measured when every command is known, and the last heading."""
+    measured = heading.stamps
+    known = max(float(command.stamps[0]) for command in commands)
+    first = int(np.searchsorted(measured, known))
+    if (count := len(measured) - first) < _FEWEST_HEADINGS:
         raise LogError(
-            f"{len(kept)} headings are measured after every command is known (from {known - measured[0]:.1f} s "
+            f"{count} headings are measured after every command is known (from {known - measured[0]:.1f} s "
             f"behind the first heading on); at least {_FEWEST_HEADINGS} were expected.",
             where=work.name,
             mend="Leave this log out, or check that its topics or columns are mapped right.",
         )
-    if (late := kept[0] - measured[0]) > _LATE_START:
-        count = len(measured) - len(kept)
-        work.remark("start", count, f"The first {late:.1f} s were left out: a command was not known yet.")
+    if (late := measured[first] - measured[0]) > _LATE_START:
+        work.remark("start", first, f"The first {late:.1f} s were left out: a command was not known yet.")
     for signal, command in zip(work.config.commands, commands, strict=True):
-        _say_stale(work, signal.name, command.time, float(kept[-1]))
-    whole = measured is heading.time
-    changes = [_changes(command, kept) for command in commands if not (whole and command.time is heading.time)]
-    if not any(change.size for change in changes):
-        return kept
-    base: FloatArray = np.unique(np.concatenate([kept, *changes]))
-    distinct: FloatArray = base[np.diff(base - base[0], prepend=-1.0) > 0.0]  # to what a float can hold
-    return distinct
-
-
-def _changes(command: _Series, kept: FloatArray) -> FloatArray:
-    """Instants within ``kept`` at which the command changed."""
-    times: FloatArray = command.time[1:][np.diff(command.values) != 0.0]
-    inside: FloatArray = times[(times > kept[0]) & (times < kept[-1])]
-    return inside
+        _say_stale(work, signal.name, command.stamps, float(measured[-1]))
+    return float(measured[first]), float(measured[-1])
 
 
 def _say_stale(work: _Builder, name: str, time: FloatArray, end: float) -> None:
@@ -223,37 +200,10 @@ def _say_stale(work: _Builder, name: str, time: FloatArray, end: float) -> None:
         work.remark("stale", 1, text)
 
 
-def _held(series: _Series, base: FloatArray) -> FloatArray:
-    """(n,) last value at or before each instant; NaN before the first."""
-    if series.time is base:
-        return series.values
-    if not series.values.size:
-        return np.full(len(base), np.nan)
-    at = np.searchsorted(series.time, base, side="right") - 1
-    return np.where(at < 0, np.nan, series.values[at])
-
-
-def _exactly(series: _Series, base: FloatArray) -> FloatArray:
-    """(n,) the value measured at each instant; NaN where there is none."""
-    if series.time is base:
-        return series.values
-    at = np.minimum(np.searchsorted(series.time, base), len(series.time) - 1)
-    return np.where(series.time[at] == base, series.values[at], np.nan)
-
-
-def _interpolated(work: _Builder, name: str, logged: _Series, base: FloatArray) -> FloatArray | None:
-    """(n,) linear between neighbours no farther apart than a gap, NaN elsewhere; None if nothing is known."""
-    series = logged.known()
-    _say_missing(work, name, len(logged.values) - len(series.values))
-    if series.time is base or not series.values.size:
-        return series.values if series.values.size else None
-    values = np.unwrap(series.values) if name in _ANGLES else series.values
-    after = np.minimum(np.searchsorted(series.time, base), len(series.time) - 1)
-    before = np.maximum(after - 1, 0)
-    exact = series.time[after] == base
-    inside = (series.time[before] <= base) & (base <= series.time[after])
-    near = series.time[after] - series.time[before] <= gap_limit(np.diff(series.time))
-    return np.where(exact | (inside & near), np.interp(base, series.time, values), np.nan)
+def _continuous(work: _Builder, name: str, logged: Series, base: Base) -> FloatArray | None:
+    """(n,) on the time base; None if it is nowhere known."""
+    _say_missing(work, name, logged)
+    return base.interpolated(logged, angle=name in _ANGLES) if logged.known.size else None
 
 
 def _check_units(work: _Builder, base: FloatArray, psi: FloatArray, yaw_rate: FloatArray | None) -> None:

@@ -222,6 +222,7 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
         "time_s,heading_deg,fore_V,heading_deg\n0,1,2,3\n",
         ("2 columns named 'heading_deg'",),
     ),
+    "decimal comma between commas": (decimal_comma(csv_text(standard())), ("6 cells", "3 columns", "semicolons")),
     "open quote": (row(9, '"1.0'), ("hold_3.csv",)),
     "bad date": (
         csv_text(standard(time_s=[*(f"{t}Z" for t in DATES[:20]), "soon", *(f"{t}Z" for t in DATES[21:])])),
