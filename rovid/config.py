@@ -79,8 +79,11 @@ def find_config(paths: Sequence[Path]) -> Path:
     Raises
     ------
     ConfigError
-        There is none.
+        There is none, or one of ``paths`` does not exist.
     """
+    for path in paths:
+        if not path.exists():
+            raise ConfigError("there is no such file or folder.", where=path)
     start = paths[0].resolve()
     folder = start if start.is_dir() else start.parent
     for candidate in (folder, *folder.parents):

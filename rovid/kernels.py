@@ -14,6 +14,7 @@ _STEP_SHARE = 0.2
 # The covariance is stepped by a transition of second order, which needs shorter steps to be good to a percent.
 _FILTER_STEP_SHARE = 0.05
 _MAX_SUBSTEPS = 1000
+_SETTLED = 1e-9
 
 
 # Compiled for the machine at first use; the result is kept on disk.
@@ -59,25 +60,33 @@ def simulate(
     for k in range(n - 1):
         r = rate[k]
         a = angle[k]
-        interval = time[k + 1] - time[k]
         # The rate heads for the one that balances the torque: the faster of the two sets the time constant.
         balance = math.sqrt(abs(torque[k]) / quadratic) if quadratic > 0.0 else 0.0
         if linear > 0.0:
             balance = min(balance, abs(torque[k]) / linear) if quadratic > 0.0 else 0.0
-        stiffness = (2.0 * quadratic * max(abs(r), balance) + linear) / inertia
-        wanted = interval * stiffness / _STEP_SHARE
-        steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_SUBSTEPS)
-        h = interval / steps
-        for _ in range(steps):
-            k1 = _acceleration(r, torque[k], inertia, quadratic, linear)
-            r2 = r + 0.5 * h * k1
-            k2 = _acceleration(r2, torque[k], inertia, quadratic, linear)
-            r3 = r + 0.5 * h * k2
-            k3 = _acceleration(r3, torque[k], inertia, quadratic, linear)
-            r4 = r + h * k3
-            k4 = _acceleration(r4, torque[k], inertia, quadratic, linear)
-            a += h * (r + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
-            r += h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+        left = time[k + 1] - time[k]
+        while left > 0.0:
+            stiffness = (2.0 * quadratic * max(abs(r), balance) + linear) / inertia
+            wanted = left * stiffness / _STEP_SHARE
+            # A gap in the log can be longer than so many steps: they are taken again until the rate has settled.
+            long = wanted > _MAX_SUBSTEPS
+            steps = 1 if not wanted > 1.0 else int(min(wanted, _MAX_SUBSTEPS - 1.0)) + 1
+            h = _STEP_SHARE / stiffness if long else left / steps
+            before = r
+            for _ in range(steps):
+                k1 = _acceleration(r, torque[k], inertia, quadratic, linear)
+                r2 = r + 0.5 * h * k1
+                k2 = _acceleration(r2, torque[k], inertia, quadratic, linear)
+                r3 = r + 0.5 * h * k2
+                k3 = _acceleration(r3, torque[k], inertia, quadratic, linear)
+                r4 = r + h * k3
+                k4 = _acceleration(r4, torque[k], inertia, quadratic, linear)
+                a += h * (r + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
+                r += h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+            left = left - steps * h if long else 0.0
+            if not abs(r - before) > _SETTLED * abs(r):
+                a += r * left
+                left = 0.0
         rate[k + 1] = r
         angle[k + 1] = a
     return rate, angle

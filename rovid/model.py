@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.rates import on_grid, uniform_grid
+from rovid.rates import body_angle, on_grid, uniform_grid
 from rovid.trial import FloatArray, Trial
 
 # Names, and the unit of each, as they stand in the parameter file and in JSON.
@@ -61,33 +61,10 @@ def initial_rate(trial: Trial) -> float:
     early = (trial.time <= trial.time[0] + _START_SECONDS) & trial.measured
     if trial.yaw_rate is not None and np.isfinite(trial.yaw_rate[early]).any():
         return float(np.nanmean(trial.yaw_rate[early][:5]))
-    time, heading = trial.time[early] - trial.time[0], trial.heading[early]
+    time, angle = trial.time[early] - trial.time[0], body_angle(trial)[early]
     if len(time) < 3:
         return 0.0
-    return float(np.polynomial.polynomial.polyfit(time, heading - heading[0], 2 if len(time) > 5 else 1)[1])
-
-
-def body_angle(trial: Trial) -> FloatArray:
-    """(n,) rad, the integral of the body's yaw rate; the heading itself where no tilt is logged.
-
-    d(angle) = cos(phi) cos(theta) dpsi - sin(phi) dtheta (Fossen 2011, eq. 2.28 solved for r). NaN where the heading
-    was not measured.
-    """
-    if trial.roll is None or trial.pitch is None:
-        return trial.heading
-    known = trial.measured
-    roll, pitch = (_filled(trial, values)[known] for values in (trial.roll, trial.pitch))
-    level = np.cos(roll) * np.cos(pitch)
-    steps = 0.5 * (level[1:] + level[:-1]) * np.diff(trial.heading[known])
-    steps -= 0.5 * (np.sin(roll[1:]) + np.sin(roll[:-1])) * np.diff(pitch)
-    angle = np.full(len(trial.time), np.nan)
-    angle[known] = trial.heading[known][0] + np.concatenate(([0.0], np.cumsum(steps)))
-    return angle
-
-
-def _filled(trial: Trial, values: FloatArray) -> FloatArray:
-    finite = np.isfinite(values)
-    return np.interp(trial.time, trial.time[finite], values[finite]) if finite.any() else np.zeros(len(values))
+    return float(np.polynomial.polynomial.polyfit(time, angle - angle[0], 2 if len(time) > 5 else 1)[1])
 
 
 def _euler_heading(trial: Trial, rate: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -98,11 +99,13 @@ class Parameters:
         return replace(self, vehicle=vehicle, logs=tuple(path.resolve() for path in paths), sources=sources)
 
     def drag(self) -> Estimate | None:
-        """Quadratic and linear drag; None where there is no drag at all. A refused linear drag is zero."""
-        return self._estimate(("quadratic_drag", "linear_drag"), needed="quadratic_drag")
+        """Quadratic and linear drag from elsewhere than the inertia; a refused linear drag is zero.
 
-    def _estimate(self, names: tuple[str, ...], *, needed: str) -> Estimate | None:
-        if needed not in self.entries:
+        None where there is no drag, or where it was found together with the inertia: it cannot judge that inertia, and
+        a second `rovid fit-inertia` has to give what the first gave.
+        """
+        names, needed = ("quadratic_drag", "linear_drag"), "quadratic_drag"
+        if needed not in self.entries or self.covariance.get(("inertia", needed), 0.0) != 0.0:
             return None
         values = [self.entries[name].value if name in self.entries else 0.0 for name in names]
         covariance = [[self.covariance.get((a, b), self.covariance.get((b, a), 0.0)) for b in names] for a in names]
@@ -172,7 +175,7 @@ def read_parameters(path: Path) -> Parameters:
     """
     if not path.is_file():
         raise ConfigError(
-            "there is no such parameter file.",
+            "is a folder, not a parameter file." if path.is_dir() else "there is no such parameter file.",
             where=path,
             mend="Run `rovid fit-drag LOGS` first, or point to one with -p.",
         )
@@ -183,9 +186,15 @@ def read_parameters(path: Path) -> Parameters:
     _check_schema(path, document.get("schema"))
     try:
         return _parse(path, document)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except KeyError as error:
         raise ConfigError(
-            f"is damaged: {error!r} where the schema wants something else.",
+            f"is damaged: it has no {error.args[0]!r}.",
+            where=path,
+            mend="Put it back, or run `rovid fit-drag LOGS` again.",
+        ) from error
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise ConfigError(
+            f"is damaged: {error}.",
             where=path,
             mend="Delete it and run `rovid fit-drag LOGS` again.",
         ) from error
@@ -213,6 +222,10 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
         )
         for name, e in document["parameters"].items()
     }
+    for name, entry in entries.items():
+        # Drag may be zero; nothing may be negative, infinite or not a number.
+        if not (0.0 < entry.value < math.inf or (entry.value == 0.0 and name != "inertia")):
+            raise ValueError(f"{name} is {entry.value:g}, which no vehicle has")
     names, matrix = document["covariance"]["names"], document["covariance"]["matrix"]
     return Parameters(
         path=path,

@@ -76,6 +76,12 @@ class ZeroPhaseFilter:
         """
         return _convolve(averages, np.convolve(self.value, np.array([-1.0, 26.0, -1.0]) / 24.0, mode="same"))
 
+    def gain(self, frequency: FloatArray) -> FloatArray:
+        """Share of a wave of ``frequency`` in Hz that the low pass leaves."""
+        half = len(self.value) // 2
+        instants = self.period * np.arange(-half, half + 1)
+        return np.asarray(np.cos(2.0 * np.pi * np.outer(frequency, instants)) @ self.value)
+
     def noise(self, heading_noise: float) -> tuple[float, float]:
         """Return the standard deviation of rate and acceleration from white ``heading_noise`` in rad."""
         gain = np.linalg.norm([self.first, self.second], axis=1)
@@ -98,6 +104,8 @@ class Rates:
         Standard deviation of the white sensor noise in the heading (rad), and what is left of it.
     from_gyro
         Whether a logged yaw rate was used in place of the heading's derivative.
+    gyro_gain, gyro_offset
+        How many times the heading's rate the logged one is, and by how many rad/s it is more; NaN where none is.
     """
 
     time: FloatArray
@@ -108,6 +116,8 @@ class Rates:
     yaw_rate_noise: float
     acceleration_noise: float
     from_gyro: bool
+    gyro_gain: float = math.nan
+    gyro_offset: float = math.nan
 
     @property
     def valid(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
@@ -126,8 +136,7 @@ class Rates:
 def yaw_rates(trial: Trial, *, cutoff: float) -> Rates:
     """Yaw rate and acceleration of one trial.
 
-    Where roll and pitch are logged the heading rate is turned into the body rate by
-    r = psidot cos(phi) cos(theta) - thetadot sin(phi) (Fossen 2011, eq. 2.28 solved for r).
+    Where roll and pitch are logged they are those of the body, see ``body_angle``.
 
     Parameters
     ----------
@@ -148,16 +157,17 @@ def yaw_rates(trial: Trial, *, cutoff: float) -> Rates:
             where=trial.name,
             mend="Raise --cutoff or leave the log out.",
         )
-    heading = on_grid(trial, trial.heading, grid)
-    noise = white_noise(heading)
+    angle = on_grid(trial, body_angle(trial), grid)
+    noise = white_noise(angle)
+    rate, acceleration = kernel.rate(angle), kernel.acceleration(angle)
+    rate_noise, acceleration_noise = kernel.noise(noise)
+    gyro_gain = gyro_offset = math.nan
     if trial.yaw_rate is not None:
         gyro = on_grid(trial, trial.yaw_rate, grid)
+        gyro_gain, gyro_offset = _against_heading(kernel.smooth(gyro), rate)
         rate, acceleration = kernel.smooth(gyro), kernel.rate(gyro)
         gain = np.linalg.norm([kernel.value, kernel.first], axis=1) * white_noise(gyro)
         rate_noise, acceleration_noise = float(gain[0]), float(gain[1])
-    else:
-        rate, acceleration = _body_rate(trial, grid, kernel, heading)
-        rate_noise, acceleration_noise = kernel.noise(noise)
     return Rates(
         time=grid,
         yaw_rate=rate,
@@ -167,23 +177,46 @@ def yaw_rates(trial: Trial, *, cutoff: float) -> Rates:
         yaw_rate_noise=rate_noise,
         acceleration_noise=acceleration_noise,
         from_gyro=trial.yaw_rate is not None,
+        gyro_gain=gyro_gain,
+        gyro_offset=gyro_offset,
     )
 
 
-def _body_rate(
-    trial: Trial, grid: FloatArray, kernel: ZeroPhaseFilter, heading: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    heading_rate, heading_acceleration = kernel.rate(heading), kernel.acceleration(heading)
+def _against_heading(gyro: FloatArray, rate: FloatArray) -> tuple[float, float]:
+    """Gain and offset in rad/s of (m,) ``gyro`` over the heading's ``rate``; NaN where the rate hardly changes."""
+    known = np.isfinite(gyro) & np.isfinite(rate)
+    if not known.any() or np.ptp(rate[known]) == 0.0:
+        return math.nan, math.nan
+    gain, offset = np.polynomial.polynomial.polyfit(rate[known], gyro[known], 1)[::-1]
+    return float(gain), float(offset)
+
+
+def highest_cutoff(trials: Sequence[Trial]) -> float:
+    """Cut-off in Hz up to which the differences are derivatives at the sampling rate of ``trials``."""
+    return _MAX_CUTOFF / float(np.median([trial.period for trial in trials]))
+
+
+def body_angle(trial: Trial) -> FloatArray:
+    """(n,) rad, the integral of the body's yaw rate; the heading itself where no tilt is logged.
+
+    d(angle) = cos(phi) cos(theta) dpsi - sin(phi) dtheta (Fossen 2011, eq. 2.28 solved for r). NaN where the heading
+    was not measured.
+    """
     if trial.roll is None or trial.pitch is None:
-        return heading_rate, heading_acceleration
-    roll = kernel.smooth(on_grid(trial, trial.roll, grid))
-    raw_pitch = on_grid(trial, trial.pitch, grid)
-    projection = np.cos(roll) * np.cos(kernel.smooth(raw_pitch))
-    # The tilt changes slowly beside the heading: its rate of change is left out of the acceleration.
-    return (
-        heading_rate * projection - kernel.rate(raw_pitch) * np.sin(roll),
-        heading_acceleration * projection - kernel.acceleration(raw_pitch) * np.sin(roll),
-    )
+        return trial.heading
+    known = trial.measured
+    roll, pitch = (_filled(trial, values)[known] for values in (trial.roll, trial.pitch))
+    level = np.cos(roll) * np.cos(pitch)
+    steps = 0.5 * (level[1:] + level[:-1]) * np.diff(trial.heading[known])
+    steps -= 0.5 * (np.sin(roll[1:]) + np.sin(roll[:-1])) * np.diff(pitch)
+    angle = np.full(len(trial.time), np.nan)
+    angle[known] = trial.heading[known][0] + np.concatenate(([0.0], np.cumsum(steps)))
+    return angle
+
+
+def _filled(trial: Trial, values: FloatArray) -> FloatArray:
+    finite = np.isfinite(values)
+    return np.interp(trial.time, trial.time[finite], values[finite]) if finite.any() else np.zeros(len(values))
 
 
 def uniform_grid(trial: Trial) -> FloatArray:
@@ -243,8 +276,8 @@ def choose_cutoff(trials: Sequence[Trial]) -> float:
     noise = level * shape
     lost = np.cumsum(np.clip(spectrum - noise, 0.0, None)[::-1])[::-1]
     cost = lost + np.cumsum(noise)
-    shortest = min(trial.duration for trial in trials)
-    low = 8.0 * _HALF_WIDTH / shortest
+    # The filter has to fit into the logs, but one short log may not spoil the rates of all.
+    low = 8.0 * _HALF_WIDTH / float(np.median([trial.duration for trial in trials]))
     best = float(frequency[int(np.argmin(cost))])
     return float(np.clip(best, min(low, _MAX_CUTOFF / period), _MAX_CUTOFF / period))
 

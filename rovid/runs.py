@@ -8,10 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rovid.errors import DataError
-from rovid.rates import Rates, choose_cutoff, yaw_rates
+from rovid.errors import ConfigError, DataError
+from rovid.rates import Rates, choose_cutoff, highest_cutoff, yaw_rates
 from rovid.trial import Campaign, FloatArray, Remark, Trial
 from rovid.vehicle import Vehicle
+
+# A logged yaw rate this far from the heading's, as a gain and as a share of the usual rate, spoils the drag.
+_GYRO_GAIN = 0.03
+_GYRO_OFFSET = 0.02
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,8 +69,15 @@ def prepare(campaign: Campaign, vehicle: Vehicle, *, cutoff: float | None = None
     ------
     DataError
         No trial is long enough for the filter.
+    ConfigError
+        The cut-off is too high for the sampling rate.
     """
     shared = choose_cutoff(campaign.trials) if cutoff is None else cutoff
+    highest = highest_cutoff(campaign.trials)
+    if shared > highest * (1.0 + 1e-6):
+        raise ConfigError(
+            f"is {shared:g} Hz; at this sampling rate rates can be had up to {highest:.3g} Hz.", where="--cutoff"
+        )
     runs, remarks = [], []
     for trial in campaign.trials:
         torque = vehicle.torque(trial)
@@ -78,7 +89,27 @@ def prepare(campaign: Campaign, vehicle: Vehicle, *, cutoff: float | None = None
         runs.append(Run(trial=trial, torque=torque, rates=rates, drive=rates.held(trial, torque)))
     if not runs:
         raise DataError(remarks[0].text if remarks else "there is no trial.")
+    remarks += _gyro_remarks([run for run in runs if _gyro_is_off(run.rates)])
     return Runs(items=tuple(runs), cutoff=shared, chosen=cutoff is None, remarks=tuple(remarks))
+
+
+def _gyro_is_off(rates: Rates) -> bool:
+    known = rates.yaw_rate[np.isfinite(rates.yaw_rate)]
+    typical = float(np.linalg.norm(known)) / max(len(known), 1) ** 0.5
+    return abs(rates.gyro_gain - 1.0) > _GYRO_GAIN or abs(rates.gyro_offset) > _GYRO_OFFSET * typical
+
+
+def _gyro_remarks(off: Sequence[Run]) -> list[Remark]:
+    """Say where a logged yaw rate is not the heading's, which a bias, a unit or a sign would do."""
+    if not off:
+        return []
+    gain, offset = np.median([(run.rates.gyro_gain, run.rates.gyro_offset) for run in off], axis=0)
+    text = (
+        f"{', '.join(run.trial.name for run in off)}: the logged yaw rate is {gain:.3g} times the heading's rate, with "
+        f"an offset of {offset:.2g} rad/s, and the results rest on it. Check its unit and sign, or delete yaw_rate in "
+        "rovid.toml: the heading's own rate is then used."
+    )
+    return [Remark(kind="gyro", count=len(off), text=text)]
 
 
 def stack(runs: Sequence[Run]) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.intp]]:

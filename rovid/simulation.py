@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.model import Model
-from rovid.rates import on_grid
+from rovid.rates import body_angle, on_grid
 from rovid.runs import Run
 from rovid.trial import FloatArray
 
@@ -49,7 +49,7 @@ class TrialSimulation:
         (n,) simulated heading in rad at the trial's own instants.
     heading_errors
         Horizon in s -> RMS heading error in rad that far after a restart from the measured heading and rate,
-        restarts one horizon apart; None where the trial is shorter.
+        restarts one horizon apart; None where no stretch without a gap is as long.
     """
 
     run: Run
@@ -106,7 +106,8 @@ def _heading_error(run: Run, model: Model, horizon: float) -> float | None:
     from rovid.kernels import simulate
 
     rates, trial = run.rates, run.trial
-    heading = on_grid(trial, trial.heading, rates.time)
+    # About the body's own axis: the heading itself, but for what a logged tilt adds to it.
+    angle = on_grid(trial, body_angle(trial), rates.time)
     torque = run.torque[np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1]
     length = round(horizon / rates.kernel.period)
     errors = []
@@ -118,10 +119,11 @@ def _heading_error(run: Run, model: Model, horizon: float) -> float | None:
             continue
         at = start + int(known[0])
         end = at + length
-        if end >= len(heading) or not np.isfinite(heading[[at, end]]).all():
+        # How far the vehicle turned inside a gap is not measured, nor perhaps what was commanded there.
+        if end >= len(angle) or not np.isfinite(angle[at : end + 1]).all():
             continue
         part = slice(at, end + 1)
-        _, angle = simulate(
+        _, simulated = simulate(
             rates.time[part],
             torque[part],
             model.inertia,
@@ -129,5 +131,5 @@ def _heading_error(run: Run, model: Model, horizon: float) -> float | None:
             model.linear_drag,
             rates.yaw_rate[at],
         )
-        errors.append(angle[-1] - (heading[end] - heading[at]))
+        errors.append(simulated[-1] - (angle[end] - angle[at]))
     return float(np.sqrt(np.mean(np.square(errors)))) if errors else None

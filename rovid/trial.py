@@ -25,7 +25,8 @@ class Remark:
     """One thing that a reader noticed in a log and what it did about it.
 
     ``kind`` is a stable word (duplicate, backward, missing, outlier, frozen, gap, truncated, extrapolated,
-    repeated); ``count`` how many samples (or bytes, for truncated) it touches; ``text`` a full sentence.
+    repeated, start, stale, skipped); ``count`` how many samples (or bytes, for truncated) it touches; ``text``
+    a full sentence.
     """
 
     kind: str
@@ -54,7 +55,8 @@ class Trial:
     commands
         (n, k) each actuator's command in the unit of its thrust curve (N m for a logged torque), held.
     yaw_rate, roll, pitch
-        (n,) rad/s, rad, rad or None where not logged; NaN where not measured.
+        (n,) rad/s, rad, rad or None where not logged; linear between neighbours where they have a clock of
+        their own, NaN where those are farther apart than a gap.
     extras
         Any further mapped channel, (n,), held, in the unit of the log.
     remarks
@@ -79,7 +81,7 @@ class Trial:
                 object.__setattr__(self, item.name, read_only(value))
         extras = {name: read_only(values) for name, values in self.extras.items()}
         object.__setattr__(self, "extras", MappingProxyType(extras))
-        if self.commands.ndim != 2 or len(self.commands) != len(self.time) != len(self.heading):
+        if self.commands.ndim != 2 or not len(self.commands) == len(self.time) == len(self.heading):
             msg = f"{self.name}: time {self.time.shape}, heading {self.heading.shape}, {self.commands.shape}"
             raise ValueError(msg)
 

@@ -60,9 +60,10 @@ class Estimate:
         return self.value(name) - reach, self.value(name) + reach
 
     def correlation(self, first: str, second: str) -> float:
-        """Correlation between two parameters."""
-        i, j = self.names.index(first), self.names.index(second)
-        return float(self.covariance[i, j] / np.sqrt(self.covariance[i, i] * self.covariance[j, j]))
+        """Correlation between two parameters; NaN where one of them is not estimated."""
+        covariance = float(self.covariance[self.names.index(first), self.names.index(second)])
+        both = self.standard_error(first) * self.standard_error(second)
+        return covariance / both if both > 0.0 else np.nan
 
     def differs_from_zero(self, name: str) -> bool:
         """Whether the 95 % interval of ``name`` leaves zero out."""

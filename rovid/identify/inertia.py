@@ -99,7 +99,7 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
         refused["regression"] = str(error)
     methods = _sine_methods(trials, drag)
     if not trials:
-        text = f"the logs hold no sine of three or more equal periods. {SINE_ADVICE}"
+        text = f"the logs hold no sine-shaped torque of three or more equal periods. {SINE_ADVICE}"
         refused |= dict.fromkeys(("peak", "orbit_integral", "harmonic_balance"), text)
     if regression is not None:
         methods["regression"] = _as_inertia(regression)
@@ -110,16 +110,16 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
     estimate = (
         regression.estimate
         if regression is not None and chosen == "regression"
-        else _single(methods["orbit_integral"], sum(trial.cycles for trial in trials))
+        else _single(methods["orbit_integral"], trials)
     )
-    bias = None
-    if trials and drag is not None:
-        bias = peak_bias(trials, _model(estimate.value("inertia"), drag))
     warnings = (
         *estimate.warnings,
         *_method_warnings(methods, refused),
         *_plausibility(estimate, rigid_body),
     )
+    bias = None
+    if trials and drag is not None:
+        bias = peak_bias(trials, _model(estimate.value("inertia"), drag))
     return InertiaFit(
         estimate=_with_warnings(estimate, warnings),
         chosen=chosen,
@@ -174,14 +174,14 @@ def _as_inertia(regression: Regression) -> Inertia:
     return Inertia(value=estimate.value("inertia"), standard_error=estimate.standard_error("inertia"), runs=())
 
 
-def _single(reading: Inertia, cycles: int) -> Estimate:
+def _single(reading: Inertia, trials: Sequence[SineTrial]) -> Estimate:
     return Estimate(
         names=("inertia",),
         values=np.array([reading.value]),
         covariance=np.array([[reading.standard_error**2]]),
-        degrees_of_freedom=float(max(cycles - 1, 1)),
+        degrees_of_freedom=float(sum(trial.cycles - 1 for trial in trials)),
         method=METHODS["orbit_integral"],
-        samples=cycles,
+        samples=sum(trial.cycles for trial in trials),
     )
 
 
@@ -215,9 +215,14 @@ def _method_warnings(methods: dict[str, Inertia], refused: dict[str, str]) -> li
 
 
 def _plausibility(estimate: Estimate, rigid_body: float | None) -> list[str]:
+    value = estimate.value("inertia")
+    if not value > 0.0:
+        raise DataError(
+            f"the inertia comes out at {value:.3g} kg m^2: the vehicle turns against its torque.",
+            mend="Check in rovid.toml the signs of yaw_arm, command and heading.",
+        )
     if rigid_body is None:
         return []
-    value = estimate.value("inertia")
     ratio = value / rigid_body
     if ratio > _IMPOSSIBLE_RATIO or ratio < 1.0 / _IMPOSSIBLE_RATIO:
         raise DataError(

@@ -12,7 +12,8 @@ from scipy.optimize import Bounds, minimize
 
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import fit_free_run, free_run_r2
-from rovid.model import Model, body_angle, initial_rate
+from rovid.model import Model, initial_rate
+from rovid.rates import body_angle
 from rovid.runs import Run
 from rovid.trial import FloatArray
 
@@ -170,7 +171,8 @@ class _Problem:
 
     def covariance(self, x: FloatArray, *, sandwich: bool) -> FloatArray:
         """(3, 3) of inertia and drags: inverse curvature, or the sandwich that allows for coloured innovations."""
-        free = [k for k in range(len(x)) if k not in {1, 2} or x[k] > 1e-9]
+        # All of them, a drag at its bound too: to take its zero for certain would make the rest look certain.
+        free = range(len(x))
         step = 1e-3
         scores, curvature = [], np.zeros((len(free), len(free)))
         centre = self.block_costs(x)

@@ -61,18 +61,15 @@ def fit_regression(runs: Sequence[Run]) -> Regression:
         if done:
             break
     residuals = torque - measured @ values
-    covariance = _jackknife_covariance(instruments, measured, torque, blocks, free)
-    if not free.all():
-        # A drag at its bound is as uncertain as it was before it was held there.
-        unbounded = _jackknife_covariance(instruments, measured, torque, blocks, np.ones(3, dtype=bool))
-        covariance[~free, ~free] = np.diag(unbounded)[~free]
+    # That of the free fit even where a drag is at its bound: it would take the zero for certain, and the rest with it.
+    covariance = _jackknife_covariance(instruments, measured, torque, blocks)
     estimate = Estimate(
         names=NAMES,
         values=values,
         covariance=covariance,
         method="regression on all excited data, instrumental variables",
         samples=len(torque),
-        degrees_of_freedom=float(len(np.unique(blocks)) - int(free.sum())),
+        degrees_of_freedom=float(len(np.unique(blocks)) - len(NAMES)),
         warnings=tuple(
             f"{name} would come out negative in the regression; it is held at zero, its lower bound."
             for name, kept in zip(NAMES, free, strict=True)
@@ -130,7 +127,10 @@ def _bounded(instruments: FloatArray, measured: FloatArray, torque: FloatArray) 
         free[1 + int(np.argmin(values[1:] * np.linalg.norm(measured[:, 1:], axis=0)))] = False
         values = _solve(instruments, measured, torque, free)
     if not values[0] > 0.0:
-        raise _not_excited("the inertia comes out negative")
+        raise DataError(
+            "the inertia comes out negative: the vehicle turns against its torque, or hardly at all.",
+            mend=f"Check in rovid.toml the signs of yaw_arm, command and heading. {ADVICE}",
+        )
     return free, values
 
 
@@ -160,10 +160,9 @@ def _jackknife_covariance(
     measured: FloatArray,
     torque: FloatArray,
     blocks: NDArray[np.intp],
-    free: NDArray[np.bool_],
 ) -> FloatArray:
     """Covariance from leaving out one block at a time, which allows for residuals correlated within blocks."""
-    z, x = instruments[:, free], measured[:, free] / (scale := np.linalg.norm(measured[:, free], axis=0))
+    z, x = instruments, measured / (scale := np.linalg.norm(measured, axis=0))
     edges = np.flatnonzero(np.diff(blocks, prepend=-1))
     moments = np.add.reduceat(z[:, :, None] * x[:, None, :], edges)
     work = np.add.reduceat(z * torque[:, None], edges)
@@ -171,9 +170,7 @@ def _jackknife_covariance(
     without = (others @ (work.sum(axis=0) - work)[:, :, None])[:, :, 0] / scale
     count = len(edges)
     deviations = without - without.mean(axis=0)
-    covariance = np.zeros((3, 3))
-    covariance[np.ix_(free, free)] = (count - 1) / count * deviations.T @ deviations
-    return covariance
+    return np.asarray((count - 1) / count * deviations.T @ deviations)
 
 
 def _require_motion(measured: FloatArray, torque: FloatArray) -> None:

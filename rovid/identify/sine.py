@@ -14,7 +14,8 @@ from rovid.runs import Run
 from rovid.segments import SineRun, find_sines
 from rovid.trial import FloatArray
 
-HARMONICS = 5
+HARMONICS = 9
+_LEAST_GAIN = 0.25
 _PHASES = 720
 # The response to switching on has to die away before the motion repeats.
 _DROPPED_CYCLES = 1
@@ -93,18 +94,23 @@ def _trial(run: Run, sine: SineRun) -> SineTrial | None:
 
 
 def _wave(run: Run, rows: NDArray[np.intp], period: float) -> Wave:
-    """Least squares of mean, drift and harmonics; torque and rate have been through the same filter."""
+    """Least squares of mean, drift and harmonics, freed of what the filter took from them.
+
+    The orbit integral is exact for the whole wave: a share of a harmonic taken away, even from torque and rate alike,
+    leaves some of the drag's work in it.
+    """
     frequency = 2.0 * math.pi / period
     time = run.rates.time[rows] - run.rates.time[rows[0]]
+    gain = run.rates.kernel.gain(np.arange(HARMONICS + 1) / period)
     # Harmonics beyond the filter carry noise alone.
-    count = int(min(HARMONICS, max(run.rates.kernel.cutoff * period / 2.0, 1.0)))
+    count = max(int(np.argmax(np.append(gain < _LEAST_GAIN, True))) - 1, 1)
     phase = frequency * np.outer(time, np.arange(1, count + 1))
     drift = time / max(float(time[-1]), 1e-9) - 0.5
     basis = np.column_stack((np.ones(len(rows)), drift, np.cos(phase), np.sin(phase)))
     both = np.column_stack((run.drive[rows], run.rates.yaw_rate[rows]))
     coefficients = np.linalg.lstsq(basis, both, rcond=None)[0]
     amplitudes = coefficients[2 : 2 + count] - 1j * coefficients[2 + count :]
-    torque, rate = np.vstack((coefficients[:1], amplitudes)).T
+    torque, rate = np.vstack((coefficients[:1], amplitudes)).T / gain[: count + 1]
     return Wave(frequency=frequency, torque=torque, rate=rate, seconds=len(rows) * run.rates.kernel.period)
 
 

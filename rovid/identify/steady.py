@@ -193,7 +193,10 @@ def _blocks(run: Run, hold: Hold) -> tuple[FloatArray, FloatArray, FloatArray]:
     # Counted from the end: the start is what settling takes away.
     block = rows[len(rows) - count * size :].reshape(count, size)
     rate = rates.yaw_rate[block]
-    return rate.mean(axis=1), (np.abs(rate) * rate).mean(axis=1), rates.time[block[:, 0]]
+    mean = rate.mean(axis=1)
+    # The square of sensor noise has a mean, that of the motion's own unrest belongs to the drag.
+    square = (np.abs(rate) * rate).mean(axis=1) - np.sign(mean) * rates.yaw_rate_noise**2
+    return mean, square, rates.time[block[:, 0]]
 
 
 def _settled(blocks: FloatArray) -> int:
@@ -231,9 +234,9 @@ def fit_drag(points: Sequence[SteadyPoint]) -> DragFit:
     Raises
     ------
     DataError
-        No steady turning.
+        No steady turning, or turning against the torque.
     """
-    fitted = tuple(point for point in points if point.steady)
+    fitted = tuple(point for point in points if point.steady and point.yaw_rate != 0.0)
     if not fitted:
         raise _no_steady(points)
     refused = _undetermined(fitted)
@@ -250,9 +253,13 @@ def fit_drag(points: Sequence[SteadyPoint]) -> DragFit:
             f"{name} came out negative ({values[negative][0]:.3g} ± {np.sqrt(np.diag(covariance))[negative][0]:.2g}), "
             "which no drag is; it is held at zero."
         )
-        spread = np.diag(covariance)[negative]
-        values, covariance, dof = _least_squares(design, torque, error, ~negative)
-        covariance[negative, negative] = spread
+        # The covariance stays that of the free fit: it would take the zero for certain, and the other drag with it.
+        values, _, _ = _least_squares(design, torque, error, ~negative)
+    if not (values > 0.0).any():
+        raise DataError(
+            "the vehicle turns against its torque in these holds, which no drag does.",
+            mend="Check in rovid.toml the signs of yaw_arm, command and heading.",
+        )
     residuals = torque - design @ values
     estimate = Estimate(
         names=NAMES,
@@ -304,9 +311,10 @@ def _undetermined(points: Sequence[SteadyPoint]) -> dict[str, str]:
     speeds = np.abs([point.yaw_rate for point in points])
     if speeds.max() < _MIN_RATE_RATIO * speeds.min():
         return {
-            "linear_drag": f"all {len(points)} steady turns are at nearly the same rate "
+            "linear_drag": "all steady turns are at nearly the same rate "
             f"({speeds.min():.3g} to {speeds.max():.3g} rad/s), so quadratic and linear drag cannot be told apart; "
-            "it is taken as zero. Run holds at other commands."
+            "it is taken as zero, and the quadratic drag and its error hold at that rate alone. "
+            "Run holds at other commands."
         }
     if _from_table(points) and len(points) < 3:
         return {
