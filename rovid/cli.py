@@ -159,21 +159,27 @@ def fit_inertia(
 def fit(
     logs: OptionalLogs = None,
     *,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ID", help="Include this effect in the model; may be given again.", show_default=False),
+    ] = None,
     parameters: ParameterFile = DEFAULT_PARAMETERS,
     cutoff: Cutoff = None,
     json: Json = False,
 ) -> None:
     """All parameters at once by maximum likelihood, from every trial; right under feedback too.
 
-    Example: rovid fit
+    Example: rovid fit --effect thruster_lag
     """
     from rovid.documents import likelihood_document
+    from rovid.effects import effect_named
     from rovid.terminal import show_fit, show_likelihood
 
+    effects = tuple(effect_named(name) for name in dict.fromkeys(effect or ()))
     stored = _stored(parameters)
     study = _open(logs or _remembered(stored), cutoff)
     with _busy("Maximising the likelihood …"):
-        result = study.likelihood()
+        result = study.likelihood(effects)
     if logs:
         stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
     stored = stored.with_estimate(result.estimate)
@@ -254,7 +260,7 @@ def simulate(
     if study.campaign is None or study.runs is None:
         raise DataError("are tables; only logs can be simulated.", where="LOGS", mend="Give LOGS.")
     with _busy("Simulating …"):
-        simulations = simulate_runs(study.runs.items, model)
+        simulations = simulate_runs(study.runs.items, model, study.vehicle)
     warnings = [*study.remarks(), *stored.changed_sources(study.campaign)]
     if json:
         _print_json(simulation_document(stored, simulations, warnings))

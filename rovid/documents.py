@@ -36,11 +36,16 @@ def parameter_document(estimate: Estimate) -> Document:
     }
 
 
+def effects_of(names: Sequence[str]) -> list[str]:
+    """Ids of the effects among parameter names."""
+    return list(dict.fromkeys(name.partition(".")[0] for name in names if "." in name))
+
+
 def _fit_document(estimate: Estimate, study: Study) -> Document:
     return {
         "schema": "rovid-fit/1",
         "parameters": parameter_document(estimate),
-        "effects": [],
+        "effects": effects_of(estimate.names),
         "log_likelihood": None,
         "samples": estimate.samples,
         "method": estimate.method,
@@ -162,7 +167,7 @@ def simulation_document(
             name: {"value": entry.value, "standard_error": entry.standard_error, "unit": entry.unit}
             for name, entry in parameters.entries.items()
         },
-        "effects": [],
+        "effects": parameters.effects,
         "trials": [_trial_simulation(item) for item in simulations],
         "overall": {
             "yaw_rate_r2": total.r2,

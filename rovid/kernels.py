@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import math
+import warnings
+from typing import Any
 
-import numba
 import numpy as np
+from numba import literal_unroll
+from numba.core.errors import NumbaExperimentalFeatureWarning
 
+from rovid.effects import TERMS
+from rovid.effects.base import TERM_STATES
+from rovid.effects.base import compiled as _compiled
 from rovid.trial import FloatArray
+
+# The loop over the effects' terms hands functions to numba, which calls that new; it works and is tested.
+warnings.filterwarnings("ignore", category=NumbaExperimentalFeatureWarning)
 
 # A step of this share of the shortest time constant leaves fourth-order Runge-Kutta exact to about 1e-6.
 _STEP_SHARE = 0.2
@@ -15,10 +24,8 @@ _STEP_SHARE = 0.2
 _FILTER_STEP_SHARE = 0.05
 _MAX_SUBSTEPS = 1000
 _SETTLED = 1e-9
-
-
-# Compiled for the machine at first use; the result is kept on disk.
-_compiled = numba.njit(cache=True, error_model="numpy")
+# With effects a gap is stepped through to its end, however long.
+_MAX_GAP_SUBSTEPS = 1_000_000
 
 
 @_compiled
@@ -93,6 +100,107 @@ def simulate(
 
 
 @_compiled
+def _sum_terms(
+    rate: float, angle: float, push: float, base: Any, terms: Any, active: Any, state: Any, change: Any
+) -> Any:
+    """Torque of all active effects; fills in the rates of change of their states."""
+    total = 0.0
+    k = 0
+    for term in literal_unroll(TERMS):
+        if active[k]:
+            total += term(rate, angle, push, base, terms[k], state[k], change[k])
+        k += 1  # noqa: SIM113 - numba unrolls the bare loop only
+    return total
+
+
+@_compiled
+def _extra(rate: float, angle: float, push: float, base: Any, terms: Any, active: Any, state: Any, change: Any) -> Any:
+    """As ``_sum_terms``, at no cost where the last flag says that there is no effect."""
+    return _sum_terms(rate, angle, push, base, terms, active, state, change) if active[-1] else 0.0
+
+
+@_compiled
+def _substep(
+    r: float, a: float, push: float, base: Any, terms: Any, active: Any, state: Any, middle: Any, change: Any, h: float
+) -> Any:
+    """One Runge-Kutta step of rate and angle with effects; their states by the midpoint rule.
+
+    Returns the new rate and angle, and the damping -d(rdot)/dr at the start, in 1/s.
+    """
+    inertia, quadratic, linear = base[0], base[1], base[2]
+    damping = (2.0 * quadratic * abs(r) + linear) / inertia
+    extra = _extra(r, a, push, base, terms, active, state, change)
+    k1 = _acceleration(r, push + extra, inertia, quadratic, linear)
+    if active[-1]:
+        _advance(state, change, 0.5 * h, middle)
+        nudge = 1e-6 + 1e-4 * abs(r)
+        damping -= (_extra(r + nudge, a, push, base, terms, active, state, change) - extra) / (nudge * inertia)
+    r2 = r + 0.5 * h * k1
+    extra = _extra(r2, a + 0.5 * h * r, push, base, terms, active, middle, change)
+    k2 = _acceleration(r2, push + extra, inertia, quadratic, linear)
+    if active[-1]:
+        _advance(state, change, h, state)
+    r3 = r + 0.5 * h * k2
+    extra = _extra(r3, a + 0.5 * h * r2, push, base, terms, active, middle, change)
+    k3 = _acceleration(r3, push + extra, inertia, quadratic, linear)
+    r4 = r + h * k3
+    extra = _extra(r4, a + h * r3, push, base, terms, active, state, change)
+    k4 = _acceleration(r4, push + extra, inertia, quadratic, linear)
+    a += h * (r + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
+    r += h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+    return r, a, max(damping, 0.0)
+
+
+@_compiled
+def _advance(state: Any, change: Any, h: float, out: Any) -> None:
+    """Write state + h*change into ``out``."""
+    for j in range(state.shape[0]):
+        for i in range(state.shape[1]):
+            out[j, i] = state[j, i] + h * change[j, i]
+
+
+@_compiled
+def simulate_effects(
+    time: FloatArray, torque: FloatArray, base: FloatArray, terms: FloatArray, active: Any, start: tuple[float, float]
+) -> tuple[FloatArray, FloatArray]:
+    """As ``simulate``, with effects in the equation of motion.
+
+    Parameters
+    ----------
+    torque
+        (n,) N m; each value the mean until the next instant.
+    base
+        Inertia, quadratic and linear drag, and the heading in rad at the first instant.
+    terms, active
+        (m, 4) parameters of each effect of ``rovid.effects.MOTION``; (m + 1,) which are there, and whether any is.
+    start
+        Rate in rad/s and angle in rad, since the start of the trial, at the first instant.
+    """
+    n = len(time)
+    rate, angle = np.empty(n), np.empty(n)
+    r, a = start
+    rate[0], angle[0] = r, a
+    state = np.zeros((len(terms), TERM_STATES))
+    middle, change = np.zeros_like(state), np.zeros_like(state)
+    stiffness = base[2] / base[0]
+    for k in range(n - 1):
+        interval = time[k + 1] - time[k]
+        balance = math.sqrt(abs(torque[k]) / base[1]) if base[1] > 0.0 else 0.0
+        if base[2] > 0.0:
+            balance = min(balance, abs(torque[k]) / base[2]) if base[1] > 0.0 else 0.0
+        stiffness = max(stiffness, (2.0 * base[1] * max(abs(r), balance) + base[2]) / base[0])
+        wanted = interval * stiffness / _STEP_SHARE
+        steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
+        h = interval / steps
+        stiffness = 0.0
+        for _ in range(steps):
+            r, a, damping = _substep(r, a, torque[k], base, terms, active, state, middle, change, h)
+            stiffness = max(stiffness, damping)
+        rate[k + 1], angle[k + 1] = r, a
+    return rate, angle
+
+
+@_compiled
 def constant_runs(values: FloatArray, tolerance: FloatArray) -> FloatArray:
     """Cut (n, k) ``values`` greedily into runs within which no column spans more than its ``tolerance``.
 
@@ -129,7 +237,9 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
     torque: FloatArray,
     angle: FloatArray,
     rate: FloatArray,
-    model: FloatArray,
+    base: FloatArray,
+    terms: FloatArray,
+    active: Any,
     noise: FloatArray,
     start: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
@@ -145,8 +255,8 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
         (n,) s and N m held to the next instant.
     angle, rate
         (n,) measured angle in rad and rate in rad/s; NaN where not measured.
-    model
-        inertia, quadratic, linear.
+    base, terms, active
+        As for ``simulate_effects``; the states of the effects are carried along without a variance of their own.
     noise
         Standard deviation of d in N m, its correlation time in s, standard deviation of the white noise of a
         measured angle in rad and of a measured rate in rad/s.
@@ -159,8 +269,11 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
         (n, 2) of angle and rate; NaN where nothing was measured.
     """
     n = len(time)
-    inertia, quadratic, linear = model[0], model[1], model[2]
+    inertia = base[0]
     sigma, tau = noise[0], noise[1]
+    state = np.zeros((len(terms), TERM_STATES))
+    middle, change = np.zeros_like(state), np.zeros_like(state)
+    origin, damping = angle[0], base[2] / inertia
     innovation = np.full((n, 2), np.nan)
     variance = np.full((n, 2), np.nan)
     a, r, d = angle[0], start[0], 0.0
@@ -171,23 +284,16 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
         if k > 0:
             interval = time[k] - time[k - 1]
             push = torque[k - 1]
-            stiffness = (2.0 * quadratic * abs(r) + linear) / inertia + 1.0 / tau
+            stiffness = max(damping, (2.0 * base[1] * abs(r) + base[2]) / inertia) + 1.0 / tau
             wanted = interval * stiffness / _FILTER_STEP_SHARE
-            steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_SUBSTEPS)
+            steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
             h = interval / steps
             fade = math.exp(-h / tau)
             for _ in range(steps):
-                damping = (2.0 * quadratic * abs(r) + linear) / inertia
-                middle = d * (1.0 - 0.5 * h / tau)
-                k1 = _acceleration(r, push + d, inertia, quadratic, linear)
-                r2 = r + 0.5 * h * k1
-                k2 = _acceleration(r2, push + middle, inertia, quadratic, linear)
-                r3 = r + 0.5 * h * k2
-                k3 = _acceleration(r3, push + middle, inertia, quadratic, linear)
-                r4 = r + h * k3
-                k4 = _acceleration(r4, push + d * fade, inertia, quadratic, linear)
-                a += h * (r + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
-                r += h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+                # The disturbance is taken at its mean over the step, which is short beside its memory.
+                push_here = push + d * (1.0 - 0.5 * h / tau)
+                r, a, damping = _substep(r, a - origin, push_here, base, terms, active, state, middle, change, h)
+                a += origin
                 d *= fade
                 # Transition of the linearised motion to second order in h, which sub-stepping keeps small.
                 f11 = math.exp(-damping * h)

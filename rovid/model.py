@@ -5,9 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rovid.effects import MOTION, Effect, effect_named
+from rovid.effects.base import TERM_PARAMETERS, actuation
 from rovid.rates import body_angle, on_grid, uniform_grid
 from rovid.trial import FloatArray, Trial
+from rovid.vehicle import Vehicle
 
 # Names, and the unit of each, as they stand in the parameter file and in JSON.
 UNITS = {
@@ -18,6 +22,20 @@ UNITS = {
 _START_SECONDS = 2.0
 
 
+def unit_of(name: str) -> str:
+    """Unit of a parameter, ``inertia`` or ``thruster_lag.time_constant``.
+
+    Raises
+    ------
+    ConfigError
+        There is no such effect.
+    """
+    effect, _, parameter = name.partition(".")
+    if not parameter:
+        return UNITS[name]
+    return next((p.unit for p in effect_named(effect).parameters if p.name == parameter), "")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Model:
     """``inertia*rdot + quadratic_drag*|r|*r + linear_drag*r = torque``, psidot = r."""
@@ -25,10 +43,69 @@ class Model:
     inertia: float
     quadratic_drag: float
     linear_drag: float
+    effects: tuple[Effect, ...] = ()
+    effect_values: tuple[float, ...] = ()
+
+    def base(self, trial: Trial) -> FloatArray:
+        """(4,) inertia, drags and the first heading, as the kernels take them."""
+        first = int(np.argmax(trial.measured))
+        return np.array([self.inertia, self.quadratic_drag, self.linear_drag, trial.heading[first]])
+
+    def terms(self) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """(m, 4) parameters of each term of the equation of motion; (m + 1,) which are there, and whether any is."""
+        values, active = np.zeros((len(MOTION), TERM_PARAMETERS)), np.zeros(len(MOTION) + 1, dtype=np.bool_)
+        for effect, numbers in self._each():
+            if effect.term is not None:
+                at = MOTION.index(effect)
+                values[at, : len(numbers)] = numbers
+                active[[at, -1]] = True
+        return values, active
+
+    def _each(self) -> list[tuple[Effect, FloatArray]]:
+        widths = np.cumsum([0, *(len(effect.parameters) for effect in self.effects)])
+        numbers = np.array(self.effect_values)
+        return [(effect, numbers[a:b]) for effect, a, b in zip(self.effects, widths[:-1], widths[1:], strict=True)]
+
+    def torque(self, vehicle: Vehicle, trial: Trial) -> FloatArray:
+        """(n,) torque in N m after every effect between command and torque; the mean until the next instant."""
+        if not any(effect.on_command or effect.on_thrust or effect.on_torque for effect in self.effects):
+            return vehicle.torque(trial)
+        where = actuation(vehicle, trial.time)
+        command = trial.commands
+        for effect, numbers in self._each():
+            if effect.on_command is not None:
+                command = effect.on_command(where, command, effect.values(numbers))
+        thrust = vehicle.thrust(command)
+        for effect, numbers in self._each():
+            if effect.on_thrust is not None:
+                thrust = effect.on_thrust(where, thrust, effect.values(numbers))
+        torque = np.asarray(thrust @ where.arms)
+        for effect, numbers in self._each():
+            if effect.on_torque is not None:
+                torque = effect.on_torque(where, torque, effect.values(numbers))
+        return torque
 
     def drag(self, rate: FloatArray) -> FloatArray:
         """Drag torque in N m at ``rate`` in rad/s."""
         return self.quadratic_drag * np.abs(rate) * rate + self.linear_drag * rate
+
+    def turned(self, trial: Trial, time: FloatArray, torque: FloatArray, start: tuple[float, float]) -> float:
+        """Angle in rad turned over the (n,) instants ``time`` under a held torque.
+
+        ``start`` is the rate in rad/s and the angle since the start of the trial in rad at the first of them.
+        """
+        return float(self._integrate(trial, time, torque, start)[1][-1] - start[1])
+
+    def _integrate(
+        self, trial: Trial, time: FloatArray, torque: FloatArray, start: tuple[float, float]
+    ) -> tuple[FloatArray, FloatArray]:
+        from rovid.kernels import simulate, simulate_effects
+
+        if any(effect.term is not None for effect in self.effects):
+            rate, angle = simulate_effects(time, torque, self.base(trial), *self.terms(), start)
+            return rate, angle
+        rate, angle = simulate(time, torque, self.inertia, self.quadratic_drag, self.linear_drag, start[0])
+        return rate, angle + start[1]
 
     def simulate(self, trial: Trial, torque: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Simulate freely from the first sample.
@@ -45,11 +122,7 @@ class Model:
             the first one measured. Where roll and pitch are logged the body rate turns into the heading's by
             psidot = (r + thetadot sin(phi)) / (cos(phi) cos(theta)) (Fossen 2011, eq. 2.28).
         """
-        from rovid.kernels import simulate
-
-        rate, angle = simulate(
-            trial.time, torque, self.inertia, self.quadratic_drag, self.linear_drag, initial_rate(trial)
-        )
+        rate, angle = self._integrate(trial, trial.time, torque, (initial_rate(trial), 0.0))
         if trial.roll is not None and trial.pitch is not None:
             angle = _euler_heading(trial, rate)
         first = int(np.argmax(trial.measured))

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from rovid import __version__
+from rovid.effects import effect_named
 from rovid.errors import ConfigError
 from rovid.identify.estimate import Estimate
 from rovid.model import UNITS, Model
@@ -86,7 +87,9 @@ class Parameters:
             for j, second in enumerate(estimate.names)
             if i <= j and first in new and second in new
         }
-        entries = {name: entry for name, entry in self.entries.items() if name not in estimate.names}
+        # Effects belong to the fit that found them: another fit of the inertia does without, or finds them anew.
+        stale = set(estimate.names) | ({name for name in self.entries if "." in name} if "inertia" in new else set())
+        entries = {name: entry for name, entry in self.entries.items() if name not in stale}
         return replace(self, entries=entries | new, covariance=kept | fresh)
 
     def with_logs(self, paths: Sequence[Path], vehicle: str, campaign: Campaign | None) -> Parameters:
@@ -129,11 +132,19 @@ class Parameters:
             if name not in self.entries:
                 raise ConfigError(f"holds no {name}.", where=self.path, mend=f"Run `rovid {command}` first.")
         linear = self.entries.get("linear_drag")
+        effects = tuple(effect_named(name) for name in self.effects)
         return Model(
             inertia=self.entries["inertia"].value,
             quadratic_drag=self.entries["quadratic_drag"].value,
             linear_drag=0.0 if linear is None else linear.value,
+            effects=effects,
+            effect_values=tuple(self.entries[f"{e.id}.{p.name}"].value for e in effects for p in e.parameters),
         )
+
+    @property
+    def effects(self) -> list[str]:
+        """Ids of the effects whose parameters are here."""
+        return list(dict.fromkeys(name.partition(".")[0] for name in self.entries if "." in name))
 
     def changed_sources(self, campaign: Campaign) -> list[str]:
         """Say which logs are not the ones that the parameters were fitted to."""
@@ -147,7 +158,7 @@ class Parameters:
         """Write the file; the old one stays whole if that fails."""
         import tomli_w
 
-        names = [name for name in UNITS if name in self.entries]
+        names = [name for name in UNITS if name in self.entries] + [name for name in self.entries if "." in name]
         matrix = [[self.covariance.get((a, b), self.covariance.get((b, a), 0.0)) for b in names] for a in names]
         document = {
             "schema": f"{SCHEMA}/{SCHEMA_VERSION}",
@@ -224,7 +235,11 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
     }
     for name, entry in entries.items():
         # Drag may be zero; nothing may be negative, infinite or not a number.
-        if not (0.0 < entry.value < math.inf or (entry.value == 0.0 and name != "inertia")):
+        if (
+            not math.isfinite(entry.value)
+            or ("." not in name and not entry.value >= 0.0)
+            or (name == "inertia" and not entry.value > 0.0)
+        ):
             raise ValueError(f"{name} is {entry.value:g}, which no vehicle has")
     names, matrix = document["covariance"]["names"], document["covariance"]["matrix"]
     return Parameters(

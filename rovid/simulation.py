@@ -11,6 +11,7 @@ from rovid.model import Model
 from rovid.rates import body_angle, on_grid
 from rovid.runs import Run
 from rovid.trial import FloatArray
+from rovid.vehicle import Vehicle
 
 HORIZONS = (10.0, 60.0)
 
@@ -60,9 +61,9 @@ class TrialSimulation:
     heading_errors: dict[float, float | None]
 
 
-def simulate_runs(runs: Sequence[Run], model: Model) -> list[TrialSimulation]:
-    """Simulate every run and compare."""
-    return [_simulate(run, model) for run in runs]
+def simulate_runs(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[TrialSimulation]:
+    """Simulate every run and compare; the effects of ``model`` act on the commands of ``vehicle`` too."""
+    return [_simulate(run, model, model.torque(vehicle, run.trial)) for run in runs]
 
 
 def overall(simulations: Sequence[TrialSimulation]) -> Fit:
@@ -89,8 +90,8 @@ def compare(measured: FloatArray, simulated: FloatArray) -> Fit:
     )
 
 
-def _simulate(run: Run, model: Model) -> TrialSimulation:
-    rate, heading = model.simulate(run.trial, run.torque)
+def _simulate(run: Run, model: Model, torque: FloatArray) -> TrialSimulation:
+    rate, heading = model.simulate(run.trial, torque)
     simulated = run.rates.smooth_samples(run.trial, rate)
     return TrialSimulation(
         run=run,
@@ -98,17 +99,15 @@ def _simulate(run: Run, model: Model) -> TrialSimulation:
         measured=run.rates.yaw_rate,
         simulated=simulated,
         heading=heading,
-        heading_errors={horizon: _heading_error(run, model, horizon) for horizon in HORIZONS},
+        heading_errors={horizon: _heading_error(run, model, torque, horizon) for horizon in HORIZONS},
     )
 
 
-def _heading_error(run: Run, model: Model, horizon: float) -> float | None:
-    from rovid.kernels import simulate
-
+def _heading_error(run: Run, model: Model, torque: FloatArray, horizon: float) -> float | None:
     rates, trial = run.rates, run.trial
     # About the body's own axis: the heading itself, but for what a logged tilt adds to it.
     angle = on_grid(trial, body_angle(trial), rates.time)
-    torque = run.torque[np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1]
+    held = torque[np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1]
     length = round(horizon / rates.kernel.period)
     errors = []
     for start in range(0, len(rates.time) - length, length):
@@ -123,13 +122,7 @@ def _heading_error(run: Run, model: Model, horizon: float) -> float | None:
         if end >= len(angle) or not np.isfinite(angle[at : end + 1]).all():
             continue
         part = slice(at, end + 1)
-        _, simulated = simulate(
-            rates.time[part],
-            torque[part],
-            model.inertia,
-            model.quadratic_drag,
-            model.linear_drag,
-            rates.yaw_rate[at],
-        )
-        errors.append(simulated[-1] - (angle[end] - angle[at]))
+        begin = (float(rates.yaw_rate[at]), float(angle[at] - angle[np.isfinite(angle)][0]))
+        simulated = model.turned(trial, rates.time[part], held[part], begin)
+        errors.append(simulated - (angle[end] - angle[at]))
     return float(np.sqrt(np.mean(np.square(errors)))) if errors else None

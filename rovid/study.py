@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rovid.config import find_config, load_config, vehicle_of_tables
+from rovid.effects import Effect
 from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit, fit_inertia, fit_inertia_table
@@ -80,8 +81,8 @@ class Study:
             raise DataError(f"there is no table of sine trials (columns {', '.join(SINE_COLUMNS)}).")
         return fit_inertia_table(read_table(self.sine), drag=drag, rigid_body=rigid_body)
 
-    def likelihood(self) -> LikelihoodFit:
-        """All parameters at once by maximum likelihood.
+    def likelihood(self, effects: tuple[Effect, ...] = ()) -> LikelihoodFit:
+        """All parameters at once by maximum likelihood, those of ``effects`` included.
 
         Raises
         ------
@@ -90,7 +91,7 @@ class Study:
         """
         if self.runs is None:
             raise DataError("a table holds no time series to fit.", where=self.paths[0], mend="Give logs.")
-        return fit_likelihood(self.runs.items)
+        return fit_likelihood(self.runs.items, self.vehicle, effects)
 
 
 def open_study(paths: Sequence[Path], *, cutoff: float | None = None) -> Study:

@@ -18,7 +18,6 @@ from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.identify.likelihood import LikelihoodFit
 from rovid.identify.steady import DragFit, SteadyPoint
-from rovid.model import UNITS
 from rovid.output import plus_minus
 from rovid.parameters import Parameters
 from rovid.runs import Runs
@@ -63,11 +62,13 @@ def show_parameters(console: Console, estimate: Estimate) -> None:
     table.title = None
     for name in estimate.names:
         if name in estimate.refused:
-            table.add_row(name, "not determined", UNITS[name], "–")
+            table.add_row(name, "not determined", estimate.unit(name), "–")
             continue
         low, high = estimate.interval(name)
         interval = f"{low:.4g} … {high:.4g}" if math.isfinite(low) else "–"
-        table.add_row(name, plus_minus(estimate.value(name), estimate.standard_error(name)), UNITS[name], interval)
+        table.add_row(
+            name, plus_minus(estimate.value(name), estimate.standard_error(name)), estimate.unit(name), interval
+        )
     console.print(table)
 
 

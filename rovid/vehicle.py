@@ -98,6 +98,11 @@ class Vehicle:
             inertia = box_inertia(*(float(value) for value in box if value is not None))
             object.__setattr__(self, "rigid_body_inertia", inertia)
 
+    def thrust(self, commands: FloatArray) -> FloatArray:
+        """(n, k) thrust in N for (n, k) commands; the torque itself for a logged torque."""
+        columns = zip(self.thrusters, commands.T, strict=True)
+        return np.column_stack([u if thruster.curve is None else thruster.curve(u) for thruster, u in columns])
+
     def torque(self, trial: Trial) -> FloatArray:
         """(n,) yaw torque in N m, held until the next instant of ``trial.time``.
 

@@ -18,6 +18,7 @@ HOUSE = [
     "tables",
     "config",
     "readers",
+    "effects",
     "kernels",
     "rates",
     "segments",

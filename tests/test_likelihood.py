@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import secrets
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from rovid.identify.likelihood import innovations_are_white
 from rovid.kernels import innovations, simulate
+from rovid.model import Model
 from rovid.trial import FloatArray
 from tests.conftest import SAMPLES, Rovid
+from tools.programme import CAMPAIGN
 from tools.trial_day import write_trial_day
 from tools.truth import ROSUB
 
+# A quarter of the day is enough for effects of this size, and quick.
+SHORT = [run for run in CAMPAIGN if run.name in {"hold_03", "hold_05", "sine_20s", "steps", "multilevel"}]
+NO_EFFECTS = Model(inertia=1.0, quadratic_drag=1.0, linear_drag=1.0).terms()
 TRUTH = {
     "inertia": ROSUB.dynamics.inertia,
     "quadratic_drag": ROSUB.dynamics.quadratic_drag,
@@ -95,7 +102,8 @@ def test_without_disturbance_innovations_are_the_output_error() -> None:
         torque,
         measured,
         missing,
-        np.array([5057.0, 3532.0, 132.0]),
+        np.array([5057.0, 3532.0, 132.0, 0.0]),
+        *NO_EFFECTS,
         np.array([1e-6, 4.0, 1e-3, 1.0]),
         np.array([0.02, 1e-9]),
     )
@@ -112,11 +120,88 @@ def test_filter_variance_against_a_fine_grid() -> None:
     at = np.searchsorted(fine, time)
     held = torque[np.clip(np.searchsorted(time, fine, side="right") - 1, 0, len(time) - 1)]
     _, angle = simulate(time, torque, 2.5, 1.5, 5.0, 0.0)
-    model, noise, start = np.array([2.5, 1.5, 5.0]), np.array([5.0, 1.0, 1e-3, 1.0]), np.array([0.0, 0.1])
+    model = (np.array([2.5, 1.5, 5.0, 0.0]), *NO_EFFECTS)
+    noise, start = np.array([5.0, 1.0, 1e-3, 1.0]), np.array([0.0, 0.1])
     sparse = np.full(len(fine), np.nan)
     sparse[at] = angle
-    coarse, coarse_variance = innovations(time, torque, angle, np.full(len(time), np.nan), model, noise, start)
-    exact, exact_variance = innovations(fine, held, sparse, np.full(len(fine), np.nan), model, noise, start)
+    coarse, coarse_variance = innovations(time, torque, angle, np.full(len(time), np.nan), *model, noise, start)
+    exact, exact_variance = innovations(fine, held, sparse, np.full(len(fine), np.nan), *model, noise, start)
     # Sub-steps of a twentieth of the shortest time constant leave the second-order transition a few percent off.
     assert coarse_variance[1:, 0] == pytest.approx(exact_variance[at, 0][1:], rel=0.05)
     assert coarse[1:, 0] == pytest.approx(exact[at, 0][1:], abs=0.05 * float(np.sqrt(exact_variance[at, 0].max())))
+
+
+def advanced_commands(day: Path) -> None:
+    """Log every command 0.3 s before it acts."""
+    for path in sorted(day.glob("*.csv")):
+        if path.name == "thrust_curve.csv":
+            continue
+        table = pd.read_csv(path)
+        for column in ("fore_V", "aft_V"):
+            table[column] = table[column].shift(-6).ffill()
+        table.to_csv(path, index=False)
+
+
+def curve(change: Callable[[pd.DataFrame], pd.DataFrame]) -> Callable[[Path], None]:
+    """Give rovid a thrust curve that is not the vehicle's."""
+
+    def apply(day: Path) -> None:
+        path = day / "thrust_curve.csv"
+        change(pd.read_csv(path)).to_csv(path, index=False)
+
+    return apply
+
+
+def stronger_reverse(table: pd.DataFrame) -> pd.DataFrame:
+    return table.assign(thrust_N=table.thrust_N.where(table.thrust_N > 0, table.thrust_N / 0.8))
+
+
+def narrower_dead_zone(table: pd.DataFrame) -> pd.DataFrame:
+    beyond = table[table.command.abs() >= 0.1]
+    shifted = beyond.assign(command=beyond.command - 0.1 * np.sign(beyond.command))
+    return shifted.drop_duplicates("command").sort_values("command")
+
+
+HIDDEN: dict[str, tuple[Callable[[Path], None], dict[str, float]]] = {
+    "command_delay": (advanced_commands, {"delay": 0.3}),
+    "thrust_asymmetry": (curve(stronger_reverse), {"reverse_gain": 0.8}),
+    "thruster_deadband": (curve(narrower_dead_zone), {"deadband": 0.1}),
+}
+
+
+@pytest.mark.parametrize("effect", HIDDEN)
+def test_an_effect_hidden_in_the_files_is_measured(effect: str, tmp_path: Path, rovid: Rovid) -> None:
+    hide, expected = HIDDEN[effect]
+    seed = secrets.randbelow(10**6)
+    print(f"seed {seed}")
+    write_trial_day(tmp_path / "day", seed=seed, formats="csv", campaign=SHORT)
+    hide(tmp_path / "day")
+    base = rovid("fit", "day", "--json", "-p", "base.toml").document
+    fit = rovid("fit", "day", "--effect", effect, "--json").document
+    assert fit["effects"] == [effect]
+    assert fit["log_likelihood"] > base["log_likelihood"] + 100
+    truth = TRUTH | {f"{effect}.{name}": value for name, value in expected.items()}
+    for name, value in truth.items():
+        found = fit["parameters"][name]
+        # 3.5 standard errors: a dozen numbers, passed by chance once in 150 runs of the tests.
+        assert abs(found["value"] - value) < 3.5 * found["standard_error"], name
+    # Without the effect the inertia is off by more than its error says: that is why it matters.
+    inertia = base["parameters"]["inertia"]
+    assert abs(inertia["value"] - TRUTH["inertia"]) > 5.0 * fit["parameters"]["inertia"]["standard_error"]
+    simulated = [rovid("simulate", "--json", "-p", p).document for p in ("base.toml", "parameters.toml")]
+    errors = [document["overall"]["yaw_rate_rmse"] for document in simulated]
+    assert errors[1] < 0.7 * errors[0]
+    assert simulated[1]["effects"] == [effect]
+
+
+def test_an_effect_that_is_not_there_is_told_from_nothing(tmp_path: Path, rovid: Rovid) -> None:
+    write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
+    found = rovid("fit", "day", "--effect", "bias_torque", "--json").document["parameters"]["bias_torque.torque"]
+    assert abs(found["value"]) < 3.5 * found["standard_error"]
+    assert found["standard_error"] < 1.0  # N m, of 126 in use
+
+
+def test_an_unknown_effect_is_offered_its_neighbours(csv_day: Path, rovid: Rovid) -> None:
+    done = rovid("fit", csv_day, "--effect", "thruster_leg")
+    assert done.code == 2
+    assert "'thruster_lag'" in done.err

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import special
 
-from rovid.model import UNITS
+from rovid.model import unit_of
 from rovid.trial import FloatArray, read_only
 
 
@@ -21,7 +21,7 @@ class Estimate:
     names
         In the order of ``values`` and ``covariance``.
     values, covariance
-        (p,) and (p, p) in the units of ``rovid.model.UNITS``.
+        (p,) and (p, p) in the units of ``rovid.model.unit_of``.
     degrees_of_freedom
         Of the residual scale behind the covariance; infinite where it was known beforehand.
     method
@@ -72,7 +72,7 @@ class Estimate:
 
     def unit(self, name: str) -> str:
         """Unit of the parameter ``name``."""
-        return UNITS[name]
+        return unit_of(name)
 
 
 def student_t(probability: float, degrees_of_freedom: float) -> float:

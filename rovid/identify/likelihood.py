@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import special
 from scipy.optimize import Bounds, minimize
 
+from rovid.effects import Effect
+from rovid.effects.base import Scales, neutral_commands
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import fit_free_run, free_run_r2
 from rovid.model import Model, initial_rate
 from rovid.rates import body_angle
 from rovid.runs import Run
+from rovid.simulation import compare
 from rovid.trial import FloatArray
+from rovid.vehicle import Vehicle
 
 NAMES = ("inertia", "quadratic_drag", "linear_drag")
 # Upper limits of the disturbance, as shares of the torque in use, from loose to tight. Without a limit the
@@ -26,6 +31,8 @@ _R2_LOSS = 0.01
 _RATE_ERROR = 0.2  # of the rate's root mean square: how well the first rate of a trial is known
 _ANGLE_NOISE_FLOOR = 1e-5  # rad; no heading is better, and one from an autopilot's filter would claim to be
 _BLOCK_SECONDS = 40.0
+_STEP = 1e-6  # of the scaled coordinates, for slopes
+_TRIAL_ITERATIONS = 12
 _WHITE_LAGS = 20
 _WHITE_P = 1e-3
 _KURTOSIS = 1.0
@@ -65,13 +72,20 @@ class LikelihoodFit:
     base_r2: float
 
 
-def fit_likelihood(runs: Sequence[Run]) -> LikelihoodFit:
-    """Estimate inertia, drag, disturbance and heading noise together by the prediction-error method.
+def fit_likelihood(
+    runs: Sequence[Run], vehicle: Vehicle | None = None, effects: tuple[Effect, ...] = ()
+) -> LikelihoodFit:
+    """Estimate inertia, drag, effects, disturbance and heading noise together by the prediction-error method.
 
     The likelihood of the innovations of an extended Kalman filter (Ljung 1999, section 7.4; Schweppe 1965) with a
     first-order Gauss-Markov disturbance torque is right under feedback, with gaps and at any sampling. It starts
     from the free-running fit. The disturbance is limited; the limit is tightened until the free-running simulation
-    is as good as that of the fit that looks at nothing else.
+    is as good as that of the fit that looks at nothing else. Effects are put in after that, from each of their starts.
+
+    Parameters
+    ----------
+    vehicle
+        Needed by effects that act between command and torque.
 
     Raises
     ------
@@ -91,7 +105,33 @@ def fit_likelihood(runs: Sequence[Run]) -> LikelihoodFit:
             break
     assert best is not None  # noqa: S101 - there are limits
     problem, x, r2 = best
+    if effects:
+        problem, x = _with_effects(problem, x, base, vehicle, effects)
+        r2 = _r2_with_effects(problem, x)
     return problem.result(x, r2=r2, base_r2=base_r2)
+
+
+def _with_effects(
+    bare: _Problem, x: FloatArray, base: Model, vehicle: Vehicle | None, effects: tuple[Effect, ...]
+) -> tuple[_Problem, FloatArray]:
+    """Continue from the fit without effects: the likeliest of all starts."""
+    problem = _Problem(bare.runs, base, bare.limit, vehicle=vehicle, effects=effects)
+    tries = []
+    for number in range(max(len(parameter.starts) for parameter in problem.parameters)):
+        problem.start[: len(x)] = x
+        problem.start[len(x) :] = [p.starts[min(number, len(p.starts) - 1)] for p in problem.parameters]
+        tries.append(problem.solve(iterations=_TRIAL_ITERATIONS))
+    # A few steps tell which start leads lower.
+    problem.start[:] = min(tries, key=problem.cost)
+    return problem, problem.solve()
+
+
+def _r2_with_effects(problem: _Problem, x: FloatArray) -> float:
+    model = problem.model(x)
+    pairs = zip(problem.runs, problem.torques(model), strict=True)
+    simulated = [run.rates.smooth_samples(run.trial, model.simulate(run.trial, torque)[0]) for run, torque in pairs]
+    measured = np.concatenate([run.rates.yaw_rate for run in problem.runs])
+    return compare(measured, np.concatenate(simulated)).r2
 
 
 class _Problem:
@@ -100,8 +140,18 @@ class _Problem:
     x = log I, DQ and DL over their scale, log of disturbance, correlation time and heading noise.
     """
 
-    def __init__(self, runs: Sequence[Run], start: Model, limit: float) -> None:
+    def __init__(
+        self,
+        runs: Sequence[Run],
+        start: Model,
+        limit: float,
+        *,
+        vehicle: Vehicle | None = None,
+        effects: tuple[Effect, ...] = (),
+    ) -> None:
         self.runs = runs
+        self.vehicle = vehicle
+        self.effects = effects
         self.limit = limit
         self.angles = [body_angle(run.trial) for run in runs]
         self.missing = [np.full(len(run.trial.time), np.nan) for run in runs]
@@ -113,6 +163,9 @@ class _Problem:
         self.torque = float(np.sqrt(np.mean(torque[torque != 0.0] ** 2)))
         noise = max(float(np.median([run.rates.heading_noise for run in runs])), _ANGLE_NOISE_FLOOR)
         top = math.log(limit * self.torque)
+        self.parameters = [parameter for effect in effects for parameter in effect.parameters]
+        scales = Scales(command=_command_in_use(runs, vehicle), torque=self.torque, rate=self.rate)
+        self.units = np.array([scales.of(parameter) for parameter in self.parameters])
         self.start = np.array(
             [
                 math.log(start.inertia),
@@ -121,36 +174,64 @@ class _Problem:
                 min(math.log(0.01 * self.torque), top - 0.1),
                 math.log(4.0),
                 math.log(noise),
+                *(parameter.starts[0] for parameter in self.parameters),
             ]
         )
         angle = (math.log(_ANGLE_NOISE_FLOOR), math.log(0.2))
+        low = [parameter.low for parameter in self.parameters]
+        high = [parameter.high for parameter in self.parameters]
         self.bounds = (
-            np.array([self.start[0] - 2.5, 0.0, 0.0, top - 9.0, math.log(0.2), angle[0]]),
-            np.array([self.start[0] + 2.5, np.inf, np.inf, top, math.log(100.0), angle[1]]),
+            np.array([self.start[0] - 2.5, 0.0, 0.0, top - 9.0, math.log(0.2), angle[0], *low]),
+            np.array([self.start[0] + 2.5, np.inf, np.inf, top, math.log(100.0), angle[1], *high]),
         )
 
-    def solve(self) -> FloatArray:
-        solution = minimize(self.cost, self.start, method="L-BFGS-B", bounds=Bounds(*self.bounds))
+    def solve(self, *, iterations: int = 300) -> FloatArray:
+        """Most likely x, from ``self.start``."""
+        solution = minimize(
+            self.cost,
+            self.start,
+            jac=self.gradient,
+            method="L-BFGS-B",
+            bounds=Bounds(*self.bounds),
+            options={"maxiter": iterations},
+        )
         return np.asarray(solution.x)
+
+    def gradient(self, x: FloatArray) -> FloatArray:
+        """Slope of the cost by forward differences, backward at an upper bound; on all cores at once."""
+        step = np.where(x + _STEP > self.bounds[1], -_STEP, _STEP)
+        with ThreadPoolExecutor() as pool:
+            costs = list(pool.map(self.cost, [x, *(x + row for row in np.diag(step))]))
+        return (np.array(costs[1:]) - costs[0]) / step
 
     def model(self, x: FloatArray) -> Model:
         return Model(
             inertia=math.exp(x[0]),
             quadratic_drag=float(x[1] * self.scale[0]),
             linear_drag=float(x[2] * self.scale[1]),
+            effects=self.effects,
+            effect_values=tuple(float(value) for value in x[6:] * self.units),
         )
+
+    def torques(self, model: Model) -> list[FloatArray]:
+        """(n,) torque of each run after the effects between command and torque."""
+        if self.vehicle is None:
+            return [run.torque for run in self.runs]
+        return [model.torque(self.vehicle, run.trial) for run in self.runs]
 
     def innovations(self, x: FloatArray) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
         """(time, innovation, variance) of each run, where the heading was measured; the first is the start."""
         from rovid.kernels import innovations
 
         model = self.model(x)
-        values = np.array([model.inertia, model.quadratic_drag, model.linear_drag])
+        terms, active = model.terms()
         noise = np.array([*np.exp(x[3:6]), 1.0])
         out = []
-        for run, angle, missing in zip(self.runs, self.angles, self.missing, strict=True):
+        for run, torque, angle, missing in zip(self.runs, self.torques(model), self.angles, self.missing, strict=True):
             start = np.array([initial_rate(run.trial), _RATE_ERROR * self.rate])
-            error, variance = innovations(run.trial.time, run.torque, angle, missing, values, noise, start)
+            error, variance = innovations(
+                run.trial.time, torque, angle, missing, model.base(run.trial), terms, active, noise, start
+            )
             known = np.flatnonzero(np.isfinite(error[:, 0]))[1:]
             out.append((run.trial.time[known], error[known, 0], variance[known, 0]))
         return out
@@ -170,7 +251,7 @@ class _Problem:
         return np.concatenate(sums)
 
     def covariance(self, x: FloatArray, *, sandwich: bool) -> FloatArray:
-        """(3, 3) of inertia and drags: inverse curvature, or the sandwich that allows for coloured innovations."""
+        """Of inertia, drags and effects: inverse curvature, or the sandwich that allows for coloured innovations."""
         # All of them, a drag at its bound too: to take its zero for certain would make the rest look certain.
         free = range(len(x))
         step = 1e-3
@@ -192,13 +273,9 @@ class _Problem:
             matrix = np.stack(scores, axis=1)
             matrix = matrix - matrix.mean(axis=0)
             inverse = inverse @ (matrix.T @ matrix * len(matrix) / (len(matrix) - 1)) @ inverse
-        jacobian = {0: math.exp(x[0]), 1: self.scale[0], 2: self.scale[1]}
-        out = np.zeros((3, 3))
-        wanted = [(i, k) for i, k in enumerate(free) if k < 3]
-        for i, k in wanted:
-            for j, m in wanted:
-                out[k, m] = inverse[i, j] * jacobian[k] * jacobian[m]
-        return out
+        physical = [0, 1, 2, *range(6, len(x))]
+        size = np.array([math.exp(x[0]), *self.scale, *self.units])
+        return np.asarray(inverse[np.ix_(physical, physical)] * np.outer(size, size))
 
     @staticmethod
     def _moved(x: FloatArray, steps: dict[int, float]) -> FloatArray:
@@ -213,8 +290,8 @@ class _Problem:
         at_limit = x[3] > self.bounds[1][3] - 1e-3
         samples = sum(int(run.trial.measured.sum()) for run in self.runs)
         estimate = Estimate(
-            names=NAMES,
-            values=np.array([model.inertia, model.quadratic_drag, model.linear_drag]),
+            names=(*NAMES, *(f"{effect.id}.{p.name}" for effect in self.effects for p in effect.parameters)),
+            values=np.array([model.inertia, model.quadratic_drag, model.linear_drag, *model.effect_values]),
             covariance=self.covariance(x, sandwich=not white),
             method="maximum likelihood of Kalman-filter innovations",
             samples=samples,
@@ -263,3 +340,9 @@ def innovations_are_white(series: Sequence[FloatArray]) -> bool:
     p_value = float(special.gammaincc(_WHITE_LAGS / 2.0, count * (count + 2.0) * statistic / 2.0))
     fourth = sum(float(np.sum(z**4)) for z in series) * count / power**2
     return p_value > _WHITE_P and fourth - 3.0 < _KURTOSIS
+
+
+def _command_in_use(runs: Sequence[Run], vehicle: Vehicle | None) -> float:
+    """Largest departure of any command from neutral."""
+    neutral = 0.0 if vehicle is None else neutral_commands(vehicle)
+    return max(float(np.max(np.abs(run.trial.commands - neutral))) for run in runs)

@@ -63,4 +63,4 @@ def _or_refusal(fit: Callable[[], _T]) -> tuple[_T | None, str]:
 def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...]:
     if study.runs is None or not {"inertia", "quadratic_drag"} <= set(stored.entries):
         return ()
-    return tuple(simulate_runs(study.runs.items, stored.model()))
+    return tuple(simulate_runs(study.runs.items, stored.model(), study.vehicle))

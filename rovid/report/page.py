@@ -111,7 +111,7 @@ def _parameters(evidence: Evidence) -> list[dict[str, Any]]:
             low, high = entry.value - 1.96 * entry.standard_error, entry.value + 1.96 * entry.standard_error
         rows.append(
             {
-                "name": name.replace("_", " "),
+                "name": name.replace("_", " ").replace(".", ": "),
                 "value": plus_minus(entry.value, entry.standard_error),
                 "interval": f"{low:.4g} … {high:.4g}" if math.isfinite(low) else "–",
                 "unit": entry.unit.replace("^2", "²"),

@@ -1,0 +1,167 @@
+"""What an effect is: an equation, its parameters, what it looks like, and how to tell it from its rivals.
+
+An effect acts at one of five places on the way from command to measured heading:
+
+    command -> [on_command] -> bench curve -> [on_thrust] -> sum -> [on_torque] -> motion [term] -> [on_heading]
+
+The first three are functions of the logged commands alone and are worked out once for a set of parameters. ``term`` is
+compiled into the equation of motion; ``on_heading`` into the measurement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from rovid.trial import FloatArray
+from rovid.vehicle import Vehicle
+
+# Compiled for the machine at first use; the result is kept on disk. Several may run at once.
+compiled = numba.njit(cache=True, error_model="numpy", nogil=True)
+
+# Room for each term of the equation of motion: parameters and states of its own.
+TERM_PARAMETERS = 4
+TERM_STATES = 2
+
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectParameter:
+    """One parameter of an effect.
+
+    Attributes
+    ----------
+    null
+        Value at which the effect is not there.
+    low, high
+        Physical bounds, in ``unit``, or in units of the scale.
+    starts
+        Where to begin a fit, in units of the scale.
+    scale
+        What one unit of the search is: ``one``, ``command`` (a hundredth of the largest command in use), ``torque``
+        (that in use), ``cubic`` (torque over rate cubed), ``inertia`` (torque over rate, times a second) or
+        ``advance`` (root of torque over rate).
+    """
+
+    name: str
+    unit: str
+    null: float
+    low: float
+    high: float
+    starts: tuple[float, ...]
+    scale: str = "one"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Actuation:
+    """One trial on the way from command to torque.
+
+    Attributes
+    ----------
+    time
+        (n,) s.
+    neutral
+        (k,) command of no thrust of each actuator.
+    arms
+        (k,) yaw arm of each actuator.
+    full_thrust
+        (k,) N; largest thrust of each actuator's bench curve, 1 for a logged torque.
+    """
+
+    time: FloatArray
+    neutral: FloatArray
+    arms: FloatArray
+    full_thrust: FloatArray
+
+
+OnSeries = Callable[[Actuation, FloatArray, Values], FloatArray]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Effect:
+    """One physical cause.
+
+    Attributes
+    ----------
+    id
+        Its name for users and programs.
+    equation, fingerprint, experiment
+        For people: what it does, what it looks like in the residuals, and the run that reveals it.
+    rivals
+        Ids of the effects it is confused with.
+    on_command
+        (n, k) commands -> commands.
+    on_thrust
+        (n, k) thrusts in N -> thrusts.
+    on_torque
+        (n,) torque in N m -> torque, each value the mean until the next instant.
+    term
+        Compiled; torque in N m from (rate, angle since the start, push, base, p, x, dx), with ``base`` the inertia,
+        quadratic and linear drag, ``p`` the effect's parameters in their order, ``x`` its states and ``dx`` their
+        rates of change to be filled in.
+    """
+
+    id: str
+    title: str
+    parameters: tuple[EffectParameter, ...]
+    equation: str
+    fingerprint: str
+    experiment: str
+    rivals: tuple[str, ...] = ()
+    on_command: OnSeries | None = None
+    on_thrust: OnSeries | None = None
+    on_torque: OnSeries | None = None
+    term: Callable[..., float] | None = None
+
+    def values(self, numbers: FloatArray) -> dict[str, float]:
+        """Parameters by name."""
+        return {parameter.name: float(value) for parameter, value in zip(self.parameters, numbers, strict=True)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scales:
+    """What one unit of each parameter's search is, in SI; see ``EffectParameter.scale``."""
+
+    command: float
+    torque: float
+    rate: float
+
+    def of(self, parameter: EffectParameter) -> float:
+        """Size of one unit of ``parameter``."""
+        sizes = {
+            "one": 1.0,
+            "command": 0.01 * self.command,
+            "torque": self.torque,
+            "cubic": self.torque / self.rate**3,
+            "inertia": self.torque / self.rate,
+            "advance": self.torque**0.5 / self.rate,
+        }
+        return float(sizes[parameter.scale])
+
+
+def actuation(vehicle: Vehicle, time: FloatArray) -> Actuation:
+    """What the effects between command and torque need to know of ``vehicle``."""
+    curves = [thruster.curve for thruster in vehicle.thrusters]
+    return Actuation(
+        time=time,
+        neutral=neutral_commands(vehicle),
+        arms=np.array([thruster.yaw_arm for thruster in vehicle.thrusters]),
+        full_thrust=np.array([1.0 if c is None else float(np.max(np.abs(c.thrust))) for c in curves]),
+    )
+
+
+def neutral_commands(vehicle: Vehicle) -> FloatArray:
+    """(k,) the command of no thrust: the middle of the bench curve's zeros, or where it crosses zero."""
+    return np.array([0.0 if t.curve is None else _neutral(t.curve.command, t.curve.thrust) for t in vehicle.thrusters])
+
+
+def _neutral(command: FloatArray, thrust: FloatArray) -> float:
+    zeros = command[thrust == 0.0]
+    if zeros.size:
+        return float(0.5 * (zeros[0] + zeros[-1]))
+    rising = np.argsort(thrust, kind="stable")
+    return float(np.interp(0.0, thrust[rising], command[rising]))

@@ -1,0 +1,26 @@
+"""More drag turning one way than the other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rovid.effects.base import Effect, EffectParameter, compiled
+
+
+@compiled
+def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    if rate >= 0.0:
+        return 0.0
+    return -(p[0] - 1.0) * (base[1] * abs(rate) + base[2]) * rate
+
+
+EFFECT: Effect = Effect(
+    id="drag_asymmetry",
+    title="asymmetric drag",
+    parameters=(EffectParameter(name="ratio", unit="1", null=1.0, low=0.3, high=3.0, starts=(1.1, 0.9)),),
+    equation="drag times a where r < 0",
+    fingerprint="residual torque as |r|·r in one direction only, with thrust and coasting alike",
+    experiment="coast-downs from both directions",
+    rivals=("thrust_asymmetry", "bias_torque"),
+    term=_term,
+)

@@ -1,0 +1,31 @@
+"""Drag that is larger after a reversal and falls with the angle swept since."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rovid.effects.base import Effect, EffectParameter, compiled
+
+
+@compiled
+def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    # x[0] follows the direction of turning over the swept angle: opposite to it just after a reversal.
+    way = 1.0 if rate > 0.0 else -1.0
+    dx[0] = abs(rate) * (way - x[0]) / p[1]
+    fresh = 0.5 * (1.0 - way * x[0])
+    return -p[0] * fresh * base[1] * abs(rate) * rate
+
+
+EFFECT: Effect = Effect(
+    id="oscillatory_drag",
+    title="oscillatory drag",
+    parameters=(
+        EffectParameter(name="gain", unit="1", null=0.0, low=-0.8, high=5.0, starts=(0.3,)),
+        EffectParameter(name="swept_angle", unit="rad", null=1.0, low=0.05, high=12.0, starts=(0.6, 2.5)),
+    ),
+    equation="quadratic drag times 1 + g·exp(−θ/θ0), θ swept since the last reversal",
+    fingerprint="drag in sines differs from drag in steady turns; residual after each reversal",
+    experiment="sines of one peak rate at several periods",
+    rivals=("added_mass_memory", "entrained_swirl"),
+    term=_term,
+)

@@ -1,0 +1,24 @@
+"""Reverse thrust that is not what the bench curve says, beside forward thrust that is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rovid.effects.base import Actuation, Effect, EffectParameter, Values
+from rovid.trial import FloatArray
+
+
+def _on_thrust(_: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+    return np.asarray(np.where(thrust < 0.0, values["reverse_gain"] * thrust, thrust))
+
+
+EFFECT: Effect = Effect(
+    id="thrust_asymmetry",
+    title="asymmetric thrust",
+    parameters=(EffectParameter(name="reverse_gain", unit="1", null=1.0, low=0.2, high=3.0, starts=(0.9, 1.1)),),
+    equation="T' = g·T where T < 0",
+    fingerprint="residual torque in proportion to thrust, in reverse only; a symmetric sine turns on average",
+    experiment="holds both ways at several levels, and a coast-down from each",
+    rivals=("bias_torque", "drag_asymmetry"),
+    on_thrust=_on_thrust,
+)
