@@ -112,11 +112,11 @@ def fit_drag(
     from rovid.documents import drag_document
     from rovid.terminal import show_drag, show_fit
 
+    stored = _stored(parameters)
     study = _open(logs, cutoff)
     with _busy("Fitting drag …"):
         result = study.drag()
-    stored = _stored(parameters).with_logs(study.paths, study.vehicle.name, study.campaign)
-    stored = stored.with_estimate(result.estimate)
+    stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign).with_estimate(result.estimate)
     stored.write()
     if json:
         _print_json(drag_document(result, study))
@@ -316,9 +316,14 @@ def _busy(text: str) -> Iterator[None]:
 
 
 def _stored(path: Path) -> Parameters:
+    """The parameter file that is there, or an empty one that can be written."""
+    from rovid.output import require_writable
     from rovid.parameters import Parameters, read_parameters
 
-    return read_parameters(path) if path.exists() else Parameters(path=path)
+    if path.exists():
+        return read_parameters(path)
+    require_writable(path)
+    return Parameters(path=path)
 
 
 def _remembered(stored: Parameters) -> list[Path]:

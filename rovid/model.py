@@ -20,6 +20,7 @@ UNITS = {
     "linear_drag": "N m s/rad",
 }
 _START_SECONDS = 2.0
+_START_SAMPLES = 5
 
 
 def unit_of(name: str) -> str:
@@ -130,14 +131,22 @@ class Model:
 
 
 def initial_rate(trial: Trial) -> float:
-    """Yaw rate in rad/s at the first sample: the gyro's, or the slope of the first seconds of heading."""
-    early = (trial.time <= trial.time[0] + _START_SECONDS) & trial.measured
+    """Yaw rate in rad/s at the first sample: the gyro's, or the slope of the first heading.
+
+    The slope is taken over two seconds at most, and only until the first command changes: a fast vehicle is elsewhere
+    soon after.
+    """
+    changed = np.flatnonzero(np.any(trial.commands != trial.commands[0], axis=1))
+    steady = trial.time[changed[0]] - trial.time[0] if changed.size else _START_SECONDS
+    known = np.flatnonzero(trial.measured)
+    early = known[trial.time[known] <= trial.time[0] + min(steady, _START_SECONDS)]
+    early = early if len(early) >= _START_SAMPLES else known[:_START_SAMPLES]
     if trial.yaw_rate is not None and np.isfinite(trial.yaw_rate[early]).any():
-        return float(np.nanmean(trial.yaw_rate[early][:5]))
+        return float(np.nanmean(trial.yaw_rate[early][:_START_SAMPLES]))
     time, angle = trial.time[early] - trial.time[0], body_angle(trial)[early]
-    if len(time) < 3:
+    if len(time) < _START_SAMPLES:
         return 0.0
-    return float(np.polynomial.polynomial.polyfit(time, angle - angle[0], 2 if len(time) > 5 else 1)[1])
+    return float(np.polynomial.polynomial.polyfit(time, angle - angle[0], 2 if len(time) > _START_SAMPLES else 1)[1])
 
 
 def _euler_heading(trial: Trial, rate: FloatArray) -> FloatArray:

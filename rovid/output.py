@@ -13,6 +13,22 @@ from typing import Any
 from rovid.errors import OutputError
 
 
+def require_writable(path: Path) -> None:
+    """Find out before a long computation whether ``path`` can be written after it.
+
+    Raises
+    ------
+    OutputError
+        It cannot.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise _not_written(path, error) from error
+
+
 def write_atomic(path: Path, content: str | bytes) -> None:
     """Write to a temporary file beside ``path`` and rename it, so that a failure leaves the old file whole.
 

@@ -83,7 +83,7 @@ def find_holds(trial: Trial, vehicle: Vehicle, torque: FloatArray) -> list[Hold]
 def find_sines(trial: Trial, torque: FloatArray) -> list[SineRun]:
     """Find the stretches of at least ``MIN_CYCLES`` equal sine-like waves of torque, cut to whole periods."""
     crossings = _rising_crossings(trial.time, torque)
-    if len(crossings) <= MIN_CYCLES:
+    if len(crossings) < MIN_CYCLES:
         return []
     periods = np.diff(crossings)
     amplitudes = np.array([_amplitude(torque[_rows(trial, a, b)]) for a, b in pairwise(crossings)])
@@ -92,9 +92,9 @@ def find_sines(trial: Trial, torque: FloatArray) -> list[SineRun]:
     for last in range(1, len(periods) + 1):
         if last < len(periods) and _alike(periods, amplitudes, first, last):
             continue
-        if last - first >= MIN_CYCLES:
-            run = _sine(trial, torque, *_extended(trial, torque, crossings[first], crossings[last], last - first))
-            runs.extend([run] if run is not None else [])
+        start, stop, cycles = _extended(trial, torque, crossings[first], crossings[last], last - first)
+        run = _sine(trial, torque, start, stop, cycles) if cycles >= MIN_CYCLES else None
+        runs.extend([run] if run is not None else [])
         first = last
     return runs
 

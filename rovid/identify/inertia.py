@@ -107,11 +107,10 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
         raise DataError(f"{refused['regression']} {refused['orbit_integral']}")
     # Without a steady drag the regression gives inertia and drag that belong together.
     chosen = "orbit_integral" if trials and (drag is not None or regression is None) else "regression"
-    estimate = (
-        regression.estimate
-        if regression is not None and chosen == "regression"
-        else _single(methods["orbit_integral"], trials)
-    )
+    if regression is None or chosen != "regression":
+        estimate = _single(methods["orbit_integral"], trials)
+    else:
+        estimate = regression.estimate if drag is None else _inertia_alone(regression.estimate)
     warnings = (
         *estimate.warnings,
         *_method_warnings(methods, refused),
@@ -172,6 +171,13 @@ def _model(inertia: float, drag: Estimate) -> Model:
 def _as_inertia(regression: Regression) -> Inertia:
     estimate = regression.estimate
     return Inertia(value=estimate.value("inertia"), standard_error=estimate.standard_error("inertia"), runs=())
+
+
+def _inertia_alone(estimate: Estimate) -> Estimate:
+    """The inertia of a regression, where the drag is known better from steady turns."""
+    return replace(
+        estimate, names=estimate.names[:1], values=estimate.values[:1], covariance=estimate.covariance[:1, :1]
+    )
 
 
 def _single(reading: Inertia, trials: Sequence[SineTrial]) -> Estimate:

@@ -236,7 +236,8 @@ def fit_drag(points: Sequence[SteadyPoint]) -> DragFit:
     DataError
         No steady turning, or turning against the torque.
     """
-    fitted = tuple(point for point in points if point.steady and point.yaw_rate != 0.0)
+    points = [point for point in points if point.yaw_rate != 0.0]
+    fitted = tuple(point for point in points if point.steady)
     if not fitted:
         raise _no_steady(points)
     refused = _undetermined(fitted)

@@ -26,13 +26,15 @@ def build_report(stored: Parameters, study: Study, folder: Path) -> Path:
     OutputError
         The folder or the parameter file cannot be written.
     """
+    known = stored
     if not stored.logs:
         stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
-    known = stored
     drag, drag_refusal = _or_refusal(study.drag)
-    if drag is not None and stored.drag() is None:
+    if drag is not None and "quadratic_drag" not in stored.entries:
         stored = stored.with_estimate(drag.estimate)
-    inertia, inertia_refusal = _or_refusal(lambda: study.inertia(stored.drag()))
+    # A drag that was found together with the inertia cannot judge it; the steady turns of these logs can.
+    judge = stored.drag() or (None if drag is None else drag.estimate)
+    inertia, inertia_refusal = _or_refusal(lambda: study.inertia(judge))
     if inertia is not None and "inertia" not in stored.entries:
         stored = stored.with_estimate(inertia.estimate)
     if stored is not known or not stored.path.exists():

@@ -2,187 +2,206 @@
 
 from __future__ import annotations
 
-import base64
 import math
-import re
-from dataclasses import dataclass
-from importlib.resources import files
+from collections.abc import Iterator
+from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from matplotlib.figure import Figure
+import numpy as np
 
 from rovid import __version__
-from rovid.identify.estimate import Estimate
+from rovid.effects import effect_named
 from rovid.identify.inertia import METHODS
 from rovid.model import UNITS
 from rovid.output import plus_minus, write_atomic
-from rovid.report import plots
+from rovid.report import grids
+from rovid.report.album import Album, make_album
 from rovid.report.evidence import Evidence
-from rovid.simulation import HORIZONS, TrialSimulation, overall
+from rovid.report.residual import residuals_of, sizes
+from rovid.report.text import column, number, prose, title
+from rovid.simulation import HORIZONS, overall
+from rovid.vehicle import Vehicle, box_inertia
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+# Two methods that use the same data are this far apart by chance alone less than once in three hundred.
+_DISAGREE_SIGMAS = 3.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class Picture:
-    """A plot on the page: file name without suffix, what it shows, and its PNG for embedding."""
-
-    name: str
-    caption: str
-    data: str
-
-
-def write_report(folder: Path, evidence: Evidence) -> Path:
+def write_report(folder: Path, evidence: Evidence, *, today: date | None = None) -> Path:
     """Write ``folder``/index.html and ``folder``/plots/*.png and *.svg; return the page.
+
+    Everything is drawn before anything is written, and the page is written last, so that a page never shows
+    what its plots do not.
+
+    Parameters
+    ----------
+    today
+        The date on the page; today's, UTC, if not given.
 
     Raises
     ------
     OutputError
         The folder cannot be written; a page that was there stays whole.
     """
-    album = _Album(folder / "plots")
-    text = _template().render(_context(evidence, album))
+    album = make_album(evidence)
+    text = render_page(evidence, album, today=today or datetime.now(UTC).date())
+    album.write(folder / "plots")
     page = folder / "index.html"
     write_atomic(page, text)
     return page
 
 
-class _Album:
-    """Writes each figure as PNG and SVG and keeps the PNG for the page."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-
-    def add(self, name: str, caption: str, figure: Figure | None) -> Picture | None:
-        if figure is None:
-            return None
-        png = plots.render(figure, "png")
-        write_atomic(self.folder / f"{name}.png", png)
-        write_atomic(self.folder / f"{name}.svg", plots.render(figure, "svg"))
-        return Picture(name=name, caption=caption, data=base64.b64encode(png).decode("ascii"))
+def render_page(evidence: Evidence, album: Album, *, today: date) -> str:
+    """The page as HTML, with the plots of ``album``."""
+    return _environment().get_template("page.html.j2").render(_context(evidence, album, today))
 
 
-def _template() -> Any:
-    from jinja2 import Environment, StrictUndefined
+def _environment() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["number"] = _number
-    environment.filters["degrees"] = lambda value, form=".2g": _number(
-        None if value is None else math.degrees(value), form
+    environment = Environment(
+        loader=PackageLoader("rovid.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
-    return environment.from_string((files("rovid.report") / "templates" / "page.html.j2").read_text("utf-8"))
+    environment.filters["number"] = number
+    environment.filters["prose"] = prose
+    environment.filters["plain"] = lambda value, significant=4: column([value], significant)[0]
+    environment.filters["short"] = lambda value: column([value], 2)[0]
+    environment.globals["plus_minus"] = plus_minus
+    return environment
 
 
-def _number(value: float | None, form: str = ".4g") -> str:
-    return "–" if value is None or not math.isfinite(value) else format(value, form)
-
-
-def _context(evidence: Evidence, album: _Album) -> dict[str, Any]:
-    stored = evidence.parameters
+def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
+    simulations = evidence.simulations
     return {
         "evidence": evidence,
         "vehicle": evidence.vehicle,
-        "parameters": _parameters(evidence),
-        "missing": [name for name in UNITS if name not in stored.entries],
-        "refused": _refused(evidence),
-        "warnings": _warnings(evidence),
-        "trials": [] if evidence.campaign is None else evidence.campaign.trials,
+        "stored": evidence.parameters,
         "drag": evidence.drag,
         "inertia": evidence.inertia,
-        "methods": METHODS,
-        "plus_minus": plus_minus,
-        "simulations": evidence.simulations,
-        "horizons": HORIZONS,
-        "overall": overall(evidence.simulations) if evidence.simulations else None,
-        "sources": stored.sources,
         "runs": evidence.runs,
+        "trials": () if evidence.campaign is None else evidence.campaign.trials,
+        "simulations": simulations,
+        "overall": overall(simulations) if simulations else None,
+        "heading_errors": [(h, error) for h in HORIZONS if (error := grids.typical_heading_error(simulations, h))],
+        "left": _left(evidence),
+        "effects": [effect_named(name) for name in evidence.parameters.effects],
+        "missing": list(_missing(evidence)),
+        "warnings": list(_warnings(evidence)),
+        "remarked": sum(bool(trial.remarks) for trial in evidence.campaign.trials) if evidence.campaign else 0,
+        "refused": list(_refused(evidence)),
+        "rate_range": _rate_range(evidence),
+        "rate_from": _rate_from(evidence),
+        "noise": _noise(evidence),
+        "box": _is_box(evidence.vehicle),
+        "methods": METHODS,
+        "grids": grids,
+        "album": album,
+        "today": f"{today:%d %B %Y}".lstrip("0"),
         "version": __version__,
-        "pictures": _pictures(evidence, album),
-        "trial_pictures": [_trial_picture(item, k, album) for k, item in enumerate(evidence.simulations, 1)],
     }
 
 
-def _parameters(evidence: Evidence) -> list[dict[str, Any]]:
-    rows = []
-    for name, entry in evidence.parameters.entries.items():
-        estimate = _estimate_of(evidence, name)
-        if estimate is not None and estimate.value(name) == entry.value:
-            low, high = estimate.interval(name)
+def _missing(evidence: Evidence) -> Iterator[tuple[str, str]]:
+    """Each parameter that the file lacks, with the reason."""
+    entries, drag = evidence.parameters.entries, evidence.drag
+    for name in UNITS:
+        if name in entries:
+            continue
+        if name == "inertia":
+            yield title(name), evidence.inertia_refusal
         else:
-            low, high = entry.value - 1.96 * entry.standard_error, entry.value + 1.96 * entry.standard_error
-        rows.append(
-            {
-                "name": name.replace("_", " ").replace(".", ": "),
-                "value": plus_minus(entry.value, entry.standard_error),
-                "interval": f"{low:.4g} … {high:.4g}" if math.isfinite(low) else "–",
-                "unit": entry.unit.replace("^2", "²"),
-                "method": entry.method,
-            }
-        )
-    return rows
+            yield title(name), evidence.drag_refusal if drag is None else drag.estimate.refused.get(name, "")
 
 
-def _estimate_of(evidence: Evidence, name: str) -> Estimate | None:
-    estimates = [fit.estimate for fit in (evidence.drag, evidence.inertia) if fit is not None]
-    return next((estimate for estimate in estimates if name in estimate.names), None)
-
-
-def _refused(evidence: Evidence) -> dict[str, str]:
-    found: dict[str, str] = {}
-    if evidence.drag is not None:
-        found |= evidence.drag.estimate.refused
-    if evidence.inertia is not None:
-        found |= {METHODS[name]: reason for name, reason in evidence.inertia.refused.items()}
-    return found
-
-
-def _warnings(evidence: Evidence) -> list[str]:
-    texts = [] if evidence.campaign is None else [remark.text for remark in evidence.campaign.remarks]
-    texts += [] if evidence.runs is None else [remark.text for remark in evidence.runs.remarks]
+def _warnings(evidence: Evidence) -> Iterator[str]:
+    """What a reader has to know before using the numbers, the gravest first; each thing once."""
+    said = [reason for _, reason in _missing(evidence) if reason]
+    texts = [*_departures(evidence)]
+    if evidence.campaign is not None:
+        texts += evidence.parameters.changed_sources(evidence.campaign)
     for fit in (evidence.drag, evidence.inertia):
         texts += [] if fit is None else list(fit.estimate.warnings)
-    return texts
+    texts += [] if evidence.campaign is None else [remark.text for remark in evidence.campaign.remarks]
+    texts += [] if evidence.runs is None else [remark.text for remark in evidence.runs.remarks]
+    for text in dict.fromkeys(texts):
+        if not any(text.endswith(reason) for reason in said):
+            yield text
 
 
-CAPTIONS = {
-    "steady_torque": "Torque of each steady turn against its yaw rate, the fitted drag with its 95 % band, and the "
-    "residuals.",
-    "inertia": "Inertia by each method: dots with 95 % intervals, ticks for single runs. The peak method is biased.",
-    "sine_runs": "Mean period of each sine run. Left: torque, rate and acceleration, each over its own peak; their "
-    "maxima (dots) do not coincide. Right: torque over rate.",
-    "thrust_curves": "Bench curve of each thruster and the commands that the logs use.",
-    "overview": "Measured and freely simulated yaw rate of every trial.",
-    "residuals": "Torque that the model leaves over, against rate, torque and time, and its spectrum. "
-    "A cloud without shape is disturbance; a curve or a loop is something the model misses. A spectrum that rises to "
-    "the right is the noise of the heading, differentiated twice.",
-}
+def _departures(evidence: Evidence) -> Iterator[str]:
+    """Where the parameter file holds something else than the logs give now.
+
+    Another method may give another value, within what both are uncertain by.
+    """
+    fits = [fit.estimate for fit in (evidence.drag, evidence.inertia) if fit is not None]
+    for name, entry in evidence.parameters.entries.items():
+        found = [estimate for estimate in fits if name in estimate.names and name not in estimate.refused]
+        if not found or grids.estimate_behind(evidence, name) is not None:
+            continue
+        now = found[0]
+        gap = abs(now.value(name) - entry.value) / math.hypot(now.standard_error(name), entry.standard_error)
+        if entry.method == now.method or gap > _DISAGREE_SIGMAS:
+            yield (
+                f"{title(name)}: the parameter file holds {plus_minus(entry.value, entry.standard_error)} "
+                f"({entry.method}), these logs now give {plus_minus(now.value(name), now.standard_error(name))} "
+                f"({now.method}). Summary and simulation use the file's."
+            )
 
 
-def _pictures(evidence: Evidence, album: _Album) -> dict[str, Picture | None]:
-    figures = _figures(evidence)
-    return {name: album.add(name, caption, figures.get(name)) for name, caption in CAPTIONS.items()}
+def _refused(evidence: Evidence) -> Iterator[tuple[str, str]]:
+    """What could not be determined, each with the reason."""
+    yield from _missing(evidence)
+    if evidence.drag is None and "quadratic_drag" in evidence.parameters.entries:
+        yield "Drag from steady turns", evidence.drag_refusal
+    if evidence.inertia is None and "inertia" in evidence.parameters.entries:
+        yield "Inertia from these logs", evidence.inertia_refusal
+    reasons = {} if evidence.inertia is None else evidence.inertia.refused
+    for reason in dict.fromkeys(reasons.values()):
+        yield "Inertia by " + ", by ".join(METHODS[name] for name in reasons if reasons[name] == reason), reason
 
 
-def _figures(evidence: Evidence) -> dict[str, Figure | None]:
-    drag, inertia, runs = evidence.drag, evidence.inertia, evidence.runs
-    figures: dict[str, Figure | None] = {}
-    if drag is not None:
-        figures["steady_torque"] = plots.steady_torque(drag)
-    if inertia is not None:
-        figures["inertia"] = plots.inertia_methods(inertia, evidence.vehicle.rigid_body_inertia)
-        figures["sine_runs"] = plots.sine_runs(inertia.trials) if inertia.trials else None
-    if runs is not None:
-        figures["thrust_curves"] = plots.thrust_curves(evidence.vehicle, runs.items)
-    if runs is not None and evidence.simulations:
-        figures["overview"] = plots.overview(evidence.simulations)
-        figures["residuals"] = plots.residuals(runs.items, evidence.parameters.model())
-    return figures
+def _rate_range(evidence: Evidence) -> tuple[float, float] | None:
+    """Slowest and fastest steady turn in rad/s."""
+    if evidence.drag is None:
+        return None
+    speeds = np.abs([point.yaw_rate for point in evidence.drag.points])
+    return float(speeds.min()), float(speeds.max())
 
 
-def _trial_picture(item: TrialSimulation, number: int, album: _Album) -> Picture:
-    name = f"trial_{number:02d}_{re.sub(r'[^A-Za-z0-9]+', '_', item.run.trial.name).strip('_')[:60]}"
-    caption = (
-        f"{item.run.trial.name}: measured and freely simulated yaw rate, their difference, and the heading's error."
-    )
-    picture = album.add(name, caption, plots.simulation(item))
-    assert picture is not None  # noqa: S101 - there is always a figure
-    return picture
+def _rate_from(evidence: Evidence) -> str:
+    """Which signal the yaw rate comes from, in words."""
+    if evidence.runs is None:
+        return ""
+    gyro = [run.rates.from_gyro for run in evidence.runs.items]
+    if all(gyro):
+        return "the logged yaw rate"
+    return "the logged yaw rate where there is one, else from the heading" if any(gyro) else "the heading"
+
+
+def _noise(evidence: Evidence) -> tuple[float, float, float] | None:
+    """Standard deviations: heading in deg, rate in rad/s, acceleration in rad/s²."""
+    if evidence.runs is None:
+        return None
+    heading, rate, acceleration = evidence.runs.noise()
+    return math.degrees(heading), rate, acceleration
+
+
+def _left(evidence: Evidence) -> tuple[float, float, float] | None:
+    """Root mean square in N m of residual torque, torque, and sensor noise; None where nothing was simulated."""
+    if evidence.runs is None or not evidence.simulations:
+        return None
+    return sizes(residuals_of(evidence.runs.items, evidence.parameters.model(), evidence.vehicle))
+
+
+def _is_box(vehicle: Vehicle) -> bool:
+    """Whether the rigid body's inertia is that of a uniform box of the vehicle's mass and size."""
+    if vehicle.mass is None or vehicle.length is None or vehicle.width is None or vehicle.rigid_body_inertia is None:
+        return False
+    return math.isclose(vehicle.rigid_body_inertia, box_inertia(vehicle.mass, vehicle.length, vehicle.width))

@@ -1,0 +1,202 @@
+"""The report's plots: which there are, what they show in words, and their files."""
+
+from __future__ import annotations
+
+import base64
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from matplotlib.figure import Figure
+
+from rovid.identify.inertia import InertiaFit
+from rovid.identify.steady import DragFit
+from rovid.model import Model
+from rovid.output import plus_minus, write_atomic
+from rovid.report.evidence import Evidence
+from rovid.report.plots import canvas, inertia, residuals, simulations, sines, steady, thrust
+from rovid.report.residual import residuals_of
+from rovid.report.text import number
+from rovid.simulation import TrialSimulation
+
+# A page with more large trial plots than this is slow to open on a tablet; the overview shows all trials.
+LARGE_PLOTS = 40
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """A plot: file name without suffix, the text under it, the text in its place, and its bytes."""
+
+    name: str
+    caption: str
+    alt: str
+    png: bytes
+    svg: bytes
+
+    @property
+    def data(self) -> str:
+        """The PNG, to be embedded."""
+        return base64.b64encode(self.png).decode("ascii")
+
+    def write(self, folder: Path) -> None:
+        """Write it as PNG and as SVG."""
+        write_atomic(folder / f"{self.name}.png", self.png)
+        write_atomic(folder / f"{self.name}.svg", self.svg)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Album:
+    """All plots of a page, by the section that shows them; ``large`` in step with ``large_trials``."""
+
+    thrust: tuple[Picture, ...] = ()
+    steady: tuple[Picture, ...] = ()
+    inertia: tuple[Picture, ...] = ()
+    sines: tuple[Picture, ...] = ()
+    overview: tuple[Picture, ...] = ()
+    large_trials: tuple[TrialSimulation, ...] = ()
+    large: tuple[Picture, ...] = ()
+    residuals: tuple[Picture, ...] = ()
+
+    def write(self, folder: Path) -> None:
+        """Write every plot into ``folder``."""
+        for pictures in (self.thrust, self.steady, self.inertia, self.sines, self.overview, self.large, self.residuals):
+            for picture in pictures:
+                picture.write(folder)
+
+
+def make_album(evidence: Evidence) -> Album:
+    """Draw whatever the evidence allows."""
+    drag, fit, large = evidence.drag, evidence.inertia, _worst(evidence.simulations)
+    return Album(
+        thrust=_thrust(evidence),
+        steady=() if drag is None else (_steady(drag),),
+        inertia=() if fit is None else (_inertia(fit, evidence.vehicle.rigid_body_inertia),),
+        sines=() if fit is None else tuple(_sines(fit, _steady_drag(evidence))),
+        overview=tuple(_overview(evidence.simulations)),
+        large_trials=large,
+        large=tuple(_large(item, evidence.simulations.index(item) + 1) for item in large),
+        residuals=_residuals(evidence),
+    )
+
+
+def _picture(name: str, figure: Figure, *, caption: str, alt: str) -> Picture:
+    return Picture(name=name, caption=caption, alt=alt, png=canvas.png(figure), svg=canvas.svg(figure))
+
+
+def _worst(items: Sequence[TrialSimulation]) -> tuple[TrialSimulation, ...]:
+    """All trials, or those with the largest error where there are too many, in their own order."""
+    ranked = sorted(items, key=lambda item: -item.fit.rmse if math.isfinite(item.fit.rmse) else 0.0)
+    chosen = {id(item) for item in ranked[:LARGE_PLOTS]}
+    return tuple(item for item in items if id(item) in chosen)
+
+
+def _steady_drag(evidence: Evidence) -> Model | None:
+    drag = evidence.parameters.drag()
+    if drag is None:
+        return None
+    return Model(inertia=math.nan, quadratic_drag=drag.value("quadratic_drag"), linear_drag=drag.value("linear_drag"))
+
+
+def _thrust(evidence: Evidence) -> tuple[Picture, ...]:
+    runs = () if evidence.runs is None else evidence.runs.items
+    figure = thrust.thrust_curves(evidence.vehicle, runs)
+    if figure is None:
+        return ()
+    names = ", ".join(thruster.name for thruster in evidence.vehicle.thrusters)
+    return (
+        _picture(
+            "thrust_curves",
+            figure,
+            caption="Bench curve of each thruster. The thick, shaded part is what the logs use.",
+            alt=f"Thrust in newtons against command for {names}, with the range of commands in the logs marked.",
+        ),
+    )
+
+
+def _steady(fit: DragFit) -> Picture:
+    rates = [point.yaw_rate for point in fit.points]
+    return _picture(
+        "steady_torque",
+        steady.steady_torque(fit),
+        caption="Torque of each steady turn against its yaw rate, and the fitted drag. Below, what the fit leaves "
+        "over, with each point's standard error where it is known.",
+        alt=f"{len(rates)} steady turns from {min(rates):.3g} to {max(rates):.3g} rad/s with the fitted curve; the "
+        f"largest residual is {max(abs(fit.residuals)):.3g} N m.",
+    )
+
+
+def _inertia(fit: InertiaFit, rigid_body: float | None) -> Picture:
+    readings = "; ".join(
+        f"{inertia.method_title(name)} {plus_minus(each.value, each.standard_error)}"
+        for name, each in fit.methods.items()
+    )
+    return _picture(
+        "inertia",
+        inertia.inertia_methods(fit, rigid_body),
+        caption="Inertia by each method: points with 95 % intervals, and ticks for single sine runs.",
+        alt=f"Inertia in kg m²: {readings}.",
+    )
+
+
+def _sines(fit: InertiaFit, drag: Model | None) -> Iterator[Picture]:
+    parts = list(sheets(fit.trials, sines.PER_SHEET))
+    for k, (trials, suffix) in enumerate(parts):
+        periods = ", ".join(f"{trial.period:.3g}" for trial in trials)
+        yield _picture(
+            f"sine_runs{suffix}",
+            sines.sine_runs(trials, drag),
+            caption="Mean period of each sine run. Left: each signal over its own peak; the marks are the three "
+            "moments that the peak method takes for one. Right: torque over rate, with the same moments."
+            if k == 0
+            else f"Mean period of each sine run, sheet {k + 1} of {len(parts)}.",
+            alt=f"Torque, yaw rate and acceleration over one period of {periods} s: the acceleration peaks about when "
+            "the torque does, the rate later.",
+        )
+
+
+def sheets(items: Sequence[T], size: int) -> Iterator[tuple[Sequence[T], str]]:
+    """Up to ``size`` items at a time, with a suffix for the file's name where there is more than one sheet."""
+    for first in range(0, len(items), size):
+        yield items[first : first + size], "" if len(items) <= size else f"_{first // size + 1:02d}"
+
+
+def _overview(items: Sequence[TrialSimulation]) -> Iterator[Picture]:
+    for part, suffix in sheets(items, simulations.PER_SHEET):
+        fits = "; ".join(f"{item.run.trial.name} R² {number(item.fit.r2, '.4f')}" for item in part)
+        yield _picture(
+            f"overview{suffix}",
+            simulations.overview(part),
+            caption="Measured and freely simulated yaw rate of every trial.",
+            alt=f"Measured and simulated yaw rate over time: {fits}.",
+        )
+
+
+def _large(item: TrialSimulation, place: int) -> Picture:
+    name = item.run.trial.name
+    return _picture(
+        f"trial_{place:02d}_{re.sub(r'[^A-Za-z0-9]+', '_', name).strip('_')[-60:]}",
+        simulations.one_trial(item),
+        caption=f"{name}: torque, measured and simulated yaw rate, and the simulation's error in rate and heading.",
+        alt=f"{name}: R² {number(item.fit.r2, '.4f')}, rate off by {number(item.fit.rmse, '.2g')} rad/s.",
+    )
+
+
+def _residuals(evidence: Evidence) -> tuple[Picture, ...]:
+    if evidence.runs is None or not evidence.simulations:
+        return ()
+    items = residuals_of(evidence.runs.items, evidence.parameters.model(), evidence.vehicle)
+    figure = residuals.residuals(items, evidence.runs.cutoff)
+    return (
+        _picture(
+            "residuals",
+            figure,
+            caption="Residual torque against rate, torque and time, its autocorrelation, and its spectrum.",
+            alt="Five panels of the residual torque: against yaw rate, against torque, over time, its "
+            "autocorrelation and its spectrum.",
+        ),
+    )

@@ -1,0 +1,164 @@
+"""What all figures share: palette, style, sheets of panels, decimation, and rendering without dates."""
+
+from __future__ import annotations
+
+import functools
+import io
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+from matplotlib import style
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from PIL import Image
+
+from rovid.trial import FloatArray
+
+# Okabe and Ito's palette: told apart by every kind of colour vision; markers and dashes say the same again.
+BLACK, BLUE, ORANGE, GREEN, GREY, PALE = "#111111", "#0072B2", "#D55E00", "#009E73", "#767676", "#8CBFE6"
+STYLE: dict[str, Any] = {
+    "axes.edgecolor": "#444444",
+    "axes.formatter.limits": (-4, 5),
+    "axes.grid": True,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 10,
+    "figure.dpi": 130,
+    "figure.facecolor": "white",
+    "font.size": 10,
+    "grid.color": "#e2e2e2",
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 9,
+    "legend.frameon": False,
+    "legend.handlelength": 2.4,
+    "lines.linewidth": 1.4,
+    "svg.hashsalt": "rovid",
+    "text.parse_math": False,  # a log may be called run$1$.csv
+}
+WIDTH = 9.0  # in
+_COLOURS, _NEARLY_WHITE = 192, 251
+_POINTS = 1200
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def styled(draw: Callable[P, R]) -> Callable[P, R]:
+    """Let ``draw`` run under the report's style, whatever the user's matplotlibrc says."""
+
+    @functools.wraps(draw)
+    def under_style(*args: P.args, **kwargs: P.kwargs) -> R:
+        with style.context(["default", STYLE]):
+            return draw(*args, **kwargs)
+
+    return under_style
+
+
+def sheet(
+    rows: Sequence[tuple[float, int]],
+    *,
+    left: float = 0.9,
+    right: float = 0.15,
+    top: float = 0.35,
+    bottom: float = 0.55,
+    across: float = 0.85,
+    down: float = 0.75,
+    share_x: bool = False,
+) -> tuple[Figure, list[list[Axes]]]:
+    """A figure with rows of panels.
+
+    Margins are fixed: the axes of one figure stand exactly under those of another, and no layout has to be
+    searched for.
+
+    Parameters
+    ----------
+    rows
+        Height in inches and number of panels of each row.
+    left, right, top, bottom
+        Margins in inches.
+    across, down
+        Gaps between panels in inches.
+    share_x
+        One horizontal axis for all rows, labelled in the last.
+    """
+    height = top + sum(tall for tall, _ in rows) + down * (len(rows) - 1) + bottom
+    figure = Figure(figsize=(WIDTH, height))
+    panels: list[list[Axes]] = []
+    floor = height - top
+    for tall, count in rows:
+        floor -= tall
+        wide = (WIDTH - left - right - across * (count - 1)) / count
+        first = panels[0][0] if share_x and panels else None
+        lefts = [left + k * (wide + across) for k in range(count)]
+        boxes = [(x / WIDTH, floor / height, wide / WIDTH, tall / height) for x in lefts]
+        panels.append([figure.add_axes(box, sharex=first) for box in boxes])
+        floor -= down
+    for row in panels[:-1] if share_x else []:
+        row[0].tick_params(labelbottom=False)
+    return figure, panels
+
+
+@styled
+def png(figure: Figure) -> bytes:
+    """The figure as PNG with a palette, a third of the size of one in full colour."""
+    canvas: Any = FigureCanvasAgg(figure)  # its methods carry no annotations
+    with warnings.catch_warnings():
+        _accept_any_script()
+        canvas.draw()
+    pixels = np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
+    image = Image.fromarray(pixels).quantize(_COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    # The octree rounds white down by a shade, which shows beside the page's own white.
+    image.putpalette([255 if level > _NEARLY_WHITE else level for level in image.getpalette() or ()])
+    buffer = io.BytesIO()
+    image.save(buffer, format="png")
+    return buffer.getvalue()
+
+
+@styled
+def svg(figure: Figure) -> bytes:
+    """The figure as SVG, text as outlines, without date: the same evidence gives the same bytes."""
+    buffer = io.BytesIO()
+    canvas: Any = FigureCanvasSVG(figure)  # its methods carry no annotations
+    with warnings.catch_warnings():
+        _accept_any_script()
+        canvas.print_svg(buffer, metadata={"Date": None})
+    return buffer.getvalue()
+
+
+def _accept_any_script() -> None:
+    """A log's name may be in a script that the font lacks; a box stands for each sign then."""
+    warnings.filterwarnings("ignore", message=r"Glyph \d+")
+
+
+def overlay(panel: Axes, time: FloatArray, measured: FloatArray, simulated: FloatArray, count: int = _POINTS) -> None:
+    """A thin dark simulation over a broad pale measurement: both show where they agree, with or without colour."""
+    panel.plot(*extremes(time, measured, count), color=PALE, linewidth=3.6, label="measured")
+    panel.plot(*extremes(time, simulated, count), color=BLACK, linewidth=1.1, label="simulated")
+
+
+def extremes(time: FloatArray, values: FloatArray, count: int = _POINTS) -> tuple[FloatArray, FloatArray]:
+    """At most about ``count`` points of a long series, with the lowest and highest of each stretch kept.
+
+    A stretch without any value gives NaN, so that a gap stays a gap.
+    """
+    size = -(-2 * len(values) // count)
+    if size <= 2:
+        return time, values
+    padding = -len(values) % size
+    blocks = np.pad(values, (0, padding), constant_values=np.nan).reshape(-1, size)
+    missing = np.isnan(blocks)
+    lowest = np.where(missing, np.inf, blocks).argmin(axis=1)
+    highest = np.where(missing, -np.inf, blocks).argmax(axis=1)
+    pick = np.sort(np.stack((lowest, highest), axis=1), axis=1)
+    rows = (pick + size * np.arange(len(blocks))[:, None]).ravel()
+    return time[rows], values[rows]
+
+
+def shortened(name: str, length: int) -> str:
+    """The end of a long name, which tells logs in one folder apart."""
+    return name if len(name) <= length else f"…{name[1 - length :]}"

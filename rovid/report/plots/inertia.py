@@ -1,0 +1,101 @@
+"""Inertia by every method, side by side."""
+
+from __future__ import annotations
+
+import math
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rovid.identify.estimate import student_t
+from rovid.identify.inertia import METHODS, InertiaFit
+from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, sheet, styled
+
+SHORT = {
+    "peak": "peak method",
+    "orbit_integral": "orbit integral",
+    "harmonic_balance": "harmonic balance",
+    "regression": "regression",
+}
+# Intervals that together take less than this share of the axis from zero are shown once more, enlarged.
+_CROWDED = 0.3
+
+
+@styled
+def inertia_methods(fit: InertiaFit, rigid_body: float | None) -> Figure:
+    """Each method's inertia with its 95 % interval and single runs; where they crowd, enlarged too."""
+    panels = 2 if _crowded(fit) else 1
+    height = 0.5 * len(fit.methods) + 0.3
+    figure, (row,) = sheet([(height, panels)], left=1.75, across=0.4, top=0.4)
+    _panel(row[0], fit, list(fit.methods))
+    row[0].set_yticks(range(len(fit.methods)), [_label(fit, name) for name in fit.methods])
+    row[0].set_xlim(left=0.0)
+    row[0].set_title("from zero")
+    if rigid_body is not None:
+        row[0].axvline(rigid_body, color=GREY, linestyle="--", label="rigid body alone")
+        row[0].legend(loc="lower left", bbox_to_anchor=(0.3, 1.0), borderaxespad=0.1)
+    for enlarged in row[1:]:
+        _panel(enlarged, fit, _unbiased(fit))
+        enlarged.set_yticks(range(len(fit.methods)), [""] * len(fit.methods))
+        enlarged.locator_params(axis="x", nbins=6)
+        enlarged.set_title("enlarged, without the peak method" if "peak" in fit.methods else "enlarged")
+    return figure
+
+
+def method_title(name: str) -> str:
+    """What a method is called where space is short."""
+    return SHORT.get(name, METHODS.get(name, name))
+
+
+def method_interval(fit: InertiaFit, name: str) -> tuple[float, float] | None:
+    """95 % interval of the inertia by the method ``name``; None where its error is not known or means nothing.
+
+    The scatter of a biased method over a few runs says nothing of how far off it is.
+    """
+    reading = fit.methods[name]
+    if name == "peak" or not math.isfinite(reading.standard_error):
+        return None
+    if name == fit.chosen:
+        return fit.estimate.interval("inertia")
+    if name == "regression" and fit.regression is not None:
+        return fit.regression.estimate.interval("inertia")
+    periods = sum(trial.cycles for trial in fit.trials)
+    reach = student_t(0.975, periods - 1.0 if periods > 1 else math.inf) * reading.standard_error
+    return reading.value - reach, reading.value + reach
+
+
+def _unbiased(fit: InertiaFit) -> list[str]:
+    return [name for name in fit.methods if name != "peak"]
+
+
+def _crowded(fit: InertiaFit) -> bool:
+    reach = [end for name in _unbiased(fit) for end in method_interval(fit, name) or ()]
+    return len(fit.methods) > 1 and bool(reach) and max(reach) - min(reach) < _CROWDED * max(reach)
+
+
+def _label(fit: InertiaFit, name: str) -> str:
+    if name == "peak":
+        bias = "" if fit.peak_bias is None else f": {100.0 * fit.peak_bias:.0f} % of true"
+        return f"{method_title(name)}\n(biased{bias})"
+    return f"{method_title(name)}\n(used)" if name == fit.chosen else method_title(name)
+
+
+def _panel(panel: Axes, fit: InertiaFit, names: list[str]) -> None:
+    for name in names:
+        _one_method(panel, list(fit.methods).index(name), name, fit)
+    panel.set_ylim(len(fit.methods) - 0.45, -0.55)
+    panel.set_xlabel("inertia, kg m²")
+    panel.grid(visible=False, axis="y")
+
+
+def _one_method(panel: Axes, row: int, name: str, fit: InertiaFit) -> None:
+    reading = fit.methods[name]
+    colour = ORANGE if name == "peak" else (BLUE if name == fit.chosen else BLACK)
+    for _, value, _ in reading.runs:
+        panel.plot(value, row + 0.26, "|", color=colour, markersize=7)
+    interval = method_interval(fit, name)
+    if interval is not None:
+        panel.errorbar(
+            reading.value, row, xerr=0.5 * (interval[1] - interval[0]), color=colour, capsize=4, elinewidth=1.6
+        )
+    panel.plot(reading.value, row, "x" if name == "peak" else "o", color=colour, markersize=6, markeredgewidth=1.8)

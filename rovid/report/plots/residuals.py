@@ -1,0 +1,83 @@
+"""The torque that the model leaves over, seen from five sides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, extremes, sheet, styled
+from rovid.report.residual import Residual, autocorrelation, binned, spectrum
+from rovid.trial import FloatArray
+
+_DOTS = 6000
+_LONGEST_LAG = 60.0  # s
+
+
+@styled
+def residuals(items: Sequence[Residual], cutoff: float) -> Figure:
+    """Residual torque against rate, torque and time, its autocorrelation and its spectrum."""
+    figure, ((by_rate, by_torque), (over_time,), (memory, density)) = sheet(
+        [(2.2, 2), (1.6, 1), (1.9, 2)], top=0.4, across=0.95
+    )
+    left = np.concatenate([item.left for item in items])
+    _against(by_rate, np.concatenate([item.run.rates.yaw_rate for item in items]), left)
+    _against(by_torque, np.concatenate([item.drive for item in items]), left)
+    by_rate.set(xlabel="yaw rate, rad/s", ylabel="residual torque, N m")
+    by_torque.set(xlabel="torque, N m", ylabel="residual torque, N m")
+    legend = by_rate.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
+    legend.get_lines()[0].set(markersize=7, alpha=1.0)
+    _over_time(over_time, items)
+    _memory(memory, items)
+    _density(density, items, cutoff)
+    return figure
+
+
+def _against(panel: Axes, driver: FloatArray, left: FloatArray) -> None:
+    rows = np.flatnonzero(np.isfinite(driver) & np.isfinite(left))
+    rows = rows[:: max(len(rows) // _DOTS, 1)]
+    panel.plot(
+        driver[rows],
+        left[rows],
+        linestyle="none",
+        marker=".",
+        markersize=2.6,
+        markeredgewidth=0.0,
+        color=BLUE,
+        alpha=0.55,
+        rasterized=True,
+        label="samples",
+    )
+    panel.axhline(0.0, color=BLACK, linewidth=0.8)
+    panel.plot(*binned(driver, left), color=ORANGE, marker="o", markersize=4, label="mean")
+
+
+def _over_time(panel: Axes, items: Sequence[Residual]) -> None:
+    clock, samples = 0.0, sum(len(item.left) for item in items)
+    for k, item in enumerate(items):
+        time = clock + item.run.rates.time - item.run.rates.time[0]
+        count = max(2400 * len(item.left) // samples, 20)
+        panel.plot(*extremes(time, item.left, count), color=(BLUE, GREY)[k % 2], linewidth=0.7)
+        clock = float(time[-1])
+    panel.set(xlabel="time, all trials one after another, s", ylabel="residual torque, N m")
+    panel.margins(x=0.01)
+
+
+def _memory(panel: Axes, items: Sequence[Residual]) -> None:
+    longest = min(_LONGEST_LAG, 0.5 * max(float(np.ptp(item.run.rates.time)) for item in items))
+    panel.plot(*autocorrelation(items, longest), color=BLUE)
+    panel.axhline(0.0, color=BLACK, linewidth=0.8)
+    panel.set(xlabel="lag, s", ylabel="autocorrelation", xlim=(0.0, longest), ylim=(-0.6, 1.05))
+
+
+def _density(panel: Axes, items: Sequence[Residual], cutoff: float) -> None:
+    frequency, density = spectrum(items, cutoff)
+    panel.semilogy(frequency, density, color=BLUE)
+    panel.set(xlabel="frequency, Hz", ylabel="density, (N m)²/Hz", xlim=(0.0, cutoff))
+    wide = np.nanmax(density) > 100.0 * np.nanmin(density)
+    panel.yaxis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 3.0), numticks=7))
+    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+    panel.yaxis.set_minor_locator(NullLocator())

@@ -1,0 +1,77 @@
+"""The simulation over the measurement: every trial small, and each one large."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rovid.report.plots.canvas import BLUE, extremes, overlay, sheet, shortened, styled
+from rovid.simulation import TrialSimulation
+
+PER_SHEET = 24
+_COLUMNS = 3
+_LABEL = -0.085  # of the axes' width
+
+
+@styled
+def overview(simulations: Sequence[TrialSimulation]) -> Figure:
+    """Measured and simulated rate of each trial, with its R²."""
+    columns = min(len(simulations), _COLUMNS)
+    rows = -(-len(simulations) // columns)
+    figure, panels = sheet(
+        [(0.95 if rows > 1 else 1.8, columns)] * rows, left=0.75, top=0.52, bottom=0.5, across=0.5, down=0.5
+    )
+    flat = [panel for row in panels for panel in row]
+    for panel, item in zip(flat, simulations, strict=False):
+        _small(panel, item)
+    for panel in flat[len(simulations) :]:
+        panel.set_axis_off()
+    figure.supxlabel("time, s", y=0.06 / figure.get_figheight(), fontsize=10, va="bottom")
+    figure.supylabel("yaw rate, rad/s", x=0.01, fontsize=10, ha="left")
+    handles, labels = flat[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="upper left", bbox_to_anchor=(0.07, 1.0), ncols=2)
+    return figure
+
+
+def _small(panel: Axes, item: TrialSimulation) -> None:
+    overlay(panel, item.run.rates.time, item.measured, item.simulated, 500)
+    panel.set_title(shortened(item.run.trial.name, 22), fontsize=9, pad=3)
+    if math.isfinite(item.fit.r2):
+        panel.set_title(f"R² {item.fit.r2:.4f}", fontsize=8, loc="right", pad=3)
+    panel.tick_params(labelsize=8)
+    panel.locator_params(axis="y", nbins=4)
+    panel.locator_params(axis="x", nbins=5)
+
+
+@styled
+def one_trial(item: TrialSimulation) -> Figure:
+    """One trial: the torque, measured and simulated rate, and the simulation's error in rate and heading."""
+    rows = [(0.75, 1), (2.2, 1), (0.9, 1), (0.9, 1)]
+    figure, ((torque,), (rate,), (difference,), (heading,)) = sheet(rows, left=1.05, down=0.16, share_x=True)
+    trial, time = item.run.trial, item.run.rates.time
+    torque.step(*extremes(trial.time, item.run.torque), where="post", color=BLUE, linewidth=1.0)
+    overlay(rate, time, item.measured, item.simulated)
+    difference.plot(*extremes(time, item.simulated - item.measured), color=BLUE, linewidth=0.9)
+    known = trial.measured
+    error = np.degrees(item.heading - trial.heading)[known]
+    heading.plot(*extremes(trial.time[known], error), color=BLUE, linewidth=0.9)
+    labels = ("torque,\nN m", "yaw rate,\nrad/s", "rate error,\nrad/s", "heading\nerror, deg")
+    for panel, label in zip((torque, rate, difference, heading), labels, strict=True):
+        panel.set_ylabel(label)
+        panel.yaxis.set_label_coords(_LABEL, 0.5)
+    for panel in (torque, difference, heading):
+        panel.locator_params(axis="y", nbins=4)
+    torque.set_title(f"{shortened(trial.name, 48)}{_quality(item)}")
+    figure.legend(*rate.get_legend_handles_labels(), ncols=2, loc="upper right", borderaxespad=0.1)
+    heading.set_xlabel("time, s")
+    return figure
+
+
+def _quality(item: TrialSimulation) -> str:
+    if not math.isfinite(item.fit.r2):
+        return ""
+    return f"   R² {item.fit.r2:.4f}, fit {item.fit.fit_percent:.1f} %"

@@ -1,0 +1,86 @@
+"""Torque against rate in steady turns."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rovid.identify.estimate import Estimate, student_t
+from rovid.identify.steady import DragFit
+from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, sheet, styled
+from rovid.trial import FloatArray
+
+_STEPS = 300
+
+
+@styled
+def steady_torque(fit: DragFit) -> Figure:
+    """Torque against rate with the fitted line, its 95 % band, and the residuals."""
+    figure, ((top,), (bottom,)) = sheet([(3.6, 1), (1.5, 1)], top=0.25, down=0.2, share_x=True)
+    rate, torque = (np.array([getattr(point, name) for point in fit.points]) for name in ("yaw_rate", "torque"))
+    line = _line(fit)
+    reach = _reach(fit.estimate, line)
+    drag = _drag(fit.estimate, line)
+    if reach is not None:
+        top.fill_between(line, drag - reach, drag + reach, color=BLUE, alpha=0.22, linewidth=0, label="95 % band")
+        bottom.fill_between(line, -reach, reach, color=BLUE, alpha=0.22, linewidth=0)
+    top.plot(line, drag, color=BLUE, label="fit: DQ·|r|·r + DL·r")
+    bottom.axhline(0.0, color=BLUE)
+    _points(top, fit, rate, torque)
+    _points(bottom, fit, rate, fit.residuals)
+    if fit.unsteady:
+        x, y = [point.yaw_rate for point in fit.unsteady], [point.torque for point in fit.unsteady]
+        top.plot(x, y, "x", color=GREY, markersize=6, label="rate still changing: not fitted")
+    _each_direction(bottom, fit, line)
+    if fit.directions:
+        top.plot([], [], color=ORANGE, linestyle="--", label="each direction alone, below")
+    top.set_ylabel("torque, N m")
+    bottom.set_ylabel("residual, N m")
+    bottom.set_xlabel("yaw rate, rad/s")
+    top.legend(loc="upper left")
+    return figure
+
+
+def _line(fit: DragFit) -> FloatArray:
+    rates = [0.0, *(point.yaw_rate for point in (*fit.points, *fit.unsteady))]
+    return np.linspace(1.05 * min(rates), 1.05 * max(rates), _STEPS)
+
+
+def _design(rate: FloatArray) -> FloatArray:
+    return np.column_stack((np.abs(rate) * rate, rate))
+
+
+def _drag(estimate: Estimate, rate: FloatArray) -> FloatArray:
+    return np.asarray(_design(rate) @ estimate.values)
+
+
+def _reach(estimate: Estimate, rate: FloatArray) -> FloatArray | None:
+    """Half the width of the 95 % band in N m; None where two or fewer points leave no error to speak of."""
+    if not np.isfinite(estimate.covariance).all():
+        return None
+    variance = np.einsum("ni,ij,nj->n", _design(rate), estimate.covariance, _design(rate))
+    return np.asarray(student_t(0.975, estimate.degrees_of_freedom) * np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _points(panel: Axes, fit: DragFit, rate: FloatArray, values: FloatArray) -> None:
+    known = bool(np.any(fit.torque_error != 1.0))
+    for rows, filled, text in ((rate > 0, BLACK, "heading growing"), (rate < 0, "white", "heading falling")):
+        if rows.any():
+            errors = fit.torque_error[rows] if known else None
+            _error_bars(panel, rate[rows], values[rows], errors, filled, f"steady turn, {text}")
+
+
+def _error_bars(panel: Axes, x: FloatArray, y: FloatArray, errors: FloatArray | None, filled: str, label: str) -> None:
+    panel.errorbar(
+        x, y, yerr=errors, fmt="o", color=BLACK, markerfacecolor=filled, markersize=5, elinewidth=1.2, label=label
+    )
+
+
+def _each_direction(panel: Axes, fit: DragFit, line: FloatArray) -> None:
+    """Each direction's own fit, less the fit of both."""
+    for name, estimate in fit.directions.items():
+        part: NDArray[np.bool_] = line >= 0 if name == "up" else line <= 0
+        apart = _drag(estimate, line[part]) - _drag(fit.estimate, line[part])
+        panel.plot(line[part], apart, color=ORANGE, linestyle="--")

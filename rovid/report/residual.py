@@ -1,0 +1,113 @@
+"""The torque that the model leaves over, and what shape it has."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from rovid.model import Model
+from rovid.rates import finite_stretches
+from rovid.runs import Run
+from rovid.trial import FloatArray
+from rovid.vehicle import Vehicle
+
+_SEGMENT = 1024
+_SHORTEST = 64
+_BINS = 16
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Residual:
+    """One run's torques, all (m,), in N m and behind the same filter; NaN where they are not known.
+
+    Attributes
+    ----------
+    drive
+        The thrusters', after every effect between command and torque.
+    left
+        T - I rdot - DQ |r| r - DL r. Effects in the equation of motion are still in it.
+    noise
+        What the sensor's noise alone would leave over, as a standard deviation.
+    """
+
+    run: Run
+    drive: FloatArray
+    left: FloatArray
+    noise: float
+
+
+def residuals_of(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[Residual]:
+    """What inertia and drag leave over of the torque in each run."""
+    return [_residual(run, model, vehicle) for run in runs]
+
+
+def _residual(run: Run, model: Model, vehicle: Vehicle) -> Residual:
+    drive = run.rates.held(run.trial, model.torque(vehicle, run.trial)) if model.effects else run.drive
+    return Residual(
+        run=run,
+        drive=drive,
+        left=np.asarray(drive - model.inertia * run.rates.acceleration - model.drag(run.rates.yaw_rate)),
+        noise=model.inertia * run.rates.acceleration_noise,
+    )
+
+
+def sizes(items: Sequence[Residual]) -> tuple[float, float, float]:
+    """Root mean squares in N m: of what is left, of the torque, and of what the sensor's noise makes of itself."""
+    left = np.concatenate([item.left for item in items])
+    known = np.isfinite(left)
+    drive = np.concatenate([item.drive for item in items])[known]
+    noise = np.concatenate([np.full(len(item.left), item.noise) for item in items])[known]
+    return _rms(left[known]), _rms(drive), _rms(noise)
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
+
+
+def binned(driver: FloatArray, left: FloatArray, bins: int = _BINS) -> tuple[FloatArray, FloatArray]:
+    """Mean of ``driver`` and of ``left`` in stretches of the driver's range that hold enough samples."""
+    known = np.isfinite(driver) & np.isfinite(left)
+    x, y = driver[known], left[known]
+    if x.size < bins or np.ptp(x) == 0.0:
+        return np.empty(0), np.empty(0)
+    edges = np.linspace(x.min(), x.max(), bins + 1)
+    where = np.clip(np.digitize(x, edges) - 1, 0, bins - 1)
+    count = np.bincount(where, minlength=bins)
+    enough = count >= max(10, x.size // 2000)
+    divide = np.maximum(count, 1)
+    means = (np.bincount(where, weights=values, minlength=bins) / divide for values in (x, y))
+    across, up = (np.where(enough, mean, np.nan) for mean in means)
+    return across, up
+
+
+def spectrum(items: Sequence[Residual], cutoff: float) -> tuple[FloatArray, FloatArray]:
+    """Frequency in Hz up to the cut-off and density in (N m)^2/Hz, averaged over all stretches by their length."""
+    frequency = np.linspace(0.0, cutoff, 256)[1:]
+    total, weight = np.zeros(len(frequency)), 0.0
+    for period, part in _stretches(items):
+        own, density = signal.welch(part, fs=1.0 / period, nperseg=min(_SEGMENT, len(part)), nfft=_SEGMENT)
+        total += np.interp(frequency, own, np.asarray(density)) * len(part) * period
+        weight += len(part) * period
+    return frequency, total / weight if weight else np.full(len(frequency), np.nan)
+
+
+def autocorrelation(items: Sequence[Residual], longest: float) -> tuple[FloatArray, FloatArray]:
+    """Lag in s up to ``longest``, and the correlation of what is left with itself that much later."""
+    lags = np.linspace(0.0, longest, 200)
+    total = np.zeros(len(lags))
+    for period, part in _stretches(items):
+        products = signal.correlate(part, part, mode="full", method="fft")[len(part) - 1 :]
+        total += np.interp(lags, period * np.arange(len(part)), products, right=0.0) * period
+    return lags, total / total[0] if total[0] > 0.0 else np.full(len(lags), np.nan)
+
+
+def _stretches(items: Sequence[Residual]) -> Iterator[tuple[float, FloatArray]]:
+    """Sampling period in s and values of every unbroken stretch long enough to speak of a spectrum."""
+    for item in items:
+        for start, stop in finite_stretches(item.left):
+            if stop - start >= _SHORTEST:
+                yield item.run.rates.kernel.period, item.left[start:stop]

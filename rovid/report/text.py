@@ -1,0 +1,88 @@
+"""Numbers as the page shows them: rounded to what is known, decimal points one under another."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+# As wide as a digit and as a point: they fill a column up without showing.
+_FIGURE_SPACE, _POINT_SPACE = "\u2007", "\u2008"
+NOTHING = "–"
+_SIGN = " ± "
+
+PARAMETER_TITLES = {"inertia": "inertia I", "quadratic_drag": "quadratic drag DQ", "linear_drag": "linear drag DL"}
+_UNITS = {"kg m^2": "kg m²", "N m s^2/rad^2": "N m s²/rad²"}
+
+
+def number(value: float | None, form: str = ".4g") -> str:
+    """``value`` in that form; a dash where there is none."""
+    return NOTHING if value is None or not math.isfinite(value) else format(value, form)
+
+
+def unit(text: str) -> str:
+    """A unit with its powers raised."""
+    return _UNITS.get(text, text)
+
+
+def title(name: str) -> str:
+    """A parameter's name in words, with its symbol where it has one."""
+    return PARAMETER_TITLES.get(name, name.replace("_", " ").replace(".", ": "))
+
+
+def prose(text: str) -> str:
+    """A message of the command line as a sentence of the page: names in words, powers raised, a capital first."""
+    for name in PARAMETER_TITLES:
+        text = text.replace(name, name.replace("_", " "))
+    for plain, raised in _UNITS.items():
+        text = text.replace(plain, raised)
+    stop = "." if text and not text.endswith((".", "!", "?")) else ""
+    # A file's name keeps its case.
+    return (text[:1].upper() + text[1:] if text.split(" ")[0].isalpha() else text) + stop
+
+
+def column(values: Sequence[float | None], significant: int = 3) -> list[str]:
+    """All ``values`` with as many decimals as show the middle one to so many significant digits."""
+    sizes = sorted(abs(value) for value in values if value is not None and math.isfinite(value) and value != 0.0)
+    middle = sizes[len(sizes) // 2] if sizes else 1.0
+    decimals = min(max(significant - 1 - math.floor(math.log10(middle)), 0), 8)
+    return [number(value, f".{decimals}f") for value in values]
+
+
+def like(text: str, value: float) -> str:
+    """``value`` with the decimals of the number that ``text`` begins with."""
+    return number(value, f".{_decimals(text.partition(_SIGN)[0])}f")
+
+
+def aligned(texts: Sequence[str]) -> list[str]:
+    """Right-aligned numbers, or pairs with ± between, filled up so that points and signs stand in line."""
+    if not all(map(_is_number, texts)):
+        # Words and dashes keep out of the way of the rest.
+        rest = iter(aligned([text for text in texts if _is_number(text)]))
+        return [next(rest) if _is_number(text) else text for text in texts]
+    pairs = [text.partition(_SIGN) for text in texts]
+    values = _filled([value for value, _, _ in pairs])
+    errors = _filled([error for _, _, error in pairs])
+    if not any(error for _, _, error in pairs):
+        return values
+    wide = max(len(error) for error in errors)
+    return [
+        value + (sign or _POINT_SPACE * 3) + _FIGURE_SPACE * (wide - len(error)) + error
+        for value, (_, sign, _), error in zip(values, pairs, errors, strict=True)
+    ]
+
+
+def _is_number(text: str) -> bool:
+    return text[-1:].isdigit()
+
+
+def _filled(texts: Sequence[str]) -> list[str]:
+    places = max((_decimals(text) for text in texts), default=0)
+    return [text + _fill(places, _decimals(text)) for text in texts]
+
+
+def _fill(places: int, present: int) -> str:
+    return (_POINT_SPACE if places and not present else "") + _FIGURE_SPACE * (places - present)
+
+
+def _decimals(text: str) -> int:
+    return len(text.partition(".")[2])

@@ -1,0 +1,130 @@
+"""A small trial day in memory: simulated here, by the tests' own Runge-Kutta, and identified by rovid."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rovid.identify.inertia import fit_inertia
+from rovid.identify.steady import fit_drag, steady_points
+from rovid.parameters import Parameters
+from rovid.report.evidence import Evidence
+from rovid.runs import prepare
+from rovid.simulation import simulate_runs
+from rovid.trial import Campaign, FloatArray, Remark, Trial
+from rovid.vehicle import ThrustCurve, Thruster, Vehicle
+
+INERTIA, QUADRATIC, LINEAR = 30.0, 40.0, 10.0
+PERIOD = 0.05  # s between samples
+ARM = 0.5  # m
+
+Command = Callable[[FloatArray], FloatArray]
+
+
+def drag(rate: float) -> float:
+    return QUADRATIC * abs(rate) * rate + LINEAR * rate
+
+
+def advance(rate: float, torque: float, step: float) -> float:
+    """One classical Runge-Kutta step of the yaw rate."""
+
+    def slope(r: float) -> float:
+        return (torque - drag(r)) / INERTIA
+
+    k1 = slope(rate)
+    k2 = slope(rate + 0.5 * step * k1)
+    k3 = slope(rate + 0.5 * step * k2)
+    k4 = slope(rate + step * k3)
+    return rate + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+
+
+def turned(torque: FloatArray, disturbance: FloatArray) -> FloatArray:
+    """Heading under a held torque, in steps well below the vehicle's time constant."""
+    heading, rate, fine = [0.0], 0.0, PERIOD / 4.0
+    for value in (torque + disturbance)[:-1]:
+        angle = heading[-1]
+        for _ in range(4):
+            before = rate
+            rate = advance(rate, float(value), fine)
+            angle += 0.5 * fine * (before + rate)
+        heading.append(angle)
+    return np.array(heading)
+
+
+def coloured(rng: np.random.Generator, count: int) -> FloatArray:
+    """A disturbance torque with a memory of about a second."""
+    values = np.zeros(count)
+    for k in range(1, count):
+        values[k] = 0.95 * values[k - 1] + 0.05 * rng.normal()
+    return values
+
+
+def trial(vehicle: Vehicle, name: str, seconds: float, command: Command, folder: Path, seed: int) -> Trial:
+    rng = np.random.default_rng(seed)
+    time: FloatArray = PERIOD * np.arange(round(seconds / PERIOD), dtype=np.float64)
+    commands = np.column_stack([command(time)] * 2)
+    torque = np.sum([t.torque(commands[:, k]) for k, t in enumerate(vehicle.thrusters)], axis=0)
+    heading = turned(torque, coloured(rng, len(time))) + 1e-4 * rng.normal(size=len(time))
+    return Trial(name=name, path=folder / "log.csv", time=time, heading=heading, commands=commands)
+
+
+def hold(level: float) -> Command:
+    return lambda time: np.where(time > 2.0, level, 0.0)
+
+
+def sine(amplitude: float, period: float) -> Command:
+    return lambda time: amplitude * np.sin(2.0 * np.pi * time / period)
+
+
+PROGRAMME: dict[str, tuple[float, Command]] = {
+    **{f"hold_{k}.csv": (40.0, hold(level)) for k, level in enumerate((0.8, 1.6, 2.4, -0.8, -1.6, -2.4))},
+    "sine_a.csv": (60.0, sine(2.0, 10.0)),
+    "sine_b.csv": (60.0, sine(1.5, 6.0)),
+    "step.csv": (30.0, lambda time: np.where(time % 12.0 < 6.0, 1.2, -0.4)),
+}
+
+
+def make_vehicle(name: str = "Test vehicle") -> Vehicle:
+    command = np.linspace(-5.0, 5.0, 41)
+    curve = ThrustCurve(command=command, thrust=np.where(command > 0, 6.0, 5.0) * np.abs(command) * command)
+    thrusters = tuple(Thruster(name=each, yaw_arm=ARM, curve=curve) for each in ("fore", "aft"))
+    return Vehicle(name=name, thrusters=thrusters, mass=100.0, length=1.2, width=0.8)
+
+
+def make_evidence(folder: Path, names: dict[str, str] | None = None, vehicle: Vehicle | None = None) -> Evidence:
+    """The whole day; ``names`` from a log of the programme to the name that it gets, and no other logs then."""
+    vehicle = vehicle or make_vehicle()
+    shown = names or {name: name for name in PROGRAMME}
+    trials = tuple(trial(vehicle, shown[n], *PROGRAMME[n], folder, seed) for seed, n in enumerate(shown))
+    return identified(vehicle, Campaign(trials=trials, sources=(folder,)), folder)
+
+
+def identified(vehicle: Vehicle, campaign: Campaign, folder: Path) -> Evidence:
+    runs = prepare(campaign, vehicle)
+    steady = fit_drag(steady_points(runs.items, vehicle))
+    stored = Parameters(path=folder / "parameters.toml").with_estimate(steady.estimate)
+    inertia = fit_inertia(runs.items, drag=stored.drag(), rigid_body=vehicle.rigid_body_inertia)
+    stored = stored.with_estimate(inertia.estimate)
+    return Evidence(
+        vehicle=vehicle,
+        parameters=stored,
+        campaign=campaign,
+        runs=runs,
+        drag=steady,
+        drag_refusal="",
+        inertia=inertia,
+        inertia_refusal="",
+        simulations=tuple(simulate_runs(runs.items, stored.model(), vehicle)),
+    )
+
+
+GAP = Remark(kind="gap", count=1, text="The heading is missing for 1.5 s from 12 s on.")
+
+
+@pytest.fixture(scope="session")
+def day(tmp_path_factory: pytest.TempPathFactory) -> Evidence:
+    """Holds both ways, two sines and a step, identified."""
+    return make_evidence(tmp_path_factory.mktemp("day"))

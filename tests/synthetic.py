@@ -1,0 +1,72 @@
+"""Trials made in memory: a held torque through the model, for tests that need no files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from rovid.kernels import simulate
+from rovid.model import Model
+from rovid.rates import yaw_rates
+from rovid.runs import Run
+from rovid.trial import FloatArray, Trial
+from rovid.vehicle import ThrustCurve, Thruster, Vehicle
+
+ROSUB = Model(inertia=5057.0, quadratic_drag=3532.0, linear_drag=132.0)
+VOLTS = ThrustCurve(command=np.array([-5.0, 5.0]), thrust=np.array([-500.0, 500.0]))
+VEHICLE = Vehicle(name="test", thrusters=(Thruster(name="a", yaw_arm=1.0, curve=VOLTS),))
+LOGGED = Vehicle(name="test", thrusters=(Thruster(name="torque", yaw_arm=1.0, curve=None),))
+
+
+def clock(duration: float, rate: float = 20.0) -> FloatArray:
+    return np.arange(round(duration * rate) + 1) / rate
+
+
+def trial(
+    time: FloatArray,
+    command: FloatArray,
+    heading: FloatArray | None = None,
+    *,
+    name: str = "log",
+    roll: FloatArray | None = None,
+    pitch: FloatArray | None = None,
+    yaw_rate: FloatArray | None = None,
+) -> Trial:
+    return Trial(
+        name=name,
+        path=Path(name),
+        time=time,
+        heading=np.zeros(len(time)) if heading is None else heading,
+        commands=command[:, None],
+        roll=roll,
+        pitch=pitch,
+        yaw_rate=yaw_rate,
+    )
+
+
+def run(
+    time: FloatArray,
+    torque: FloatArray,
+    model: Model = ROSUB,
+    *,
+    cutoff: float = 1.0,
+    disturbance: FloatArray | None = None,
+    noise: FloatArray | None = None,
+) -> Run:
+    """What ``prepare`` makes of a log of this torque; ``disturbance`` in N m and heading ``noise`` in rad on top."""
+    total = torque if disturbance is None else torque + disturbance
+    _, angle = simulate(time, total, model.inertia, model.quadratic_drag, model.linear_drag, 0.0)
+    log = trial(time, torque, angle if noise is None else angle + noise)
+    rates = yaw_rates(log, cutoff=cutoff)
+    return Run(trial=log, torque=torque, rates=rates, drive=rates.held(log, torque))
+
+
+def gauss_markov(count: int, period: float, size: float, memory: float, rng: np.random.Generator) -> FloatArray:
+    """Coloured disturbance of standard deviation ``size`` and correlation time ``memory`` in s."""
+    from scipy.signal import lfilter
+
+    fade = np.exp(-period / memory)
+    kicks = rng.normal(0.0, size * np.sqrt(1.0 - fade**2), count)
+    kicks[0] = rng.normal(0.0, size)
+    return np.asarray(lfilter([1.0], [1.0, -fade], kicks))

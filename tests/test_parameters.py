@@ -1,0 +1,145 @@
+"""The parameter file: there and back, merging estimates, moving it with its logs, and what is refused."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rovid.errors import ConfigError
+from rovid.identify.estimate import Estimate
+from rovid.parameters import Parameters, read_parameters
+
+NAMES = ("inertia", "quadratic_drag", "linear_drag")
+COVARIANCE = np.array([[100.0, -30.0, 2.0], [-30.0, 900.0, -55.0], [2.0, -55.0, 9.0]])
+
+
+def estimate(
+    names: tuple[str, ...] = NAMES, *, scale: float = 1.0, method: str = "m", refused: tuple[str, ...] = ()
+) -> Estimate:
+    rows = [NAMES.index(name) for name in names]
+    return Estimate(
+        names=names,
+        values=scale * np.array([5057.0, 3532.0, 132.0])[rows],
+        covariance=COVARIANCE[np.ix_(rows, rows)],
+        method=method,
+        samples=7,
+        refused=dict.fromkeys(refused, "why"),
+    )
+
+
+def written(folder: Path, **changes: object) -> Parameters:
+    stored = replace(
+        Parameters(path=folder / "parameters.toml", vehicle="a ü [b]", logs=(folder / "logs",)).with_estimate(
+            estimate()
+        ),
+        **changes,  # type: ignore[arg-type]
+    )
+    stored.write()
+    return stored
+
+
+def test_there_and_back(tmp_path: Path) -> None:
+    stored = written(tmp_path)
+    found = read_parameters(stored.path)
+    assert found == replace(stored, covariance=found.covariance)
+    assert found.covariance == pytest.approx(dict(stored.covariance))
+    assert found.model().inertia == 5057.0  # to the last digit
+
+
+def test_drag_and_inertia_found_apart_have_no_covariance(tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(NAMES[1:], method="steady turns"))
+    stored = stored.with_estimate(estimate(NAMES[:1], method="orbit"))
+    assert set(stored.covariance) == {
+        ("inertia", "inertia"),
+        ("quadratic_drag", "quadratic_drag"),
+        ("quadratic_drag", "linear_drag"),
+        ("linear_drag", "linear_drag"),
+    }
+    assert {entry.method for entry in stored.entries.values()} == {"steady turns", "orbit"}
+    drag = stored.drag()
+    assert drag is not None
+    assert drag.covariance == pytest.approx(COVARIANCE[1:, 1:])
+
+
+def test_a_new_estimate_replaces_what_it_holds_and_what_hung_on_it(tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate())
+    stored = stored.with_estimate(estimate(("inertia",), scale=2.0, method="new"))
+    assert stored.entries["inertia"].value == 2.0 * 5057.0
+    assert stored.entries["quadratic_drag"].method == "m"
+    assert ("inertia", "quadratic_drag") not in stored.covariance
+    assert stored.covariance["quadratic_drag", "linear_drag"] == -55.0
+
+
+def test_a_refused_parameter_is_taken_out_and_counts_as_zero(tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate())
+    stored = stored.with_estimate(estimate(NAMES[1:], refused=("linear_drag",)))
+    assert "linear_drag" not in stored.entries
+    assert stored.model().linear_drag == 0.0
+    stored.write()
+    drag = read_parameters(stored.path).drag()
+    assert drag is not None
+    assert drag.value("linear_drag") == 0.0
+
+
+def test_drag_found_together_with_the_inertia_is_no_steady_drag(tmp_path: Path) -> None:
+    # `rovid fit-inertia` twice has to give the same: the first one's own drag may not judge the second's inertia.
+    assert read_parameters(written(tmp_path).path).drag() is None
+
+
+def test_logs_are_found_when_they_move_with_the_file(tmp_path: Path) -> None:
+    (tmp_path / "day" / "logs").mkdir(parents=True)
+    written(tmp_path / "day", logs=(tmp_path / "day" / "logs", tmp_path / "elsewhere"))
+    shutil.move(tmp_path / "day", tmp_path / "deeper" / "day")
+    found = read_parameters(tmp_path / "deeper" / "day" / "parameters.toml").logs
+    assert found[0] == tmp_path / "deeper" / "day" / "logs"
+    assert found[0].is_dir()
+
+
+@pytest.mark.parametrize(
+    ("pattern", "text", "words"),
+    [
+        (r"(inertia\]\nvalue = )[^\n]*", r"\g<1>-5.0", "inertia is -5"),
+        (r"(inertia\]\nvalue = )[^\n]*", r"\g<1>0.0", "inertia is 0"),
+        (r"(inertia\]\nvalue = )[^\n]*", r"\g<1>nan", "inertia is nan"),
+        (r"(quadratic_drag\]\nvalue = )[^\n]*", r"\g<1>inf", "quadratic_drag is inf"),
+        (r"(linear_drag\]\nvalue = )[^\n]*", r"\g<1>-1.0", "linear_drag is -1"),
+        (r"(inertia\]\nvalue = )[^\n]*", r'\g<1>"much"', "much"),
+        (r"(?s)matrix = \[.*?\n\]", "matrix = [[1.0]]", "damaged"),
+        (r"(?s)\[covariance\].*?\n\]\n\]|\[covariance\]\nnames", "[other]\nnames", "no 'covariance'"),
+        (r"standard_error = [^\n]*\n", "", "no 'standard_error'"),
+        (r"(?s)logs = \[.*?\]", "logs = 5", "damaged"),
+        (r"schema = [^\n]*", 'schema = "rovid-parameters/99"', "newer"),
+        (r"schema = [^\n]*\n", "", "schema None"),
+        (r"\Z", "]]", "not a readable TOML"),
+    ],
+)
+def test_a_file_edited_by_hand_is_refused_by_name(pattern: str, text: str, words: str, tmp_path: Path) -> None:
+    path = written(tmp_path).path
+    path.write_text(re.sub(pattern, text, path.read_text(), count=1))
+    with pytest.raises(ConfigError, match=re.escape(words)) as error:
+        read_parameters(path)
+    assert str(path) in str(error.value)
+
+
+def test_zero_drag_is_a_drag(tmp_path: Path) -> None:
+    path = written(tmp_path).path
+    path.write_text(re.sub(r"(linear_drag\]\nvalue = )[^\n]*", r"\g<1>0.0", path.read_text()))
+    assert read_parameters(path).model().linear_drag == 0.0
+
+
+@pytest.mark.parametrize(("names", "words"), [(("inertia",), "fit-drag"), (NAMES[1:], "fit-inertia")])
+def test_what_is_missing_for_a_model_is_said(names: tuple[str, ...], words: str, tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(names))
+    with pytest.raises(ConfigError, match=words):
+        stored.model()
+
+
+@pytest.mark.parametrize(("folder", "words"), [(False, "no such parameter file"), (True, "is a folder")])
+def test_no_file_and_a_folder_are_told_apart(tmp_path: Path, words: str, *, folder: bool) -> None:
+    with pytest.raises(ConfigError, match=words):
+        read_parameters(tmp_path if folder else tmp_path / "none.toml")
