@@ -28,6 +28,8 @@ NAMES = ("inertia", "quadratic_drag", "linear_drag")
 LIMITS = (0.05, 0.02, 0.01, 0.005)
 # The free-running simulation may lose this much R^2 against the fit that looks at nothing else.
 _R2_LOSS = 0.01
+# Where the disturbance is at its limit, the fit is tried again with this many times as much.
+_LOOSER = 2.5
 _RATE_ERROR = 0.2  # of the rate's root mean square: how well the first rate of a trial is known
 _ANGLE_NOISE_FLOOR = 1e-5  # rad; no heading is better, and one from an autopilot's filter would claim to be
 _BLOCK_SECONDS = 40.0
@@ -277,6 +279,19 @@ class _Problem:
         size = np.array([math.exp(x[0]), *self.scale, *self.units])
         return np.asarray(inverse[np.ix_(physical, physical)] * np.outer(size, size))
 
+    def physical(self, x: FloatArray) -> FloatArray:
+        """Inertia, drags and the effects' parameters in their units."""
+        model = self.model(x)
+        return np.array([model.inertia, model.quadratic_drag, model.linear_drag, *model.effect_values])
+
+    def loosened(self, x: FloatArray) -> _Problem:
+        """The same problem from ``x`` with a looser limit of the disturbance."""
+        limit = _LOOSER * self.limit
+        looser = _Problem(self.runs, self.model(x), limit, vehicle=self.vehicle, effects=self.effects)
+        looser.scale = self.scale
+        looser.start[:] = x
+        return looser
+
     @staticmethod
     def _moved(x: FloatArray, steps: dict[int, float]) -> FloatArray:
         moved = x.copy()
@@ -289,10 +304,15 @@ class _Problem:
         white = innovations_are_white([error / np.sqrt(variance) for _, error, variance in self.innovations(x)])
         at_limit = x[3] > self.bounds[1][3] - 1e-3
         samples = sum(int(run.trial.measured.sum()) for run in self.runs)
+        covariance = self.covariance(x, sandwich=not white)
+        if at_limit:
+            # The limit is a choice; what a looser one would change is part of the uncertainty.
+            shift = self.physical(self.loosened(x).solve()) - self.physical(x)
+            covariance = covariance + np.outer(shift, shift)
         estimate = Estimate(
             names=(*NAMES, *(f"{effect.id}.{p.name}" for effect in self.effects for p in effect.parameters)),
-            values=np.array([model.inertia, model.quadratic_drag, model.linear_drag, *model.effect_values]),
-            covariance=self.covariance(x, sandwich=not white),
+            values=self.physical(x),
+            covariance=covariance,
             method="maximum likelihood of Kalman-filter innovations",
             samples=samples,
             warnings=tuple(self._warnings(model, white=white, at_limit=bool(at_limit))),
@@ -315,7 +335,8 @@ class _Problem:
         if at_limit:
             texts.append(
                 f"The disturbance torque would exceed {100 * self.limit:.2g} % of the torque in use "
-                f"({self.limit * self.torque:.3g} N m): the base model misses something that these data show."
+                f"({self.limit * self.torque:.3g} N m): the model misses something that these data show. The "
+                f"standard errors include what a limit {_LOOSER:g} times as high would change."
             )
         if not white:
             texts.append(
