@@ -32,6 +32,7 @@ bench: $(VENV)/installed  ## timings, as ratios measured in one run
 	$(BIN)/python benchmarks/reading.py
 	$(BIN)/python benchmarks/simulation.py
 	$(BIN)/python benchmarks/startup.py
+	$(BIN)/python benchmarks/uncertainty.py
 
 clean:
 	rm -rf $(VENV) demo

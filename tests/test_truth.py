@@ -21,7 +21,7 @@ TRUTH = {
     "linear_drag": ROSUB.dynamics.linear_drag,
 }
 # Fifteen or so comparisons a run of the tests: 3.5 standard errors are passed once in 150 runs by chance. That
-# two standard errors hold 95 % of the time is what benchmarks/coverage.py shows on many seeds.
+# two standard errors hold 95 % of the time is what benchmarks/uncertainty.py shows on many seeds.
 SIGMAS = 3.5
 
 
