@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,10 @@ from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from mcap_ros2.writer import Writer as Ros2Writer
 
+from tools.channels import CHANNELS, column
 from tools.programme import Format
 from tools.simulate import MICRO, Held
-from tools.truth import FloatArray, IntArray
+from tools.truth import FloatArray, IntArray, Unit
 
 _SUPPLY_EVERY = 20  # samples; the supply is logged at 1 Hz in MCAP
 
@@ -73,7 +74,11 @@ class Recording:
     supply
         (n,) V.
     commands
-        Thruster -> its command in V, with its own instants.
+        Thruster -> its command, with its own instants.
+    unit
+        Of the commands.
+    channels
+        Extra signal -> (n,), in its own unit.
     """
 
     start: int
@@ -83,18 +88,28 @@ class Recording:
     pitch: FloatArray
     supply: FloatArray
     commands: Mapping[str, Held]
+    unit: Unit = "V"
+    channels: Mapping[str, FloatArray] = field(default_factory=dict)
+
+
+def command_column(thruster: str, unit: Unit) -> str:
+    """Name of the column of a thruster's command in a CSV log."""
+    return f"{thruster}_{'command' if unit == '1' else unit}"
 
 
 def write_csv(recording: Recording, path: Path) -> None:
     """Write a table with one row a sample; commands hold from their row to the next."""
-    commands = {f"{name}_V": held.at(recording.instant) for name, held in recording.commands.items()}
+    commands = {
+        command_column(name, recording.unit): held.at(recording.instant) for name, held in recording.commands.items()
+    }
     columns = {
         "time_s": (recording.instant / MICRO, "%.2f"),
         "heading_deg": (recording.heading, "%.3f"),
-        **{name: (volts, "%.4f") for name, volts in commands.items()},
+        **{name: (value, "%.4f") for name, value in commands.items()},
         "roll_deg": (recording.roll, "%.3f"),
         "pitch_deg": (recording.pitch, "%.3f"),
         "supply_V": (recording.supply, "%.2f"),
+        **{column(name): (values, f"%.{CHANNELS[name].decimals}f") for name, values in recording.channels.items()},
     }
     table = np.column_stack([values for values, _ in columns.values()])
     formats = [form for _, form in columns.values()]
@@ -152,6 +167,7 @@ def _values(recording: Recording) -> Iterator[tuple[int, str, float]]:
         "/phins/pitch": (recording.instant, recording.pitch),
         "/power/supply": (recording.instant[thin], recording.supply[thin]),
         **{f"/thrusters/{name}": (held.instant, held.value) for name, held in recording.commands.items()},
+        **{f"/extra/{name}": (recording.instant, values) for name, values in recording.channels.items()},
     }
     for topic, (instant, value) in signals.items():
         for us, number in zip(instant.tolist(), value.tolist(), strict=True):

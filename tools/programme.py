@@ -1,14 +1,17 @@
-"""The runs of a trial day: what was commanded, and on which clock and in which format it was logged."""
+"""The runs of a trial day: what was commanded, and on which clock and in which format it was logged.
+
+Commands are counted from neutral; what is said of V holds for any unit of command.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from tools.truth import FloatArray
+from tools.truth import ROSUB, FloatArray, Truth
 
 Format = Literal["csv", "json", "ros2"]
 
@@ -139,3 +142,33 @@ CAMPAIGN: tuple[Run, ...] = (
     Run(name="fore_only", pieces=(Hold(2.2, 40.0), Hold(-2.8, 40.0)), only="fore"),
     Run(name="aft_only", pieces=(Hold(2.2, 40.0), Hold(-2.8, 40.0)), only="aft"),
 )
+
+
+def campaign_for(truth: Truth) -> tuple[Run, ...]:
+    """The campaign at the pace of ``truth``, with the same shares of its middling torque as ROSUB has of its own."""
+    if truth.pace is None:
+        return CAMPAIGN
+    return tuple(_scaled(run, truth, truth.pace) for run in CAMPAIGN)
+
+
+def _scaled(run: Run, truth: Truth, pace: float) -> Run:
+    pieces = tuple(_scaled_piece(piece, truth, pace) for piece in run.pieces)
+    name = run.name
+    for old, new in zip(run.pieces, pieces, strict=True):
+        if isinstance(old, Sine) and isinstance(new, Sine):
+            name = name.replace(f"{old.period:g}s", f"{new.period:g}s")
+    return replace(run, name=name, pieces=pieces)
+
+
+def _scaled_piece(piece: Piece, truth: Truth, pace: float) -> Piece:
+    if isinstance(piece, Hold):
+        return Hold(_like_rosub(piece.volts, truth), piece.duration * pace)
+    positive, negative = _like_rosub(piece.positive, truth), -_like_rosub(-piece.negative, truth)
+    return Sine(positive, negative, piece.period * pace, piece.cycles)
+
+
+def _like_rosub(volts: float, truth: Truth) -> float:
+    """Command whose thrust is to the middling one as that of ``volts`` is on ROSUB."""
+    thrust = float(ROSUB.thrusters[0].curve.thrust(np.array([volts]))[0])
+    curve = truth.thrusters[0].curve
+    return curve.offset_for(thrust / ROSUB.middle_thrust * truth.middle_thrust)

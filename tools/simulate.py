@@ -5,16 +5,22 @@ Instants are integer microseconds, so that instants of different clocks which co
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numba
 import numpy as np
 
-from tools.truth import Attitude, Disturbance, FloatArray, IntArray, Truth
+from tools.actuators import Steps, drag_factor, outer_torque, paths, static_thrust, thrust_factor
+from tools.channels import CHANNELS, EXTRA, SUPPLY, courses
+from tools.hidden import acting
+from tools.truth import MICRO, Attitude, Disturbance, FloatArray, IntArray, Truth
+from tools.water import HEADING, RATE, integrate, shortest, water
 
-MICRO = 1_000_000
+__all__ = ["MICRO", "SUBSTEP", "Held", "Motion", "disturbance_torque", "simulate"]
+
 SUBSTEP = 5_000  # us; ten substeps between two headings at 20 Hz
+_SHORTEST = 100  # us, of the substep where something hidden is faster than that
 
 # Compiled at first use; the result is kept on disk.
 _compiled = numba.njit(cache=True)
@@ -22,25 +28,32 @@ _compiled = numba.njit(cache=True)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Held:
-    """A command: each ``value`` in V holds from its ``instant`` in us to the next; zero before the first."""
+    """A command: each ``value`` in V holds from its ``instant`` in us to the next; ``neutral`` before the first."""
 
     instant: IntArray
     value: FloatArray
+    neutral: float = 0.0
 
     def at(self, instant: IntArray) -> FloatArray:
         """Command in V at each ``instant`` in us."""
-        return np.concatenate(([0.0], self.value))[np.searchsorted(self.instant, instant, side="right")]
+        return np.concatenate(([self.neutral], self.value))[np.searchsorted(self.instant, instant, side="right")]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """The truth: ``instant`` in us; angles in rad, ``heading`` unwrapped; ``rate`` of yaw in rad/s."""
+    """The truth: ``instant`` in us; angles in rad, ``heading`` unwrapped; ``rate`` of yaw in rad/s.
+
+    ``channels`` are the extra signals that are logged; ``supply`` in V is what the supply has besides the droop that
+    the instruments know of.
+    """
 
     instant: IntArray
     heading: FloatArray
     rate: FloatArray
     roll: FloatArray
     pitch: FloatArray
+    channels: Mapping[str, FloatArray] = field(default_factory=dict)
+    supply: FloatArray | float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,45 +84,53 @@ def simulate(
 ) -> Motion:
     """Motion from rest at time 0 and a random heading, at each ``sample`` in us.
 
-    ``commands`` are in the order of the truth's thrusters. A step ends at every change of a command, at every
-    sample and after ``substep`` us at the latest.
+    ``commands`` are in the order of the truth's thrusters. A step ends at every change of a command, where it is
+    given and where it acts, at every sample and after ``substep`` us at the latest.
     """
-    regular = np.arange(0, sample[-1] + 1, substep, dtype=np.int64)
-    knots = np.unique(np.concatenate([regular, sample, *(held.instant for held in commands)]))
-    knots = knots[knots <= sample[-1]]
+    hidden = acting(truth.hidden)
+    # Its own generator: what is hidden changes none of the other draws.
+    (extra,) = rng.spawn(1)
+    drawn, waves = extra.spawn(2)
+    offsets = [(held.instant, held.value - held.neutral) for held in commands]
+    acted = paths(truth, offsets, hidden)
+    parameters = water(truth, hidden)
+    substep = min(substep, max(int(min(shortest(parameters), 1.0) * MICRO / 2.0), _SHORTEST))
+    steps = Steps(knots=_knots(sample, [*(h.instant for h in commands), *(path.instant for path in acted)], substep))
     roll, pitch = _wanders(truth.attitude, rng)
     heading = rng.uniform(-np.pi, np.pi)
-    torque = actuator_torque(truth, commands, knots) + disturbance_torque(truth.disturbance, knots, rng)
-    scale, drift = _euler_terms(roll, pitch, knots)
-    dynamics = truth.dynamics
-    states = _integrate(
-        knots / MICRO,
-        torque,
+    time = sample / MICRO
+    signals = courses(truth, float(time[-1]), drawn)
+    thrust = static_thrust(truth, acted, steps, hidden) * thrust_factor(truth, steps, signals, hidden)[..., np.newaxis]
+    leaning = np.stack([pitch.angle(at) - pitch.mean for at in steps.time])
+    outer = outer_torque(steps, signals, leaning, hidden, waves)
+    scale, drift = _euler_terms(roll, pitch, steps.knots)
+    states = integrate(
+        np.diff(steps.knots / MICRO),
+        thrust,
+        np.array([thruster.yaw_arm for thruster in truth.thrusters]),
+        outer + disturbance_torque(truth.disturbance, steps.knots, rng)[:-1],
+        drag_factor(steps, signals, hidden),
         scale,
         drift,
-        np.array([dynamics.inertia, dynamics.quadratic_drag, dynamics.linear_drag]),
         heading,
-    )
-    wanted = np.searchsorted(knots, sample)
-    time = sample / MICRO
+        parameters,
+    )[np.searchsorted(steps.knots, sample)]
     return Motion(
         instant=sample,
-        heading=states[wanted, 0],
-        rate=states[wanted, 1],
+        heading=states[:, HEADING],
+        rate=states[:, RATE],
         roll=roll.angle(time),
         pitch=pitch.angle(time),
+        channels={name: CHANNELS[name].mean + signals[name].at(time) for name in EXTRA if name in signals},
+        supply=signals[SUPPLY].at(time) if SUPPLY in signals else 0.0,
     )
 
 
-def actuator_torque(truth: Truth, commands: Sequence[Held], knots: IntArray) -> FloatArray:
-    """Torque of the thrusters in N m, held from each of ``knots`` in us to the next.
-
-    The whole path from the given command to torque is here: what an actuator hides belongs in this function.
-    """
-    total = np.zeros(len(knots))
-    for thruster, held in zip(truth.thrusters, commands, strict=True):
-        total += thruster.yaw_arm * thruster.curve.thrust(held.at(knots))
-    return total
+def _knots(sample: IntArray, instants: Sequence[IntArray], substep: int) -> IntArray:
+    """Ends of the steps in us: every ``substep``, every sample and each of ``instants``, through the last sample."""
+    regular = np.arange(0, sample[-1] + 1, substep, dtype=np.int64)
+    knots = np.unique(np.concatenate([regular, sample, *instants]))
+    return np.asarray(knots[(knots >= 0) & (knots <= sample[-1])])
 
 
 def disturbance_torque(disturbance: Disturbance, knots: IntArray, rng: np.random.Generator) -> FloatArray:
@@ -153,38 +174,3 @@ def _gauss_markov(decay: FloatArray, kicks: FloatArray) -> FloatArray:
     for k in range(len(decay)):
         path[k + 1] = decay[k] * path[k] + np.sqrt(1.0 - decay[k] ** 2) * kicks[k + 1]
     return path
-
-
-@_compiled
-def _acceleration(rate: float, torque: float, vehicle: FloatArray) -> float:
-    """Yaw acceleration in rad/s^2; ``vehicle`` holds inertia, quadratic and linear drag."""
-    return float((torque - (vehicle[1] * abs(rate) + vehicle[2]) * rate) / vehicle[0])
-
-
-@_compiled
-def _integrate(
-    time: FloatArray,
-    torque: FloatArray,
-    scale: FloatArray,
-    drift: FloatArray,
-    vehicle: FloatArray,
-    heading: float,
-) -> FloatArray:
-    """(n, 2) heading in rad and yaw rate in rad/s, from rest: classical fourth-order Runge-Kutta."""
-    states = np.empty((len(time), 2))
-    states[0, 0] = heading
-    states[0, 1] = 0.0
-    for k in range(len(time) - 1):
-        h = time[k + 1] - time[k]
-        r1 = states[k, 1]
-        a1 = _acceleration(r1, torque[k], vehicle)
-        r2 = r1 + 0.5 * h * a1
-        a2 = _acceleration(r2, torque[k], vehicle)
-        r3 = r1 + 0.5 * h * a2
-        a3 = _acceleration(r3, torque[k], vehicle)
-        r4 = r1 + h * a3
-        a4 = _acceleration(r4, torque[k], vehicle)
-        turned = h * (r1 + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
-        states[k + 1, 0] = states[k, 0] + scale[k] * turned + drift[k] * h
-        states[k + 1, 1] = r1 + h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
-    return states

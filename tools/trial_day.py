@@ -6,23 +6,25 @@ Run ``python -m tools.trial_day OUT --seed 1``.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from tools.logs import WRITERS, Recording
-from tools.programme import CAMPAIGN, Format, Run
+from tools.channels import CHANNELS, EXTRA, column, needed
+from tools.hidden import acting
+from tools.logs import WRITERS, Recording, command_column
+from tools.programme import Format, Run, campaign_for
 from tools.simulate import MICRO, Held, Motion, simulate
-from tools.truth import ROSUB, BenchCurve, FloatArray, Instruments, IntArray, Truth
+from tools.truth import ROSUB, BenchCurve, FloatArray, Instruments, IntArray, Thruster, Truth, Unit
 
 Formats = Literal["mixed", "csv"]
 
 _DAY = 1_767_600_000 * MICRO  # us since the epoch: 5 January 2026, 08:00 UTC
 _BETWEEN_RUNS = 600 * MICRO  # us from the start of a run to that of the next
 _COMMAND_DECIMALS = 4
-_CURVE_STEP = 0.01  # V; linear interpolation of the square law is then off by 0.0024 N at most
+_UNITS: Mapping[Unit, str] = {"V": "V", "us": "us", "1": "-1..1"}
 _FIRST_HEADING = 30_000  # us after the log begins, in MCAP: commands are known by then
 _JITTER = 1_500.0  # us, standard deviation of the heading's instants in MCAP
 
@@ -33,7 +35,7 @@ def write_trial_day(
     seed: int,
     formats: Formats = "mixed",
     truth: Truth = ROSUB,
-    campaign: Sequence[Run] = CAMPAIGN,
+    campaign: Sequence[Run] | None = None,
 ) -> Truth:
     """Write rovid.toml, thrust_curve.csv and one log a run into ``folder``; return the truth behind them.
 
@@ -43,10 +45,14 @@ def write_trial_day(
         Sets the disturbance, the noise and the heading each run starts at; same seed, same files.
     formats
         "mixed": each run in its own format, with its own command clock; "csv": all of them as CSV at 20 Hz.
+    truth
+        With what it hides.
+    campaign
+        None: the one that suits ``truth``.
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_configuration(folder, truth)
-    for index, run in enumerate(campaign):
+    for index, run in enumerate(campaign_for(truth) if campaign is None else campaign):
         kind: Format = run.format if formats == "mixed" else "csv"
         suffix, write = WRITERS[kind]
         write(record(run, truth, kind, seed, index), folder / f"{run.name}{suffix}")
@@ -59,27 +65,29 @@ def record(run: Run, truth: Truth, kind: Format, seed: int, index: int) -> Recor
     instruments = truth.instruments
     sample = _sample_instants(run.duration, instruments.rate, kind, rng)
     commands = {
-        thruster.name: _held(run, thruster.name, kind, instruments, number)
+        thruster.name: _held(run, thruster, kind, instruments, number)
         for number, thruster in enumerate(truth.thrusters)
     }
     motion = simulate(truth, tuple(commands.values()), sample, rng)
-    return measure(motion, commands, instruments, start=_DAY + index * _BETWEEN_RUNS, rng=rng)
+    return measure(motion, commands, truth, start=_DAY + index * _BETWEEN_RUNS, rng=rng)
 
 
 def measure(
     motion: Motion,
     commands: dict[str, Held],
-    instruments: Instruments,
+    truth: Truth,
     *,
     start: int,
     rng: np.random.Generator,
 ) -> Recording:
-    """Add noise to ``motion`` and round it; ``start`` is in us since the epoch."""
+    """Add the instruments' errors and noise to ``motion`` and round it; ``start`` is in us since the epoch."""
+    instruments = truth.instruments
+    (extra,) = rng.spawn(1)
     heading, roll, pitch = (
         _rounded(np.degrees(angle) + rng.normal(0.0, instruments.angle_noise, len(angle)), instruments)
-        for angle in (motion.heading, motion.roll, motion.pitch)
+        for angle in (deviated(motion.heading, truth), motion.roll, motion.pitch)
     )
-    load = np.sum([np.abs(held.at(motion.instant)) for held in commands.values()], axis=0)
+    load = np.sum([np.abs(held.at(motion.instant) - held.neutral) for held in commands.values()], axis=0)
     noise = rng.normal(0.0, instruments.supply_noise, len(load))
     return Recording(
         start=start,
@@ -88,9 +96,29 @@ def measure(
         heading=_rounded(heading % 360.0, instruments) % 360.0,
         roll=roll,
         pitch=pitch,
-        supply=np.round(instruments.supply - instruments.supply_drop * load + noise, 2),
+        supply=np.round(instruments.supply - instruments.supply_drop * load + motion.supply + noise, 2),
         commands=commands,
+        unit=truth.command_unit,
+        channels={name: _logged(name, value, extra) for name, value in motion.channels.items()},
     )
+
+
+def deviated(heading: FloatArray, truth: Truth) -> FloatArray:
+    """``heading`` in rad as an instrument with the hidden deviation shows it."""
+    hidden = acting(truth.hidden).get("heading_deviation")
+    if hidden is None:
+        return heading
+    amplitude, phase = hidden.parameters["amplitude"], hidden.parameters["phase"]
+    once, twice = np.sin(heading + phase), np.sin(2.0 * heading + phase)
+    shapes = {"one_cycle": once, "two_cycles": twice, "mixed": once + 0.5 * np.sin(2.0 * heading - phase)}
+    return np.asarray(heading + amplitude * shapes[hidden.form])
+
+
+def _logged(name: str, value: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """An extra signal with its noise, as it is rounded."""
+    channel = CHANNELS[name]
+    noisy = value + rng.normal(0.0, channel.noise, len(value))
+    return np.asarray(np.round(noisy, channel.decimals) + 0.0)
 
 
 def _rounded(angle: FloatArray, instruments: Instruments) -> FloatArray:
@@ -120,7 +148,7 @@ def _sample_instants(duration: float, rate: float, kind: Format, rng: np.random.
     return _whole(ticks + jitter + _FIRST_HEADING)
 
 
-def _held(run: Run, thruster: str, kind: Format, instruments: Instruments, number: int) -> Held:
+def _held(run: Run, thruster: Thruster, kind: Format, instruments: Instruments, number: int) -> Held:
     """Command of one thruster as it is given and logged; in CSV on the clock of the heading."""
     if kind == "csv":
         return _driven(run, thruster, instruments, instruments.rate)
@@ -128,14 +156,15 @@ def _held(run: Run, thruster: str, kind: Format, instruments: Instruments, numbe
     changed = np.diff(held.value, prepend=np.inf) != 0.0
     kept = slice(None) if run.command_rate else changed
     # Each thruster is published a little after the one before it.
-    return Held(instant=held.instant[kept] + 3_700 + 900 * number, value=held.value[kept])
+    return Held(instant=held.instant[kept] + 3_700 + 900 * number, value=held.value[kept], neutral=held.neutral)
 
 
-def _driven(run: Run, thruster: str, instruments: Instruments, rate: float) -> Held:
+def _driven(run: Run, thruster: Thruster, instruments: Instruments, rate: float) -> Held:
     """Command of one thruster, given at ``rate`` in Hz from time 0 on."""
     instant = _whole(_ticks(run.duration, rate))
-    volts = run.command(instant / MICRO) * (run.only in {None, thruster})
-    return Held(instant=instant, value=quantised(volts, instruments))
+    neutral = thruster.curve.neutral
+    offset = run.command(instant / MICRO) * (run.only in {None, thruster.name})
+    return Held(instant=instant, value=quantised(neutral + offset, instruments), neutral=neutral)
 
 
 def quantised(volts: FloatArray, instruments: Instruments) -> FloatArray:
@@ -160,8 +189,8 @@ def write_configuration(folder: Path, truth: Truth) -> None:
 def _write_curve(path: Path, curve: BenchCurve) -> None:
     """Table command,thrust_N of ``curve``; the edges of the dead zone are among the points."""
     edges = (-curve.dead_zone, curve.dead_zone)
-    command = np.arange(-curve.limit, curve.limit + _CURVE_STEP / 2.0, _CURVE_STEP)
-    command = np.unique(np.round([*command, *edges], _COMMAND_DECIMALS)) + 0.0
+    offset = np.arange(-curve.limit, curve.limit + curve.step / 2.0, curve.step)
+    command = np.unique(np.round(curve.neutral + np.array([*offset, *edges]), _COMMAND_DECIMALS)) + 0.0
     rows = zip(command.tolist(), curve.thrust(command).tolist(), strict=True)
     lines = ["command,thrust_N", *(f"{volts:.4g},{thrust:.4f}" for volts, thrust in rows)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
@@ -173,10 +202,15 @@ def _configuration(truth: Truth, curves: dict[str, str]) -> str:
 [[thrusters]]
 name = "{thruster.name}"
 yaw_arm = {thruster.yaw_arm}            # m; torque = yaw_arm * thrust; positive turns the heading up
-curve = "{curves[thruster.name]}"    # command in V, thrust in N
-command = {{ csv = "{thruster.name}_V", mcap = "/thrusters/{thruster.name}.data" }}
+curve = "{curves[thruster.name]}"    # command in {_UNITS[truth.command_unit]}, thrust in N
+command = {{ csv = "{command_column(thruster.name, truth.command_unit)}", mcap = "/thrusters/{thruster.name}.data" }}
 """
         for thruster in truth.thrusters
+    )
+    extra = "".join(
+        f'{name} = {{ csv = "{column(name)}", mcap = "/extra/{name}.data" }}\n'
+        for name in EXTRA
+        if name in needed(truth)
     )
     return f"""\
 [vehicle]
@@ -191,7 +225,7 @@ heading = {{ csv = "heading_deg", mcap = "/phins/heading.data", unit = "deg" }}
 roll = {{ csv = "roll_deg", mcap = "/phins/roll.data", unit = "deg" }}
 pitch = {{ csv = "pitch_deg", mcap = "/phins/pitch.data", unit = "deg" }}
 supply_voltage = {{ csv = "supply_V", mcap = "/power/supply.data" }}
-"""
+{extra}"""
 
 
 def main() -> None:

@@ -33,7 +33,9 @@ _LOOSER = 2.5
 _RATE_ERROR = 0.2  # of the rate's root mean square: how well the first rate of a trial is known
 _ANGLE_NOISE_FLOOR = 1e-5  # rad; no heading is better, and one from an autopilot's filter would claim to be
 _BLOCK_SECONDS = 40.0
-_STEP = 1e-6  # of the scaled coordinates, for slopes
+# Steps for slopes and for curvatures: of the logarithms and scaled drags, and shares of an effect's parameter.
+_SLOPE_STEPS = (1e-5, 1e-4)
+_CURVATURE_STEPS = (1e-3, 1e-2)
 _TRIAL_ITERATIONS = 12
 _WHITE_LAGS = 20
 _WHITE_P = 1e-3
@@ -199,9 +201,15 @@ class _Problem:
         )
         return np.asarray(solution.x)
 
+    def steps(self, x: FloatArray, sizes: tuple[float, float]) -> FloatArray:
+        """Small changes of ``x``: an effect's parameter in proportion to itself, or to its start where it is gone."""
+        starts = np.array([abs(parameter.starts[0]) or 1.0 for parameter in self.parameters])
+        return np.concatenate((np.full(6, sizes[0]), sizes[1] * np.maximum(np.abs(x[6:]), 0.1 * starts)))
+
     def gradient(self, x: FloatArray) -> FloatArray:
         """Slope of the cost by forward differences, backward at an upper bound; on all cores at once."""
-        step = np.where(x + _STEP > self.bounds[1], -_STEP, _STEP)
+        step = self.steps(x, _SLOPE_STEPS)
+        step = np.where(x + step > self.bounds[1], -step, step)
         with ThreadPoolExecutor() as pool:
             costs = list(pool.map(self.cost, [x, *(x + row for row in np.diag(step))]))
         return (np.array(costs[1:]) - costs[0]) / step
@@ -256,21 +264,21 @@ class _Problem:
         """Of inertia, drags and effects: inverse curvature, or the sandwich that allows for coloured innovations."""
         # All of them, a drag at its bound too: to take its zero for certain would make the rest look certain.
         free = range(len(x))
-        step = 1e-3
+        step = self.steps(x, _CURVATURE_STEPS)
         scores, curvature = [], np.zeros((len(free), len(free)))
         centre = self.block_costs(x)
         sides = {}
         for i, k in enumerate(free):
             for sign in (1, -1):
-                sides[i, sign] = self.block_costs(self._moved(x, {k: sign * step}))
-            scores.append((sides[i, 1] - sides[i, -1]) / (2.0 * step))
-            curvature[i, i] = float(np.sum(sides[i, 1] - 2.0 * centre + sides[i, -1])) / step**2
+                sides[i, sign] = self.block_costs(self._moved(x, {k: sign * step[k]}))
+            scores.append((sides[i, 1] - sides[i, -1]) / (2.0 * step[k]))
+            curvature[i, i] = float(np.sum(sides[i, 1] - 2.0 * centre + sides[i, -1])) / step[k] ** 2
         for i, k in enumerate(free):
             for j in range(i):
-                both = self.block_costs(self._moved(x, {k: step, free[j]: step}))
-                mixed = float(np.sum(both - sides[i, 1] - sides[j, 1] + centre)) / step**2
+                both = self.block_costs(self._moved(x, {k: step[k], free[j]: step[free[j]]}))
+                mixed = float(np.sum(both - sides[i, 1] - sides[j, 1] + centre)) / (step[k] * step[free[j]])
                 curvature[i, j] = curvature[j, i] = mixed
-        inverse = np.linalg.pinv(curvature)
+        inverse = _inverse(curvature)
         if sandwich:
             matrix = np.stack(scores, axis=1)
             matrix = matrix - matrix.mean(axis=0)
@@ -345,6 +353,13 @@ class _Problem:
             )
         texts += [f"{name} is held at zero, its lower bound." for name in NAMES[1:] if getattr(model, name) == 0.0]
         return texts
+
+
+def _inverse(curvature: FloatArray) -> FloatArray:
+    """Inverse of a curvature; a direction in which the likelihood is flat, or a saddle, gets a large variance."""
+    size = np.sqrt(np.abs(np.diag(curvature))).clip(1e-300)
+    values, vectors = np.linalg.eigh(curvature / np.outer(size, size))
+    return np.asarray((vectors / np.maximum(values, 1e-6)) @ vectors.T / np.outer(size, size))
 
 
 def innovations_are_white(series: Sequence[FloatArray]) -> bool:
