@@ -13,6 +13,7 @@ from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.identify.likelihood import LikelihoodFit
 from rovid.identify.sine import Inertia
 from rovid.identify.steady import DragFit, SteadyPoint
+from rovid.model import effect_ids
 from rovid.parameters import Parameters
 from rovid.runs import Runs
 from rovid.simulation import TrialSimulation, overall
@@ -36,16 +37,11 @@ def parameter_document(estimate: Estimate) -> Document:
     }
 
 
-def effects_of(names: Sequence[str]) -> list[str]:
-    """Ids of the effects among parameter names."""
-    return list(dict.fromkeys(name.partition(".")[0] for name in names if "." in name))
-
-
 def _fit_document(estimate: Estimate, study: Study) -> Document:
     return {
         "schema": "rovid-fit/1",
         "parameters": parameter_document(estimate),
-        "effects": effects_of(estimate.names),
+        "effects": effect_ids(estimate.names),
         "log_likelihood": None,
         "samples": estimate.samples,
         "method": estimate.method,

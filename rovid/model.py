@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,11 @@ def unit_of(name: str) -> str:
     if not parameter:
         return UNITS[name]
     return next((p.unit for p in effect_named(effect).parameters if p.name == parameter), "")
+
+
+def effect_ids(names: Iterable[str]) -> list[str]:
+    """Ids of the effects among parameter names, each once."""
+    return list(dict.fromkeys(name.partition(".")[0] for name in names if "." in name))
 
 
 @dataclass(frozen=True, kw_only=True)

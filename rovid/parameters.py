@@ -18,7 +18,7 @@ from rovid import __version__
 from rovid.effects import effect_named
 from rovid.errors import ConfigError
 from rovid.identify.estimate import Estimate
-from rovid.model import UNITS, Model
+from rovid.model import UNITS, Model, effect_ids
 from rovid.output import write_atomic
 from rovid.trial import Campaign
 
@@ -144,7 +144,7 @@ class Parameters:
     @property
     def effects(self) -> list[str]:
         """Ids of the effects whose parameters are here."""
-        return list(dict.fromkeys(name.partition(".")[0] for name in self.entries if "." in name))
+        return effect_ids(self.entries)
 
     def changed_sources(self, campaign: Campaign) -> list[str]:
         """Say which logs are not the ones that the parameters were fitted to."""
