@@ -32,15 +32,15 @@ def unit_of(name: str) -> str:
     ConfigError
         There is no such effect.
     """
-    effect, _, parameter = name.partition(".")
-    if not parameter:
+    effect, _, parameter = name.rpartition(".")
+    if not effect:
         return UNITS[name]
     return next((p.unit for p in effect_named(effect).parameters if p.name == parameter), "")
 
 
 def effect_ids(names: Iterable[str]) -> list[str]:
-    """Ids of the effects among parameter names, each once."""
-    return list(dict.fromkeys(name.partition(".")[0] for name in names if "." in name))
+    """Keys of the effects among parameter names, each once."""
+    return list(dict.fromkeys(name.rpartition(".")[0] for name in names if "." in name))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +77,7 @@ class Model:
         """(n,) torque in N m after every effect between command and torque; the mean until the next instant."""
         if not any(effect.on_command or effect.on_thrust or effect.on_torque for effect in self.effects):
             return vehicle.torque(trial)
-        where = actuation(vehicle, trial.time)
+        where = actuation(vehicle, trial)
         command = trial.commands
         for effect, numbers in self._each():
             if effect.on_command is not None:

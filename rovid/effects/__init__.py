@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from rovid.effects import (
     added_mass_memory,
     advance_speed_loss,
@@ -20,14 +22,17 @@ from rovid.effects import (
     thrust_asymmetry,
     thrust_curve_shape,
     thruster_deadband,
+    thruster_imbalance,
     thruster_lag,
 )
 from rovid.effects.base import Actuation, Effect, EffectParameter
 from rovid.errors import ConfigError, nearest
+from rovid.vehicle import Vehicle
 
 CATALOGUE: tuple[Effect, ...] = (
     thruster_deadband.EFFECT,
     thrust_asymmetry.EFFECT,
+    thruster_imbalance.EFFECT,
     thrust_curve_shape.EFFECT,
     supply_sag.EFFECT,
     thruster_lag.EFFECT,
@@ -45,22 +50,52 @@ CATALOGUE: tuple[Effect, ...] = (
     tether_torsion.EFFECT,
     heading_dependent_torque.EFFECT,
 )
+# Every form of every effect, the plain one of each first.
+FORMS: tuple[Effect, ...] = CATALOGUE
 # Compiled terms of the equation of motion, in the order in which their parameters stand in the kernels' arrays.
-MOTION: tuple[Effect, ...] = tuple(effect for effect in CATALOGUE if effect.term is not None)
-TERMS = tuple(effect.term for effect in CATALOGUE if effect.term is not None)
+MOTION: tuple[Effect, ...] = tuple(effect for effect in FORMS if effect.term is not None)
+TERMS = tuple(effect.term for effect in FORMS if effect.term is not None)
 
-__all__ = ["CATALOGUE", "MOTION", "TERMS", "Actuation", "Effect", "EffectParameter", "effect_named"]
+__all__ = [
+    "CATALOGUE",
+    "FORMS",
+    "MOTION",
+    "TERMS",
+    "Actuation",
+    "Effect",
+    "EffectParameter",
+    "effect_named",
+    "forms_for",
+]
+
+
+def forms_for(vehicle: Vehicle, channels: Collection[str] = ()) -> tuple[Effect, ...]:
+    """Every form that can be tried on ``vehicle`` with these further ``channels`` in its logs."""
+    found: list[Effect] = []
+    for effect in FORMS:
+        if effect.each_thruster:
+            # One thruster alone only scales the torque, which yaw data do not show.
+            names = [t.name for t in vehicle.thrusters if t.curve is not None]
+            found += [thruster_imbalance.of_thruster(name) for name in names if len(names) > 1]
+        elif not effect.needs or effect.needs in channels:
+            found.append(effect)
+    return tuple(found)
 
 
 def effect_named(name: str) -> Effect:
-    """The effect with this id.
+    """The effect with this id, or the form of one with this key (``id:form``).
 
     Raises
     ------
     ConfigError
         There is none; the nearest ids are offered.
     """
-    for effect in CATALOGUE:
-        if effect.id == name:
+    for effect in FORMS:
+        if effect.key == name and not effect.each_thruster:
             return effect
-    raise ConfigError(f"there is no effect {name!r}. {nearest(name, [effect.id for effect in CATALOGUE])}")
+    key, _, thruster = name.partition(":")
+    if key == thruster_imbalance.EFFECT.id:
+        if thruster:
+            return thruster_imbalance.of_thruster(thruster)
+        raise ConfigError(f"{key} needs the name of the thruster, as in {key}:fore.")
+    raise ConfigError(f"there is no effect {name!r}. {nearest(name, [effect.key for effect in FORMS])}")

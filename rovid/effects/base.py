@@ -5,7 +5,11 @@ An effect acts at one of five places on the way from command to measured heading
     command -> [on_command] -> bench curve -> [on_thrust] -> sum -> [on_torque] -> motion [term] -> [on_heading]
 
 The first three are functions of the logged commands alone and are worked out once for a set of parameters. ``term`` is
-compiled into the equation of motion; ``on_heading`` into the measurement.
+compiled into the equation of motion; ``on_heading`` says how far the measured heading is off. A ``wave`` is a torque of
+its own that the filter carries along.
+
+Nature does not know our equations: one cause may have several forms. They share the id and are told apart by ``form``;
+a cause is named, whichever form fits best.
 """
 
 from __future__ import annotations
@@ -16,8 +20,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from rovid.trial import FloatArray
-from rovid.vehicle import Vehicle
+from rovid.trial import FloatArray, Trial
+from rovid.vehicle import ThrustCurve, Vehicle
 
 # Compiled for the machine at first use; the result is kept on disk. Several may run at once.
 compiled = numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -70,12 +74,21 @@ class Actuation:
         (k,) yaw arm of each actuator.
     full_thrust
         (k,) N; largest thrust of each actuator's bench curve, 1 for a logged torque.
+    names
+        (k,) of the thrusters.
+    dead_zone
+        (k, 2) commands between which the bench curve gives no thrust; both ``neutral`` where there is no such zone.
+    extras
+        Further channels of the log, (n,), held.
     """
 
     time: FloatArray
     neutral: FloatArray
     arms: FloatArray
     full_thrust: FloatArray
+    names: tuple[str, ...]
+    dead_zone: FloatArray
+    extras: Mapping[str, FloatArray]
 
 
 OnSeries = Callable[[Actuation, FloatArray, Values], FloatArray]
@@ -103,6 +116,18 @@ class Effect:
         Compiled; torque in N m from (rate, angle since the start, push, base, p, x, dx), with ``base`` the inertia,
         quadratic and linear drag, ``p`` the effect's parameters in their order, ``x`` its states and ``dx`` their
         rates of change to be filled in.
+    on_heading
+        (n,) true headings in rad -> deviation of the measured heading in rad.
+    wave
+        Whether it is a torque at random phase: the parameters are amplitude, frequency and damping.
+    form
+        Which of the effect's forms this is; empty for the plain one.
+    needs
+        Channel of the log without which this form cannot be.
+    each_thruster
+        Whether it acts on one thruster, whose name is the form.
+    canonical
+        (parameters) -> the same, in the range in which people expect them.
     """
 
     id: str
@@ -111,11 +136,22 @@ class Effect:
     equation: str
     fingerprint: str
     experiment: str
+    form: str = ""
     rivals: tuple[str, ...] = ()
     on_command: OnSeries | None = None
     on_thrust: OnSeries | None = None
     on_torque: OnSeries | None = None
     term: Callable[..., float] | None = None
+    on_heading: Callable[[FloatArray, Values], FloatArray] | None = None
+    wave: bool = False
+    needs: str = ""
+    each_thruster: bool = False
+    canonical: Callable[[FloatArray], FloatArray] | None = None
+
+    @property
+    def key(self) -> str:
+        """Id and form, as in ``thruster_lag:rotor``."""
+        return f"{self.id}:{self.form}" if self.form else self.id
 
     def values(self, numbers: FloatArray) -> dict[str, float]:
         """Parameters by name."""
@@ -143,11 +179,14 @@ class Scales:
         return float(sizes[parameter.scale])
 
 
-def actuation(vehicle: Vehicle, time: FloatArray) -> Actuation:
-    """What the effects between command and torque need to know of ``vehicle``."""
+def actuation(vehicle: Vehicle, trial: Trial) -> Actuation:
+    """What the effects between command and torque need to know of ``vehicle`` and ``trial``."""
     curves = [thruster.curve for thruster in vehicle.thrusters]
     return Actuation(
-        time=time,
+        time=trial.time,
+        names=tuple(thruster.name for thruster in vehicle.thrusters),
+        dead_zone=np.array([(0.0, 0.0) if c is None else _dead_zone(c) for c in curves]),
+        extras=trial.extras,
         neutral=neutral_commands(vehicle),
         arms=np.array([thruster.yaw_arm for thruster in vehicle.thrusters]),
         full_thrust=np.array([1.0 if c is None else float(np.max(np.abs(c.thrust))) for c in curves]),
@@ -156,12 +195,13 @@ def actuation(vehicle: Vehicle, time: FloatArray) -> Actuation:
 
 def neutral_commands(vehicle: Vehicle) -> FloatArray:
     """(k,) the command of no thrust: the middle of the bench curve's zeros, or where it crosses zero."""
-    return np.array([0.0 if t.curve is None else _neutral(t.curve.command, t.curve.thrust) for t in vehicle.thrusters])
+    return np.array([0.0 if t.curve is None else sum(_dead_zone(t.curve)) / 2.0 for t in vehicle.thrusters])
 
 
-def _neutral(command: FloatArray, thrust: FloatArray) -> float:
-    zeros = command[thrust == 0.0]
+def _dead_zone(curve: ThrustCurve) -> tuple[float, float]:
+    zeros = curve.command[curve.thrust == 0.0]
     if zeros.size:
-        return float(0.5 * (zeros[0] + zeros[-1]))
-    rising = np.argsort(thrust, kind="stable")
-    return float(np.interp(0.0, thrust[rising], command[rising]))
+        return float(zeros[0]), float(zeros[-1])
+    rising = np.argsort(curve.thrust, kind="stable")
+    crossing = float(np.interp(0.0, curve.thrust[rising], curve.command[rising]))
+    return crossing, crossing

@@ -318,7 +318,7 @@ class _Problem:
             shift = self.physical(self.loosened(x).solve()) - self.physical(x)
             covariance = covariance + np.outer(shift, shift)
         estimate = Estimate(
-            names=(*NAMES, *(f"{effect.id}.{p.name}" for effect in self.effects for p in effect.parameters)),
+            names=(*NAMES, *(f"{effect.key}.{p.name}" for effect in self.effects for p in effect.parameters)),
             values=self.physical(x),
             covariance=covariance,
             method="maximum likelihood of Kalman-filter innovations",

@@ -1,0 +1,31 @@
+"""One thruster that pushes less than its bench curve says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from rovid.effects.base import Actuation, Effect, EffectParameter, Values
+from rovid.trial import FloatArray
+
+EFFECT: Effect = Effect(
+    id="thruster_imbalance",
+    title="one weak thruster",
+    # Two thrusters alone cannot tell one that lost thrust from another that gained it: weakness is the likelier.
+    parameters=(EffectParameter(name="gain", unit="1", null=1.0, low=0.0, high=1.0, starts=(0.9,)),),
+    equation="F' = g·F of the named thruster",
+    fingerprint="residual torque in proportion to one thruster's share of the thrust",
+    experiment="each thruster alone, at the same levels",
+    rivals=("thrust_asymmetry", "supply_sag"),
+    each_thruster=True,
+)
+
+
+def of_thruster(name: str) -> Effect:
+    """The effect on the thruster of this name."""
+
+    def on_thrust(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+        changed = thrust.copy()
+        changed[:, where.names.index(name)] *= values["gain"]
+        return changed
+
+    return replace(EFFECT, form=name, on_thrust=on_thrust)
