@@ -114,9 +114,19 @@ def _sum_terms(
 
 
 @_compiled
-def _extra(rate: float, angle: float, push: float, base: Any, terms: Any, active: Any, state: Any, change: Any) -> Any:
-    """As ``_sum_terms``, at no cost where the last flag says that there is no effect."""
-    return _sum_terms(rate, angle, push, base, terms, active, state, change) if active[-1] else 0.0
+def _bare_substep(r: float, a: float, push: float, inertia: float, quadratic: float, linear: float, h: float) -> Any:
+    """One Runge-Kutta step of rate and angle without effects; also the damping at the start, in 1/s."""
+    damping = (2.0 * quadratic * abs(r) + linear) / inertia
+    k1 = _acceleration(r, push, inertia, quadratic, linear)
+    r2 = r + 0.5 * h * k1
+    k2 = _acceleration(r2, push, inertia, quadratic, linear)
+    r3 = r + 0.5 * h * k2
+    k3 = _acceleration(r3, push, inertia, quadratic, linear)
+    r4 = r + h * k3
+    k4 = _acceleration(r4, push, inertia, quadratic, linear)
+    a += h * (r + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
+    r += h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+    return r, a, damping
 
 
 @_compiled
@@ -127,24 +137,24 @@ def _substep(
 
     Returns the new rate and angle, and the damping -d(rdot)/dr at the start, in 1/s.
     """
+    if not active[-1]:
+        return _bare_substep(r, a, push, base[0], base[1], base[2], h)
     inertia, quadratic, linear = base[0], base[1], base[2]
     damping = (2.0 * quadratic * abs(r) + linear) / inertia
-    extra = _extra(r, a, push, base, terms, active, state, change)
+    extra = _sum_terms(r, a, push, base, terms, active, state, change)
     k1 = _acceleration(r, push + extra, inertia, quadratic, linear)
-    if active[-1]:
-        _advance(state, change, 0.5 * h, middle)
-        nudge = 1e-6 + 1e-4 * abs(r)
-        damping -= (_extra(r + nudge, a, push, base, terms, active, state, change) - extra) / (nudge * inertia)
+    _advance(state, change, 0.5 * h, middle)
+    nudge = 1e-6 + 1e-4 * abs(r)
+    damping -= (_sum_terms(r + nudge, a, push, base, terms, active, state, change) - extra) / (nudge * inertia)
     r2 = r + 0.5 * h * k1
-    extra = _extra(r2, a + 0.5 * h * r, push, base, terms, active, middle, change)
+    extra = _sum_terms(r2, a + 0.5 * h * r, push, base, terms, active, middle, change)
     k2 = _acceleration(r2, push + extra, inertia, quadratic, linear)
-    if active[-1]:
-        _advance(state, change, h, state)
+    _advance(state, change, h, state)
     r3 = r + 0.5 * h * k2
-    extra = _extra(r3, a + 0.5 * h * r2, push, base, terms, active, middle, change)
+    extra = _sum_terms(r3, a + 0.5 * h * r2, push, base, terms, active, middle, change)
     k3 = _acceleration(r3, push + extra, inertia, quadratic, linear)
     r4 = r + h * k3
-    extra = _extra(r4, a + h * r3, push, base, terms, active, state, change)
+    extra = _sum_terms(r4, a + h * r3, push, base, terms, active, state, change)
     k4 = _acceleration(r4, push + extra, inertia, quadratic, linear)
     a += h * (r + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
     r += h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
@@ -280,6 +290,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
     p00, p01, p02 = noise[2] ** 2, 0.0, 0.0
     p11, p12, p22 = start[1] ** 2, 0.0, sigma**2
     intensity = 2.0 * sigma**2 / tau
+    h, fade, mean, gain, fresh, grown = 0.0, 1.0, 1.0, 0.0, 0.0, 0.0
     for k in range(n):
         if k > 0:
             interval = time[k] - time[k - 1]
@@ -287,30 +298,35 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
             stiffness = max(damping, (2.0 * base[1] * abs(r) + base[2]) / inertia) + 1.0 / tau
             wanted = interval * stiffness / _FILTER_STEP_SHARE
             steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
-            h = interval / steps
-            fade = math.exp(-h / tau)
+            # Most logs are sampled evenly: what depends on the step alone is kept.
+            if interval / steps != h:
+                h = interval / steps
+                fade, mean = math.exp(-h / tau), 1.0 - 0.5 * h / tau
+                gain, fresh = h / inertia, sigma**2 * (1.0 - fade * fade)
+                grown = intensity * h
             for _ in range(steps):
                 # The disturbance is taken at its mean over the step, which is short beside its memory.
-                push_here = push + d * (1.0 - 0.5 * h / tau)
+                push_here = push + d * mean
                 r, a, damping = _substep(r, a - origin, push_here, base, terms, active, state, middle, change, h)
                 a += origin
                 d *= fade
                 # Transition of the linearised motion to second order in h, which sub-stepping keeps small.
-                f11 = math.exp(-damping * h)
-                f01 = h * (1.0 - 0.5 * damping * h)
-                f12 = h / inertia * (1.0 - 0.5 * h * (damping + 1.0 / tau))
-                f02 = 0.5 * h * h / inertia
+                part = damping * h
+                f11 = 1.0 - part * (1.0 - 0.5 * part * (1.0 - part / 3.0))
+                f01 = h * (1.0 - 0.5 * part)
+                f12 = gain * (mean - 0.5 * part)
+                f02 = 0.5 * h * gain
                 q00 = p00 + f01 * p01 + f02 * p02
                 q01 = p01 + f01 * p11 + f02 * p12
                 q02 = p02 + f01 * p12 + f02 * p22
                 q11 = f11 * p11 + f12 * p12
                 q12 = f11 * p12 + f12 * p22
-                p00 = q00 + f01 * q01 + f02 * q02 + intensity * h**5 / (20.0 * inertia**2)
-                p01 = f11 * q01 + f12 * q02 + intensity * h**4 / (8.0 * inertia**2)
-                p02 = fade * q02 + intensity * h**3 / (6.0 * inertia)
-                p11 = f11 * q11 + f12 * q12 + intensity * h**3 / (3.0 * inertia**2)
-                p12 = fade * q12 + intensity * h**2 / (2.0 * inertia)
-                p22 = fade * fade * p22 + sigma**2 * (1.0 - fade * fade)
+                p00 = q00 + f01 * q01 + f02 * q02 + grown * (gain * h) ** 2 * 0.05
+                p01 = f11 * q01 + f12 * q02 + grown * gain * gain * h * 0.125
+                p02 = fade * q02 + grown * gain * h / 6.0
+                p11 = f11 * q11 + f12 * q12 + grown * gain * gain / 3.0
+                p12 = fade * q12 + grown * gain * 0.5
+                p22 = fade * fade * p22 + fresh
         if angle[k] == angle[k]:
             s = p00 + noise[2] ** 2
             e = angle[k] - a
@@ -342,3 +358,113 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
             p12 *= 1.0 - g1
             p11 *= 1.0 - g1
     return innovation, variance
+
+
+@_compiled
+def _wave_transition(frequency: float, damping: float, h: float) -> tuple[float, float, float, float]:
+    """Exact transition over ``h`` s of w'' + 2*damping*frequency*w' + frequency^2*w = 0, damping < 1."""
+    swing = frequency * math.sqrt(1.0 - damping**2)
+    fade, sine, cosine = math.exp(-damping * frequency * h), math.sin(swing * h), math.cos(swing * h)
+    lean = damping * frequency / swing * sine
+    return fade * (cosine + lean), fade * sine / swing, -fade * frequency**2 / swing * sine, fade * (cosine - lean)
+
+
+@_compiled
+def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
+    time: FloatArray,
+    torque: FloatArray,
+    angle: FloatArray,
+    base: FloatArray,
+    terms: FloatArray,
+    active: Any,
+    noise: FloatArray,
+    wave: FloatArray,
+    start: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """As ``innovations`` of the angle alone, with a narrow-band torque of random phase besides.
+
+    The wave w is a second-order shaping filter driven by white noise (Fossen 2011, section 8.2.6).
+
+    Parameters
+    ----------
+    wave
+        Root 2 times the standard deviation of w in N m, its frequency in rad/s and the damping of its filter.
+    """
+    n, size = len(time), 5
+    inertia, sigma, tau = base[0], noise[0], noise[1]
+    state = np.zeros((len(terms), TERM_STATES))
+    middle, change = np.zeros_like(state), np.zeros_like(state)
+    innovation, variance = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
+    origin, drag = angle[0], base[2] / inertia
+    # Angle, rate, disturbance, wave and its slope.
+    a, r, d, w, v = angle[0], start[0], 0.0, 0.0, 0.0
+    p, moved, f, q = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, size))
+    power = 0.5 * wave[0] ** 2
+    stationary = (power, power * wave[1] ** 2)
+    p[0, 0], p[1, 1], p[2, 2], p[3, 3], p[4, 4] = noise[2] ** 2, start[1] ** 2, sigma**2, stationary[0], stationary[1]
+    h = 0.0
+    for k in range(n):
+        if k > 0:
+            interval = time[k] - time[k - 1]
+            stiffness = max(drag, (2.0 * base[1] * abs(r) + base[2]) / inertia) + 1.0 / tau + wave[1]
+            wanted = interval * stiffness / _FILTER_STEP_SHARE
+            steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
+            if interval / steps != h:
+                h = interval / steps
+                fade, gain, grown = math.exp(-h / tau), h / inertia, 2.0 * sigma**2 / tau * h
+                f33, f34, f43, f44 = _wave_transition(wave[1], wave[2], h)
+                f[0, 0], f[2, 2], f[3, 3], f[3, 4], f[4, 3], f[4, 4] = 1.0, fade, f33, f34, f43, f44
+                q[0, 0], q[1, 1], q[2, 2] = grown * (gain * h) ** 2 / 20.0, grown * gain**2 / 3.0, sigma**2
+                q[2, 2] *= 1.0 - fade**2
+                q[0, 1], q[0, 2], q[1, 2] = grown * gain**2 * h / 8.0, grown * gain * h / 6.0, grown * gain / 2.0
+                q[3, 3] = stationary[0] - f33**2 * stationary[0] - f34**2 * stationary[1]
+                q[4, 4] = stationary[1] - f43**2 * stationary[0] - f44**2 * stationary[1]
+                q[3, 4] = -f33 * f43 * stationary[0] - f34 * f44 * stationary[1]
+                for i in range(size):
+                    for j in range(i):
+                        q[i, j] = q[j, i]
+            for _ in range(steps):
+                push = torque[k - 1] + d * (1.0 - 0.5 * h / tau) + w + 0.5 * h * v
+                r, a, damping = _substep(r, a - origin, push, base, terms, active, state, middle, change, h)
+                a += origin
+                d *= fade
+                w, v = f33 * w + f34 * v, f43 * w + f44 * v
+                drag, part = damping, damping * h
+                f[0, 1], f[0, 2], f[0, 3] = h * (1.0 - 0.5 * part), 0.5 * h * gain, 0.5 * h * gain
+                f[1, 1] = 1.0 - part * (1.0 - 0.5 * part * (1.0 - part / 3.0))
+                f[1, 2], f[1, 3] = gain * (1.0 - 0.5 * h / tau - 0.5 * part), gain * (1.0 - 0.5 * part)
+                f[1, 4] = 0.5 * h * gain
+                _congruence(f, p, q, moved)
+        if angle[k] == angle[k]:
+            s = p[0, 0] + noise[2] ** 2
+            e = angle[k] - a
+            innovation[k, 0], variance[k, 0] = e, s
+            a += p[0, 0] / s * e
+            r += p[1, 0] / s * e
+            d += p[2, 0] / s * e
+            w += p[3, 0] / s * e
+            v += p[4, 0] / s * e
+            for i in range(size):
+                moved[0, i] = p[0, i]
+            for i in range(size):
+                for j in range(size):
+                    p[i, j] -= moved[0, i] * moved[0, j] / s
+    return innovation, variance
+
+
+@_compiled
+def _congruence(f: Any, p: Any, q: Any, work: Any) -> None:
+    """Write f p f^T + q into ``p``."""
+    size = len(p)
+    for i in range(size):
+        for j in range(size):
+            total = 0.0
+            for m in range(size):
+                total += f[i, m] * p[m, j]
+            work[i, j] = total
+    for i in range(size):
+        for j in range(size):
+            total = q[i, j]
+            for m in range(size):
+                total += work[i, m] * f[j, m]
+            p[i, j] = total

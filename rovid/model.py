@@ -22,6 +22,8 @@ UNITS = {
 }
 _START_SECONDS = 2.0
 _START_SAMPLES = 5
+_FIXED_POINT_TURNS = 6
+_NUDGE = 1e-4  # rad
 
 
 def unit_of(name: str) -> str:
@@ -68,6 +70,42 @@ class Model:
                 active[[at, -1]] = True
         return values, active
 
+    def wave(self) -> FloatArray | None:
+        """(3,) amplitude in N m, frequency in rad/s and damping of the wave torque; None where there is none."""
+        return next((numbers for effect, numbers in self._each() if effect.wave), None)
+
+    def true_angle(self, trial: Trial, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What a measured (n,) ``angle`` in rad is without the deviation of the heading, and its slope.
+
+        Returns
+        -------
+        angle, gain
+            (n,) rad and d(measured)/d(true).
+        """
+        gain = np.ones(len(angle))
+        for effect, numbers in self._each():
+            if effect.on_heading is None:
+                continue
+            values, true = effect.values(numbers), trial.heading
+            # Contracts by the deviation's slope, some percent, at each turn.
+            for _ in range(_FIXED_POINT_TURNS):
+                true = trial.heading - effect.on_heading(true, values)
+            angle = angle - (trial.heading - true)
+            ahead, behind = (effect.on_heading(true + side, values) for side in (_NUDGE, -_NUDGE))
+            gain = gain + (ahead - behind) / (2.0 * _NUDGE)
+        return angle, gain
+
+    def _as_measured(self, heading: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Heading and rate as an instrument with these deviations would give them."""
+        gain, deviation = np.ones(len(heading)), np.zeros(len(heading))
+        for effect, numbers in self._each():
+            if effect.on_heading is not None:
+                values = effect.values(numbers)
+                ahead, behind = (effect.on_heading(heading + side, values) for side in (_NUDGE, -_NUDGE))
+                gain += (ahead - behind) / (2.0 * _NUDGE)
+                deviation += effect.on_heading(heading, values)
+        return heading + deviation, rate * gain
+
     def _each(self) -> list[tuple[Effect, FloatArray]]:
         widths = np.cumsum([0, *(len(effect.parameters) for effect in self.effects)])
         numbers = np.array(self.effect_values)
@@ -75,7 +113,7 @@ class Model:
 
     def torque(self, vehicle: Vehicle, trial: Trial) -> FloatArray:
         """(n,) torque in N m after every effect between command and torque; the mean until the next instant."""
-        if not any(effect.on_command or effect.on_thrust or effect.on_torque for effect in self.effects):
+        if not any(effect.actuates for effect in self.effects):
             return vehicle.torque(trial)
         where = actuation(vehicle, trial)
         command = trial.commands
@@ -125,15 +163,19 @@ class Model:
         Returns
         -------
         rate, heading
-            (n,) body yaw rate in rad/s and heading in rad at the instants of ``trial``. The heading starts at
-            the first one measured. Where roll and pitch are logged the body rate turns into the heading's by
-            psidot = (r + thetadot sin(phi)) / (cos(phi) cos(theta)) (Fossen 2011, eq. 2.28).
+            (n,) body yaw rate in rad/s and heading in rad at the instants of ``trial``, as they would be measured.
+            The heading starts at the first one measured. Where roll and pitch are logged the body rate turns into
+            the heading's by psidot = (r + thetadot sin(phi)) / (cos(phi) cos(theta)) (Fossen 2011, eq. 2.28).
         """
         rate, angle = self._integrate(trial, trial.time, torque, (initial_rate(trial), 0.0))
         if trial.roll is not None and trial.pitch is not None:
             angle = _euler_heading(trial, rate)
         first = int(np.argmax(trial.measured))
-        return rate, trial.heading[first] + angle - angle[first]
+        if not any(effect.on_heading for effect in self.effects):
+            return rate, trial.heading[first] + angle - angle[first]
+        true, _ = self.true_angle(trial, trial.heading)
+        heading, rate = self._as_measured(true[first] + angle - angle[first], rate)
+        return rate, heading
 
 
 def initial_rate(trial: Trial) -> float:

@@ -153,6 +153,11 @@ class Effect:
         """Id and form, as in ``thruster_lag:rotor``."""
         return f"{self.id}:{self.form}" if self.form else self.id
 
+    @property
+    def actuates(self) -> bool:
+        """Whether it acts between command and torque."""
+        return bool(self.on_command or self.on_thrust or self.on_torque)
+
     def values(self, numbers: FloatArray) -> dict[str, float]:
         """Parameters by name."""
         return {parameter.name: float(value) for parameter, value in zip(self.parameters, numbers, strict=True)}

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import special
-from scipy.optimize import Bounds, minimize
 
 from rovid.effects import Effect
-from rovid.effects.base import Scales, neutral_commands
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import fit_free_run, free_run_r2
-from rovid.model import Model, initial_rate
-from rovid.rates import body_angle
+from rovid.identify.innovations import BASE, DISTURBANCE, MEMORY, NOISE, Likelihood, Records
+from rovid.model import Model
 from rovid.runs import Run
 from rovid.simulation import compare
 from rovid.trial import FloatArray
@@ -30,13 +28,7 @@ LIMITS = (0.05, 0.02, 0.01, 0.005)
 _R2_LOSS = 0.01
 # Where the disturbance is at its limit, the fit is tried again with this many times as much.
 _LOOSER = 2.5
-_RATE_ERROR = 0.2  # of the rate's root mean square: how well the first rate of a trial is known
-_ANGLE_NOISE_FLOOR = 1e-5  # rad; no heading is better, and one from an autopilot's filter would claim to be
-_BLOCK_SECONDS = 40.0
-# Steps for slopes and for curvatures: of the logarithms and scaled drags, and shares of an effect's parameter.
-_SLOPE_STEPS = (1e-5, 1e-4)
-_CURVATURE_STEPS = (1e-3, 1e-2)
-_TRIAL_ITERATIONS = 12
+_TRIAL_ITERATIONS = 4
 _WHITE_LAGS = 20
 _WHITE_P = 1e-3
 _KURTOSIS = 1.0
@@ -96,270 +88,159 @@ def fit_likelihood(
     DataError
         The vehicle was not excited enough.
     """
-    base = fit_free_run(runs)
-    base_r2 = free_run_r2(runs, base)
-    best: tuple[_Problem, FloatArray, float] | None = None
+    records = Records(runs, vehicle, fit_free_run(runs))
+    base_r2 = free_run_r2(runs, records.start)
+    likelihood, x, r2 = fit_base(records, base_r2)
+    if effects:
+        likelihood, x = with_effects(likelihood, x, effects)
+        r2 = simulated_r2(likelihood, x)
+    return _result(likelihood, x, r2=r2, base_r2=base_r2)
+
+
+def fit_base(records: Records, base_r2: float) -> tuple[Likelihood, FloatArray, float]:
+    """Most likely coordinates without effects, under the loosest limit whose free-running R^2 is near ``base_r2``.
+
+    Returns
+    -------
+    likelihood, x, r2
+        With the limit that was chosen.
+    """
+    best: tuple[Likelihood, FloatArray, float] | None = None
     for limit in LIMITS:
-        problem = _Problem(runs, base, limit)
-        x = problem.solve()
-        r2 = free_run_r2(runs, problem.model(x))
+        likelihood = Likelihood(records, limit)
+        x, _ = likelihood.climb(likelihood.first())
+        r2 = free_run_r2(records.runs, likelihood.model(x))
         if best is None or r2 > best[2]:
-            best = problem, x, r2
+            best = likelihood, x, r2
         if r2 >= base_r2 - _R2_LOSS:
             break
     assert best is not None  # noqa: S101 - there are limits
-    problem, x, r2 = best
-    if effects:
-        problem, x = _with_effects(problem, x, base, vehicle, effects)
-        r2 = _r2_with_effects(problem, x)
-    return problem.result(x, r2=r2, base_r2=base_r2)
+    return best
 
 
-def _with_effects(
-    bare: _Problem, x: FloatArray, base: Model, vehicle: Vehicle | None, effects: tuple[Effect, ...]
-) -> tuple[_Problem, FloatArray]:
+def with_effects(bare: Likelihood, x: FloatArray, effects: tuple[Effect, ...]) -> tuple[Likelihood, FloatArray]:
     """Continue from the fit without effects: the likeliest of all starts."""
-    problem = _Problem(bare.runs, base, bare.limit, vehicle=vehicle, effects=effects)
-    tries = []
-    for number in range(max(len(parameter.starts) for parameter in problem.parameters)):
-        problem.start[: len(x)] = x
-        problem.start[len(x) :] = [p.starts[min(number, len(p.starts) - 1)] for p in problem.parameters]
-        tries.append(problem.solve(iterations=_TRIAL_ITERATIONS))
+    likelihood = Likelihood(bare.records, bare.limit, effects, bare.counted)
+    tries = [
+        likelihood.climb(np.concatenate((x[:BASE], *chosen)), iterations=_TRIAL_ITERATIONS)
+        for chosen in itertools.product(*(starts(effect) for effect in effects))
+    ]
     # A few steps tell which start leads lower.
-    problem.start[:] = min(tries, key=problem.cost)
-    return problem, problem.solve()
+    best, _ = min(tries, key=lambda pair: pair[1])
+    return likelihood, likelihood.climb(best)[0]
 
 
-def _r2_with_effects(problem: _Problem, x: FloatArray) -> float:
-    model = problem.model(x)
-    pairs = zip(problem.runs, problem.torques(model), strict=True)
+def starts(effect: Effect) -> list[FloatArray]:
+    """Where to begin the search for the parameters of ``effect``, in units of their scale."""
+    count = max(len(parameter.starts) for parameter in effect.parameters)
+    return [
+        np.array([p.starts[min(number, len(p.starts) - 1)] for p in effect.parameters], dtype=float)
+        for number in range(count)
+    ]
+
+
+def simulated_r2(likelihood: Likelihood, x: FloatArray) -> float:
+    """R^2 of the free-running yaw rate at ``x``."""
+    model, runs = likelihood.model(x), likelihood.records.runs
+    pairs = zip(runs, likelihood.torques(model), strict=True)
     simulated = [run.rates.smooth_samples(run.trial, model.simulate(run.trial, torque)[0]) for run, torque in pairs]
-    measured = np.concatenate([run.rates.yaw_rate for run in problem.runs])
-    return compare(measured, np.concatenate(simulated)).r2
+    return compare(np.concatenate([run.rates.yaw_rate for run in runs]), np.concatenate(simulated)).r2
 
 
-class _Problem:
-    """The likelihood as a function of scaled, unconstrained-as-possible coordinates.
+def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> FloatArray:
+    """Of inertia, drags and effects: inverse information, or the sandwich that allows for coloured innovations."""
+    # All of them, a drag at its bound too: to take its zero for certain would make the rest look certain.
+    here = likelihood.slopes(x)
+    inverse = _inverse(here.matrix.T @ here.matrix)
+    if sandwich:
+        scores = likelihood.block_scores(here)
+        scores = scores - scores.mean(axis=0)
+        inverse = inverse @ (scores.T @ scores * len(scores) / (len(scores) - 1)) @ inverse
+    shown = [0, 1, 2, *range(BASE, len(x))]
+    size = np.array([math.exp(x[0]), *likelihood.records.drag_scale, *likelihood.units])
+    return np.asarray(inverse[np.ix_(shown, shown)] * np.outer(size, size))
 
-    x = log I, DQ and DL over their scale, log of disturbance, correlation time and heading noise.
-    """
 
-    def __init__(
-        self,
-        runs: Sequence[Run],
-        start: Model,
-        limit: float,
-        *,
-        vehicle: Vehicle | None = None,
-        effects: tuple[Effect, ...] = (),
-    ) -> None:
-        self.runs = runs
-        self.vehicle = vehicle
-        self.effects = effects
-        self.limit = limit
-        self.angles = [body_angle(run.trial) for run in runs]
-        self.missing = [np.full(len(run.trial.time), np.nan) for run in runs]
-        rates = np.concatenate([run.rates.yaw_rate for run in runs])
-        self.rate = max(float(np.sqrt(np.nanmean(rates**2))), 1e-9)
-        drag = start.quadratic_drag * self.rate + start.linear_drag
-        self.scale = np.array([drag / self.rate, drag])
-        torque = np.concatenate([run.torque for run in runs])
-        self.torque = float(np.sqrt(np.mean(torque[torque != 0.0] ** 2)))
-        noise = max(float(np.median([run.rates.heading_noise for run in runs])), _ANGLE_NOISE_FLOOR)
-        top = math.log(limit * self.torque)
-        self.parameters = [parameter for effect in effects for parameter in effect.parameters]
-        scales = Scales(command=_command_in_use(runs, vehicle), torque=self.torque, rate=self.rate)
-        self.units = np.array([scales.of(parameter) for parameter in self.parameters])
-        self.start = np.array(
-            [
-                math.log(start.inertia),
-                start.quadratic_drag / self.scale[0],
-                start.linear_drag / self.scale[1],
-                min(math.log(0.01 * self.torque), top - 0.1),
-                math.log(4.0),
-                math.log(noise),
-                *(parameter.starts[0] for parameter in self.parameters),
-            ]
+def physical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
+    """Inertia, drags and the effects' parameters in their units."""
+    model = likelihood.model(x)
+    return np.array([model.inertia, model.quadratic_drag, model.linear_drag, *model.effect_values])
+
+
+def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float) -> LikelihoodFit:
+    x = canonical(likelihood, x)
+    white = likelihood_is_white(likelihood, x)
+    at_limit = bool(x[DISTURBANCE] > likelihood.high[DISTURBANCE] - 1e-3)
+    found = covariance(likelihood, x, sandwich=not white)
+    if at_limit:
+        # The limit is a choice; what a looser one would change is part of the uncertainty.
+        looser = Likelihood(likelihood.records, _LOOSER * likelihood.limit, likelihood.effects)
+        shift = physical(looser, looser.climb(x)[0]) - physical(likelihood, x)
+        found = found + np.outer(shift, shift)
+    model = likelihood.model(x)
+    estimate = Estimate(
+        names=(*NAMES, *(f"{effect.key}.{p.name}" for effect in model.effects for p in effect.parameters)),
+        values=physical(likelihood, x),
+        covariance=found,
+        method="maximum likelihood of Kalman-filter innovations",
+        samples=sum(int(run.trial.measured.sum()) for run in likelihood.records.runs),
+        warnings=tuple(_warnings(likelihood, model, white=white, at_limit=at_limit)),
+    )
+    return LikelihoodFit(
+        estimate=estimate,
+        log_likelihood=-likelihood.cost(x),
+        disturbance=math.exp(x[DISTURBANCE]),
+        correlation_time=math.exp(x[MEMORY]),
+        heading_noise=math.exp(x[NOISE]),
+        limit=likelihood.limit,
+        at_limit=at_limit,
+        white=white,
+        free_run_r2=r2,
+        base_r2=base_r2,
+    )
+
+
+def canonical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
+    """The same ``x`` with amplitudes positive and phases within a turn."""
+    at, parts = BASE, [x[:BASE]]
+    for effect in likelihood.effects:
+        own = x[at : at + len(effect.parameters)]
+        parts.append(own if effect.canonical is None else effect.canonical(own))
+        at += len(effect.parameters)
+    return np.concatenate(parts)
+
+
+def _warnings(likelihood: Likelihood, model: Model, *, white: bool, at_limit: bool) -> list[str]:
+    texts = []
+    if at_limit:
+        texts.append(
+            f"The disturbance torque would exceed {100 * likelihood.limit:.2g} % of the torque in use "
+            f"({likelihood.limit * likelihood.records.torque:.3g} N m): the model misses something that these data "
+            f"show. The standard errors include what a limit {_LOOSER:g} times as high would change."
         )
-        angle = (math.log(_ANGLE_NOISE_FLOOR), math.log(0.2))
-        low = [parameter.low for parameter in self.parameters]
-        high = [parameter.high for parameter in self.parameters]
-        self.bounds = (
-            np.array([self.start[0] - 2.5, 0.0, 0.0, top - 9.0, math.log(0.2), angle[0], *low]),
-            np.array([self.start[0] + 2.5, np.inf, np.inf, top, math.log(100.0), angle[1], *high]),
+    if not white:
+        texts.append(
+            "The innovations are not white: the standard errors come from the scatter between stretches of the "
+            "logs, not from the curvature of the likelihood."
         )
-
-    def solve(self, *, iterations: int = 300) -> FloatArray:
-        """Most likely x, from ``self.start``."""
-        solution = minimize(
-            self.cost,
-            self.start,
-            jac=self.gradient,
-            method="L-BFGS-B",
-            bounds=Bounds(*self.bounds),
-            options={"maxiter": iterations},
-        )
-        return np.asarray(solution.x)
-
-    def steps(self, x: FloatArray, sizes: tuple[float, float]) -> FloatArray:
-        """Small changes of ``x``: an effect's parameter in proportion to itself, or to its start where it is gone."""
-        starts = np.array([abs(parameter.starts[0]) or 1.0 for parameter in self.parameters])
-        return np.concatenate((np.full(6, sizes[0]), sizes[1] * np.maximum(np.abs(x[6:]), 0.1 * starts)))
-
-    def gradient(self, x: FloatArray) -> FloatArray:
-        """Slope of the cost by forward differences, backward at an upper bound; on all cores at once."""
-        step = self.steps(x, _SLOPE_STEPS)
-        step = np.where(x + step > self.bounds[1], -step, step)
-        with ThreadPoolExecutor() as pool:
-            costs = list(pool.map(self.cost, [x, *(x + row for row in np.diag(step))]))
-        return (np.array(costs[1:]) - costs[0]) / step
-
-    def model(self, x: FloatArray) -> Model:
-        return Model(
-            inertia=math.exp(x[0]),
-            quadratic_drag=float(x[1] * self.scale[0]),
-            linear_drag=float(x[2] * self.scale[1]),
-            effects=self.effects,
-            effect_values=tuple(float(value) for value in x[6:] * self.units),
-        )
-
-    def torques(self, model: Model) -> list[FloatArray]:
-        """(n,) torque of each run after the effects between command and torque."""
-        if self.vehicle is None:
-            return [run.torque for run in self.runs]
-        return [model.torque(self.vehicle, run.trial) for run in self.runs]
-
-    def innovations(self, x: FloatArray) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
-        """(time, innovation, variance) of each run, where the heading was measured; the first is the start."""
-        from rovid.kernels import innovations
-
-        model = self.model(x)
-        terms, active = model.terms()
-        noise = np.array([*np.exp(x[3:6]), 1.0])
-        out = []
-        for run, torque, angle, missing in zip(self.runs, self.torques(model), self.angles, self.missing, strict=True):
-            start = np.array([initial_rate(run.trial), _RATE_ERROR * self.rate])
-            error, variance = innovations(
-                run.trial.time, torque, angle, missing, model.base(run.trial), terms, active, noise, start
-            )
-            known = np.flatnonzero(np.isfinite(error[:, 0]))[1:]
-            out.append((run.trial.time[known], error[known, 0], variance[known, 0]))
-        return out
-
-    def cost(self, x: FloatArray) -> float:
-        total = 0.0
-        for _, error, variance in self.innovations(x):
-            total += 0.5 * float(np.sum(np.log(2.0 * np.pi * variance) + error**2 / variance))
-        return total if math.isfinite(total) else 1e12
-
-    def block_costs(self, x: FloatArray) -> FloatArray:
-        """Cost summed over blocks of time; what the scores' scatter is judged by."""
-        sums = []
-        for time, error, variance in self.innovations(x):
-            pieces = 0.5 * (np.log(2.0 * np.pi * variance) + error**2 / variance)
-            sums.append(np.bincount((time / _BLOCK_SECONDS).astype(np.intp), weights=pieces))
-        return np.concatenate(sums)
-
-    def covariance(self, x: FloatArray, *, sandwich: bool) -> FloatArray:
-        """Of inertia, drags and effects: inverse curvature, or the sandwich that allows for coloured innovations."""
-        # All of them, a drag at its bound too: to take its zero for certain would make the rest look certain.
-        free = range(len(x))
-        step = self.steps(x, _CURVATURE_STEPS)
-        scores, curvature = [], np.zeros((len(free), len(free)))
-        centre = self.block_costs(x)
-        sides = {}
-        for i, k in enumerate(free):
-            for sign in (1, -1):
-                sides[i, sign] = self.block_costs(self._moved(x, {k: sign * step[k]}))
-            scores.append((sides[i, 1] - sides[i, -1]) / (2.0 * step[k]))
-            curvature[i, i] = float(np.sum(sides[i, 1] - 2.0 * centre + sides[i, -1])) / step[k] ** 2
-        for i, k in enumerate(free):
-            for j in range(i):
-                both = self.block_costs(self._moved(x, {k: step[k], free[j]: step[free[j]]}))
-                mixed = float(np.sum(both - sides[i, 1] - sides[j, 1] + centre)) / (step[k] * step[free[j]])
-                curvature[i, j] = curvature[j, i] = mixed
-        inverse = _inverse(curvature)
-        if sandwich:
-            matrix = np.stack(scores, axis=1)
-            matrix = matrix - matrix.mean(axis=0)
-            inverse = inverse @ (matrix.T @ matrix * len(matrix) / (len(matrix) - 1)) @ inverse
-        physical = [0, 1, 2, *range(6, len(x))]
-        size = np.array([math.exp(x[0]), *self.scale, *self.units])
-        return np.asarray(inverse[np.ix_(physical, physical)] * np.outer(size, size))
-
-    def physical(self, x: FloatArray) -> FloatArray:
-        """Inertia, drags and the effects' parameters in their units."""
-        model = self.model(x)
-        return np.array([model.inertia, model.quadratic_drag, model.linear_drag, *model.effect_values])
-
-    def loosened(self, x: FloatArray) -> _Problem:
-        """The same problem from ``x`` with a looser limit of the disturbance."""
-        limit = _LOOSER * self.limit
-        looser = _Problem(self.runs, self.model(x), limit, vehicle=self.vehicle, effects=self.effects)
-        looser.scale = self.scale
-        looser.start[:] = x
-        return looser
-
-    @staticmethod
-    def _moved(x: FloatArray, steps: dict[int, float]) -> FloatArray:
-        moved = x.copy()
-        for k, step in steps.items():
-            moved[k] += step
-        return moved
-
-    def result(self, x: FloatArray, *, r2: float, base_r2: float) -> LikelihoodFit:
-        model = self.model(x)
-        white = innovations_are_white([error / np.sqrt(variance) for _, error, variance in self.innovations(x)])
-        at_limit = x[3] > self.bounds[1][3] - 1e-3
-        samples = sum(int(run.trial.measured.sum()) for run in self.runs)
-        covariance = self.covariance(x, sandwich=not white)
-        if at_limit:
-            # The limit is a choice; what a looser one would change is part of the uncertainty.
-            shift = self.physical(self.loosened(x).solve()) - self.physical(x)
-            covariance = covariance + np.outer(shift, shift)
-        estimate = Estimate(
-            names=(*NAMES, *(f"{effect.key}.{p.name}" for effect in self.effects for p in effect.parameters)),
-            values=self.physical(x),
-            covariance=covariance,
-            method="maximum likelihood of Kalman-filter innovations",
-            samples=samples,
-            warnings=tuple(self._warnings(model, white=white, at_limit=bool(at_limit))),
-        )
-        return LikelihoodFit(
-            estimate=estimate,
-            log_likelihood=-self.cost(x),
-            disturbance=math.exp(x[3]),
-            correlation_time=math.exp(x[4]),
-            heading_noise=math.exp(x[5]),
-            limit=self.limit,
-            at_limit=bool(at_limit),
-            white=white,
-            free_run_r2=r2,
-            base_r2=base_r2,
-        )
-
-    def _warnings(self, model: Model, *, white: bool, at_limit: bool) -> list[str]:
-        texts = []
-        if at_limit:
-            texts.append(
-                f"The disturbance torque would exceed {100 * self.limit:.2g} % of the torque in use "
-                f"({self.limit * self.torque:.3g} N m): the model misses something that these data show. The "
-                f"standard errors include what a limit {_LOOSER:g} times as high would change."
-            )
-        if not white:
-            texts.append(
-                "The innovations are not white: the standard errors come from the scatter between stretches of the "
-                "logs, not from the curvature of the likelihood."
-            )
-        texts += [f"{name} is held at zero, its lower bound." for name in NAMES[1:] if getattr(model, name) == 0.0]
-        return texts
+    texts += [f"{name} is held at zero, its lower bound." for name in NAMES[1:] if getattr(model, name) == 0.0]
+    return texts
 
 
-def _inverse(curvature: FloatArray) -> FloatArray:
-    """Inverse of a curvature; a direction in which the likelihood is flat, or a saddle, gets a large variance."""
-    size = np.sqrt(np.abs(np.diag(curvature))).clip(1e-300)
-    values, vectors = np.linalg.eigh(curvature / np.outer(size, size))
-    return np.asarray((vectors / np.maximum(values, 1e-6)) @ vectors.T / np.outer(size, size))
+def likelihood_is_white(likelihood: Likelihood, x: FloatArray) -> bool:
+    """Whether the normalised innovations at ``x`` are white and free of heavy tails."""
+    error, variance = likelihood.innovations(x)
+    trial = likelihood.records.trial
+    trial = trial if likelihood.counted is None else trial[likelihood.counted]
+    z = error / np.sqrt(variance)
+    return innovations_are_white([z[trial == number] for number in np.unique(trial)])
+
+
+def _inverse(information: FloatArray) -> FloatArray:
+    """Inverse of the information; a direction in which the likelihood is flat gets a large variance."""
+    size = np.sqrt(np.diag(information)).clip(1e-150)
+    values, vectors = np.linalg.eigh(information / np.outer(size, size))
+    return np.asarray((vectors / np.maximum(values, 1e-9)) @ vectors.T / np.outer(size, size))
 
 
 def innovations_are_white(series: Sequence[FloatArray]) -> bool:
@@ -376,9 +257,3 @@ def innovations_are_white(series: Sequence[FloatArray]) -> bool:
     p_value = float(special.gammaincc(_WHITE_LAGS / 2.0, count * (count + 2.0) * statistic / 2.0))
     fourth = sum(float(np.sum(z**4)) for z in series) * count / power**2
     return p_value > _WHITE_P and fourth - 3.0 < _KURTOSIS
-
-
-def _command_in_use(runs: Sequence[Run], vehicle: Vehicle | None) -> float:
-    """Largest departure of any command from neutral."""
-    neutral = 0.0 if vehicle is None else neutral_commands(vehicle)
-    return max(float(np.max(np.abs(run.trial.commands - neutral))) for run in runs)

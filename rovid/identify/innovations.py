@@ -1,0 +1,348 @@
+"""The likelihood of Kalman-filter innovations, its derivatives, and how to climb it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rovid.effects import Effect
+from rovid.effects.base import Scales, neutral_commands
+from rovid.model import Model, initial_rate
+from rovid.rates import body_angle
+from rovid.runs import Run
+from rovid.trial import FloatArray
+from rovid.vehicle import Vehicle
+
+# Coordinates before those of the effects: log I, DQ and DL over their scale, log of the disturbance's size and
+# memory, log of the heading's noise.
+BASE = 6
+DISTURBANCE, MEMORY, NOISE = 3, 4, 5
+_RATE_ERROR = 0.2  # of the rate's root mean square: how well the first rate of a trial is known
+_ANGLE_NOISE_FLOOR = 1e-5  # rad; no heading is better, and one from an autopilot's filter would claim to be
+_BLOCK_SECONDS = 40.0
+# Innovations beyond so many standard deviations count in proportion, not squared (Huber 1964).
+_OUTLIER = 5.0
+# Steps for slopes: of the logarithms and scaled drags, and a share of an effect's parameter.
+_STEPS = (1e-5, 1e-4)
+# No step changes a logarithm by more: far from the top the slopes promise too much.
+_LONGEST = 1.0
+_LOGARITHMS = [0, DISTURBANCE, MEMORY, NOISE]
+_CONVERGED = 0.01  # of log-likelihood, still to be gained
+_WORST = 1e12
+
+
+@dataclass(frozen=True, eq=False)
+class Records:
+    """What the likelihood looks at in some runs, worked out once.
+
+    Attributes
+    ----------
+    start
+        A model to start from and to take scales from.
+    """
+
+    runs: Sequence[Run]
+    vehicle: Vehicle | None
+    start: Model
+
+    @cached_property
+    def angles(self) -> list[FloatArray]:
+        """(n,) measured angle about the body's axis of each run, rad."""
+        return [body_angle(run.trial) for run in self.runs]
+
+    @cached_property
+    def missing(self) -> list[FloatArray]:
+        """In the place of measured rates."""
+        return [np.full(len(run.trial.time), np.nan) for run in self.runs]
+
+    @cached_property
+    def known(self) -> list[NDArray[np.intp]]:
+        """Where each run has a heading; the first is where the filter starts."""
+        return [np.flatnonzero(np.isfinite(angle))[1:] for angle in self.angles]
+
+    @cached_property
+    def initial_rates(self) -> list[float]:
+        """Yaw rate of each run at its first instant, rad/s."""
+        return [initial_rate(run.trial) for run in self.runs]
+
+    @cached_property
+    def trial(self) -> NDArray[np.intp]:
+        """(N,) index of the run of each innovation."""
+        return np.repeat(np.arange(len(self.runs)), [len(known) for known in self.known])
+
+    @cached_property
+    def block(self) -> NDArray[np.intp]:
+        """(N,) number of the stretch of time, 40 s of a run, of each innovation."""
+        pieces = [
+            (run.trial.time[known] / _BLOCK_SECONDS).astype(np.intp)
+            for run, known in zip(self.runs, self.known, strict=True)
+        ]
+        offsets = np.cumsum([0, *(int(piece.max(initial=0)) + 1 for piece in pieces)])[:-1]
+        return np.concatenate([piece + offset for piece, offset in zip(pieces, offsets, strict=True)])
+
+    @cached_property
+    def rate(self) -> float:
+        """Root mean square of the yaw rate, rad/s."""
+        rates = np.concatenate([run.rates.yaw_rate for run in self.runs])
+        return max(float(np.sqrt(np.nanmean(rates**2))), 1e-9)
+
+    @cached_property
+    def torque(self) -> float:
+        """Root mean square of the torque in use, N m."""
+        torque = np.concatenate([run.torque for run in self.runs])
+        return float(np.sqrt(np.mean(torque[torque != 0.0] ** 2)))
+
+    @cached_property
+    def drag_scale(self) -> FloatArray:
+        """Quadratic and linear drag that would each brake as much as all drag does."""
+        drag = self.start.quadratic_drag * self.rate + self.start.linear_drag
+        return np.array([drag / self.rate, drag])
+
+    @cached_property
+    def scales(self) -> Scales:
+        """Of the effects' parameters."""
+        neutral = 0.0 if self.vehicle is None else neutral_commands(self.vehicle)
+        command = max(float(np.max(np.abs(run.trial.commands - neutral))) for run in self.runs)
+        return Scales(command=command, torque=self.torque, rate=self.rate)
+
+    @cached_property
+    def heading_noise(self) -> float:
+        """Standard deviation of the heading's noise, rad, before any fit."""
+        return max(float(np.median([run.rates.heading_noise for run in self.runs])), _ANGLE_NOISE_FLOOR)
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """The likelihood about a point.
+
+    Attributes
+    ----------
+    cost
+        Negative log-likelihood.
+    residual
+        (2N,) normalised innovations above, and what their squares are short of one below.
+    matrix
+        (2N, p) slopes of the same: the gradient of the cost is ``matrix.T @ residual``, the information ``matrix.T @
+        matrix`` (Fisher scoring).
+    """
+
+    cost: float
+    residual: FloatArray
+    matrix: FloatArray
+
+
+class Likelihood:
+    """Negative log-likelihood of the innovations as a function of scaled coordinates; see ``BASE``.
+
+    Parameters
+    ----------
+    limit
+        Of the disturbance, as a share of the torque in use.
+    counted
+        (N,) which innovations count; all of them if None. The filter passes over the others all the same.
+    """
+
+    def __init__(
+        self,
+        records: Records,
+        limit: float,
+        effects: tuple[Effect, ...] = (),
+        counted: NDArray[np.bool_] | None = None,
+    ) -> None:
+        self.records = records
+        self.limit = limit
+        self.effects = effects
+        self.counted = counted
+        self.parameters = [parameter for effect in effects for parameter in effect.parameters]
+        self.units = np.array([records.scales.of(parameter) for parameter in self.parameters])
+        top = math.log(limit * records.torque)
+        start = records.start
+        self.low = np.array(
+            [
+                math.log(start.inertia) - 2.5,
+                *(0.0, 0.0, top - 9.0, math.log(0.2), math.log(_ANGLE_NOISE_FLOOR)),
+                *(p.low for p in self.parameters),
+            ]
+        )
+        self.high = np.array(
+            [
+                math.log(start.inertia) + 2.5,
+                *(np.inf, np.inf, top, math.log(100.0), math.log(0.2)),
+                *(p.high for p in self.parameters),
+            ]
+        )
+        self._torques: dict[tuple[float, ...], list[FloatArray]] = {}
+
+    def first(self) -> FloatArray:
+        """Coordinates to start from, each effect at the first of its starts."""
+        start, scale = self.records.start, self.records.drag_scale
+        x = [
+            math.log(start.inertia),
+            start.quadratic_drag / scale[0],
+            start.linear_drag / scale[1],
+            min(math.log(0.01 * self.records.torque), self.high[DISTURBANCE] - 0.1),
+            math.log(4.0),
+            math.log(self.records.heading_noise),
+            *(parameter.starts[0] for parameter in self.parameters),
+        ]
+        return np.asarray(np.clip(x, self.low, self.high))
+
+    def model(self, x: FloatArray) -> Model:
+        """The model at ``x``."""
+        return Model(
+            inertia=math.exp(x[0]),
+            quadratic_drag=float(x[1] * self.records.drag_scale[0]),
+            linear_drag=float(x[2] * self.records.drag_scale[1]),
+            effects=self.effects,
+            effect_values=tuple(float(value) for value in x[BASE:] * self.units),
+        )
+
+    def torques(self, model: Model) -> list[FloatArray]:
+        """(n,) torque of each run after the effects between command and torque."""
+        if self.records.vehicle is None or not any(effect.actuates for effect in self.effects):
+            return [run.torque for run in self.records.runs]
+        key = model.effect_values
+        found = self._torques.get(key)
+        if found is None:
+            found = [model.torque(self.records.vehicle, run.trial) for run in self.records.runs]
+            # The slopes of all other parameters ask for the same again.
+            self._torques = {key: found}
+        return found
+
+    def innovations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(N,) innovations in rad and their variances; those not counted are left out."""
+        from rovid.kernels import innovations, innovations_wave
+
+        records, model = self.records, self.model(x)
+        terms, active = model.terms()
+        wave = model.wave()
+        noise = np.array([*np.exp(x[DISTURBANCE:BASE]), 1.0])
+        errors, variances = [], []
+        parts = zip(records.runs, self.torques(model), records.angles, records.missing, strict=True)
+        for number, (run, torque, angle, missing) in enumerate(parts):
+            start = np.array([records.initial_rates[number], _RATE_ERROR * records.rate])
+            true, gain = model.true_angle(run.trial, angle)
+            motion = (model.base(run.trial), terms, active, noise)
+            if wave is None:
+                error, variance = innovations(run.trial.time, torque, true, missing, *motion, start)
+            else:
+                error, variance = innovations_wave(run.trial.time, torque, true, *motion, wave, start)
+            known = records.known[number]
+            # The density is that of the measured heading, whatever it deviates by.
+            errors.append(error[known, 0] * gain[known])
+            variances.append(variance[known, 0] * gain[known] ** 2)
+        error, variance = np.concatenate(errors), np.concatenate(variances)
+        return (error, variance) if self.counted is None else (error[self.counted], variance[self.counted])
+
+    def pieces(self, x: FloatArray) -> FloatArray:
+        """(N,) contribution of each innovation to the cost."""
+        return _pieces(*self.innovations(x))
+
+    def cost(self, x: FloatArray) -> float:
+        """Negative log-likelihood."""
+        total = float(np.sum(self.pieces(x)))
+        return total if math.isfinite(total) else _WORST
+
+    def block_scores(self, here: Slopes) -> FloatArray:
+        """(m, p) gradient of the cost over each stretch of time; their scatter tells what the information does not."""
+        block = self.records.block if self.counted is None else self.records.block[self.counted]
+        score = here.matrix * here.residual[:, None]
+        score = score[: len(block)] + score[len(block) :]
+        used, number = np.unique(block, return_inverse=True)
+        return np.column_stack([np.bincount(number, weights=column, minlength=len(used)) for column in score.T])
+
+    def _steps(self, x: FloatArray) -> FloatArray:
+        """Small changes of ``x``: an effect's parameter in proportion to itself, or to its start where it is gone."""
+        starts = np.array([abs(parameter.starts[0]) or 1.0 for parameter in self.parameters])
+        return np.concatenate((np.full(BASE, _STEPS[0]), _STEPS[1] * np.maximum(np.abs(x[BASE:]), 0.1 * starts)))
+
+    def slopes(self, x: FloatArray) -> Slopes:
+        """Slopes at ``x`` by forward differences, backward at an upper bound; on all cores at once."""
+        step = self._steps(x)
+        step = np.where(x + step > self.high, -step, step)
+        error, variance = self.innovations(x)
+        with ThreadPoolExecutor() as pool:
+            sides = list(pool.map(self.innovations, (x + row for row in np.diag(step))))
+        return slopes(error, variance, sides, step)
+
+    def climb(self, start: FloatArray, *, iterations: int = 60) -> tuple[FloatArray, float]:
+        """Most likely coordinates from ``start`` and their cost, by Fisher scoring within the bounds."""
+        x = np.clip(start, self.low, self.high)
+        damping = 1e-3
+        cost = math.inf
+        for _ in range(iterations):
+            here = self.slopes(x)
+            cost = here.cost
+            gradient, information = here.matrix.T @ here.residual, here.matrix.T @ here.matrix
+            if not np.isfinite(information).all():
+                break
+            moved = False
+            while damping < 1e6:
+                step = self._step(x, gradient, information, damping)
+                step *= min(1.0, _LONGEST / max(float(np.max(np.abs(step[_LOGARITHMS]))), 1e-300))
+                promised = -float(gradient @ step)
+                trial = np.clip(x + step, self.low, self.high)
+                reached = self.cost(trial)
+                if reached < cost:
+                    # Far from white innovations the information promises too little curvature: the ratio tells.
+                    ratio = (cost - reached) / max(promised - 0.5 * float(step @ information @ step), 1e-300)
+                    damping = max(damping * 0.1, 1e-7) if ratio > 0.75 else damping * (10.0 if ratio < 0.4 else 1.0)
+                    moved = True
+                    break
+                if promised < _CONVERGED:
+                    break
+                damping *= 10.0
+            if not moved:
+                break
+            gained, cost, x = cost - reached, reached, trial
+            if gained < _CONVERGED:
+                break
+        return x, cost
+
+    def _step(self, x: FloatArray, gradient: FloatArray, information: FloatArray, damping: float) -> FloatArray:
+        """Levenberg-Marquardt step; coordinates that would leave their bounds stay."""
+        free = ~(((x <= self.low) & (gradient > 0.0)) | ((x >= self.high) & (gradient < 0.0)))
+        step = np.zeros(len(x))
+        size = np.diag(information)
+        for _ in range(len(x)):
+            if not free.any():
+                break
+            part = np.ix_(free, free)
+            floor = 1e-12 * float(size.max()) + 1e-12
+            matrix = information[part] + np.diag(damping * size[free] + floor)
+            step[:] = 0.0
+            step[free] = np.linalg.lstsq(matrix, -gradient[free], rcond=None)[0]
+            # A coordinate at its bound that the others push outward is held there too.
+            out = free & (((x <= self.low) & (step < 0.0)) | ((x >= self.high) & (step > 0.0)))
+            if not out.any():
+                break
+            free &= ~out
+        return step
+
+
+def slopes(
+    error: FloatArray, variance: FloatArray, sides: Sequence[tuple[FloatArray, FloatArray]], step: FloatArray
+) -> Slopes:
+    """Slopes from innovations and variances here and one ``step`` aside along each coordinate."""
+    root = np.sqrt(variance)
+    z = error / root
+    weight = np.sqrt(np.minimum(1.0, _OUTLIER / np.maximum(np.abs(z), 1e-300)))
+    matrix = np.empty((2 * len(z), len(sides)))
+    for k, (side, spread) in enumerate(sides):
+        matrix[: len(z), k] = weight * (side - error) / (step[k] * root)
+        matrix[len(z) :, k] = (spread - variance) / (step[k] * math.sqrt(2.0) * variance)
+    residual = np.concatenate((weight * z, (1.0 - (weight * z) ** 2) / math.sqrt(2.0)))
+    cost = float(np.sum(_pieces(error, variance)))
+    return Slopes(cost if math.isfinite(cost) else _WORST, residual, matrix)
+
+
+def _pieces(error: FloatArray, variance: FloatArray) -> FloatArray:
+    z = np.abs(error) / np.sqrt(variance)
+    square = np.where(z > _OUTLIER, _OUTLIER * (2.0 * z - _OUTLIER), z * z)
+    return np.asarray(0.5 * (np.log(2.0 * np.pi * variance) + square))
