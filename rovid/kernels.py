@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numba import literal_unroll
 from numba.core.errors import NumbaExperimentalFeatureWarning
 
+from rovid import effects
 from rovid.effects import TERMS
 from rovid.effects.base import TERM_STATES
 from rovid.effects.base import compiled as _compiled
@@ -20,10 +23,16 @@ warnings.filterwarnings("ignore", category=NumbaExperimentalFeatureWarning)
 
 # A step of this share of the shortest time constant leaves fourth-order Runge-Kutta exact to about 1e-6.
 _STEP_SHARE = 0.2
-# The covariance is stepped by a transition of second order, which needs shorter steps to be good to a percent.
-_FILTER_STEP_SHARE = 0.05
+# The covariance is stepped by a transition of fourth order: good to a percent of a percent with such steps.
+_FILTER_STEP_SHARE = 0.3
+# With a wave it is of second order only.
+_WAVE_STEP_SHARE = 0.1
+# Gauss-Legendre nodes and weights on 0..1.
+_NODES = (0.1127016653792583, 0.5, 0.8872983346207417)
+_WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
 _MAX_SUBSTEPS = 1000
 _SETTLED = 1e-9
+_TINY = 1e-12
 # With effects a gap is stepped through to its end, however long.
 _MAX_GAP_SUBSTEPS = 1_000_000
 
@@ -101,22 +110,22 @@ def simulate(
 
 @_compiled
 def _sum_terms(
-    rate: float, angle: float, push: float, base: Any, terms: Any, active: Any, state: Any, change: Any
+    rate: float, angle: float, push: float, base: Any, terms: Any, kinds: Any, state: Any, change: Any
 ) -> Any:
-    """Torque of all active effects; fills in the rates of change of their states."""
+    """Torque of all effects; fills in the rates of change of their states."""
     total = 0.0
-    k = 0
-    for term in literal_unroll(TERMS):
-        if active[k]:
-            total += term(rate, angle, push, base, terms[k], state[k], change[k])
-        k += 1  # noqa: SIM113 - numba unrolls the bare loop only
+    for j in range(len(kinds)):
+        k = 0
+        for term in literal_unroll(TERMS):
+            if kinds[j] == k:
+                total += term(rate, angle, push, base, terms[j], state[j], change[j])
+            k += 1  # noqa: SIM113 - numba unrolls the bare loop only
     return total
 
 
 @_compiled
 def _bare_substep(r: float, a: float, push: float, inertia: float, quadratic: float, linear: float, h: float) -> Any:
-    """One Runge-Kutta step of rate and angle without effects; also the damping at the start, in 1/s."""
-    damping = (2.0 * quadratic * abs(r) + linear) / inertia
+    """One Runge-Kutta step of rate and angle without effects; also the damping half way, in 1/s."""
     k1 = _acceleration(r, push, inertia, quadratic, linear)
     r2 = r + 0.5 * h * k1
     k2 = _acceleration(r2, push, inertia, quadratic, linear)
@@ -126,39 +135,38 @@ def _bare_substep(r: float, a: float, push: float, inertia: float, quadratic: fl
     k4 = _acceleration(r4, push, inertia, quadratic, linear)
     a += h * (r + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
     r += h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
-    return r, a, damping
+    return r, a, (2.0 * quadratic * abs(r2) + linear) / inertia
 
 
 @_compiled
 def _substep(
-    r: float, a: float, push: float, base: Any, terms: Any, active: Any, state: Any, middle: Any, change: Any, h: float
+    r: float, a: float, push: float, base: Any, terms: Any, kinds: Any, state: Any, middle: Any, change: Any, h: float
 ) -> Any:
     """One Runge-Kutta step of rate and angle with effects; their states by the midpoint rule.
 
-    Returns the new rate and angle, and the damping -d(rdot)/dr at the start, in 1/s.
+    Returns the new rate and angle, and the damping -d(rdot)/dr in 1/s, of drag half way, of effects at the start.
     """
-    if not active[-1]:
+    if len(kinds) == 0:
         return _bare_substep(r, a, push, base[0], base[1], base[2], h)
     inertia, quadratic, linear = base[0], base[1], base[2]
-    damping = (2.0 * quadratic * abs(r) + linear) / inertia
-    extra = _sum_terms(r, a, push, base, terms, active, state, change)
+    extra = _sum_terms(r, a, push, base, terms, kinds, state, change)
     k1 = _acceleration(r, push + extra, inertia, quadratic, linear)
     _advance(state, change, 0.5 * h, middle)
     nudge = 1e-6 + 1e-4 * abs(r)
-    damping -= (_sum_terms(r + nudge, a, push, base, terms, active, state, change) - extra) / (nudge * inertia)
+    given = (_sum_terms(r + nudge, a, push, base, terms, kinds, state, change) - extra) / (nudge * inertia)
     r2 = r + 0.5 * h * k1
-    extra = _sum_terms(r2, a + 0.5 * h * r, push, base, terms, active, middle, change)
+    extra = _sum_terms(r2, a + 0.5 * h * r, push, base, terms, kinds, middle, change)
     k2 = _acceleration(r2, push + extra, inertia, quadratic, linear)
     _advance(state, change, h, state)
     r3 = r + 0.5 * h * k2
-    extra = _sum_terms(r3, a + 0.5 * h * r2, push, base, terms, active, middle, change)
+    extra = _sum_terms(r3, a + 0.5 * h * r2, push, base, terms, kinds, middle, change)
     k3 = _acceleration(r3, push + extra, inertia, quadratic, linear)
     r4 = r + h * k3
-    extra = _sum_terms(r4, a + h * r3, push, base, terms, active, state, change)
+    extra = _sum_terms(r4, a + h * r3, push, base, terms, kinds, state, change)
     k4 = _acceleration(r4, push + extra, inertia, quadratic, linear)
     a += h * (r + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
     r += h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
-    return r, a, max(damping, 0.0)
+    return r, a, max((2.0 * quadratic * abs(r2) + linear) / inertia - given, 0.0)
 
 
 @_compiled
@@ -171,7 +179,7 @@ def _advance(state: Any, change: Any, h: float, out: Any) -> None:
 
 @_compiled
 def simulate_effects(
-    time: FloatArray, torque: FloatArray, base: FloatArray, terms: FloatArray, active: Any, start: tuple[float, float]
+    time: FloatArray, torque: FloatArray, base: FloatArray, terms: FloatArray, kinds: Any, start: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray]:
     """As ``simulate``, with effects in the equation of motion.
 
@@ -180,9 +188,10 @@ def simulate_effects(
     torque
         (n,) N m; each value the mean until the next instant.
     base
-        Inertia, quadratic and linear drag, and the heading in rad at the first instant.
-    terms, active
-        (m, 4) parameters of each effect of ``rovid.effects.MOTION``; (m + 1,) which are there, and whether any is.
+        Inertia, quadratic and linear drag, the heading in rad at the first instant, and the fastest rate of the
+        effects' own states in 1/s.
+    terms, kinds
+        (m, 4) parameters of each effect in the equation of motion; (m,) its index in ``rovid.effects.MOTION``.
     start
         Rate in rad/s and angle in rad, since the start of the trial, at the first instant.
     """
@@ -192,7 +201,7 @@ def simulate_effects(
     rate[0], angle[0] = r, a
     state = np.zeros((len(terms), TERM_STATES))
     middle, change = np.zeros_like(state), np.zeros_like(state)
-    stiffness = base[2] / base[0]
+    stiffness = max(base[2] / base[0], base[4])
     for k in range(n - 1):
         interval = time[k + 1] - time[k]
         balance = math.sqrt(abs(torque[k]) / base[1]) if base[1] > 0.0 else 0.0
@@ -202,9 +211,9 @@ def simulate_effects(
         wanted = interval * stiffness / _STEP_SHARE
         steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
         h = interval / steps
-        stiffness = 0.0
+        stiffness = base[4]
         for _ in range(steps):
-            r, a, damping = _substep(r, a, torque[k], base, terms, active, state, middle, change, h)
+            r, a, damping = _substep(r, a, torque[k], base, terms, kinds, state, middle, change, h)
             stiffness = max(stiffness, damping)
         rate[k + 1], angle[k + 1] = r, a
     return rate, angle
@@ -242,6 +251,17 @@ def constant_runs(values: FloatArray, tolerance: FloatArray) -> FloatArray:
 
 
 @_compiled
+def _pushed(t: float, a: float, b: float, inertia: float) -> tuple[float, float]:
+    """Angle and rate after ``t`` s of a unit torque that fades at ``b`` 1/s, against a damping of ``a`` 1/s.
+
+    (exp(-b t) - exp(-a t)) / (a - b) / inertia and its integral, as series, since a and b may be equal.
+    """
+    first, second, third = a + b, a * a + a * b + b * b, (a + b) * (a * a + b * b)
+    rate = t / inertia * (1.0 - t / 2.0 * (first - t / 3.0 * (second - t / 4.0 * third)))
+    return 0.5 * t * t / inertia * (1.0 - t / 3.0 * (first - t / 4.0 * (second - t / 5.0 * third))), rate
+
+
+@_compiled
 def innovations(  # noqa: PLR0915 - the covariance is written out term by term, without arrays
     time: FloatArray,
     torque: FloatArray,
@@ -249,7 +269,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
     rate: FloatArray,
     base: FloatArray,
     terms: FloatArray,
-    active: Any,
+    kinds: Any,
     noise: FloatArray,
     start: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
@@ -265,7 +285,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
         (n,) s and N m held to the next instant.
     angle, rate
         (n,) measured angle in rad and rate in rad/s; NaN where not measured.
-    base, terms, active
+    base, terms, kinds
         As for ``simulate_effects``; the states of the effects are carried along without a variance of their own.
     noise
         Standard deviation of d in N m, its correlation time in s, standard deviation of the white noise of a
@@ -289,43 +309,52 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
     a, r, d = angle[0], start[0], 0.0
     p00, p01, p02 = noise[2] ** 2, 0.0, 0.0
     p11, p12, p22 = start[1] ** 2, 0.0, sigma**2
-    intensity = 2.0 * sigma**2 / tau
-    h, fade, mean, gain, fresh, grown = 0.0, 1.0, 1.0, 0.0, 0.0, 0.0
+    h, fade, mean, fresh, grown, left = 0.0, 1.0, 1.0, 0.0, 0.0, np.empty(3)
     for k in range(n):
         if k > 0:
             interval = time[k] - time[k - 1]
             push = torque[k - 1]
-            stiffness = max(damping, (2.0 * base[1] * abs(r) + base[2]) / inertia) + 1.0 / tau
+            # How fast it may turn before the interval is over, or where drag balances the torque.
+            soon = min(abs(r) + interval * abs(push) / inertia, max(abs(r), math.sqrt(abs(push) / (base[1] + _TINY))))
+            stiffness = max(damping, (2.0 * base[1] * soon + base[2]) / inertia, base[4]) + 1.0 / tau
             wanted = interval * stiffness / _FILTER_STEP_SHARE
             steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
             # Most logs are sampled evenly: what depends on the step alone is kept.
             if interval / steps != h:
                 h = interval / steps
-                fade, mean = math.exp(-h / tau), 1.0 - 0.5 * h / tau
-                gain, fresh = h / inertia, sigma**2 * (1.0 - fade * fade)
-                grown = intensity * h
+                fade = math.exp(-h / tau)
+                mean = (1.0 - fade) * tau / h
+                fresh, grown = sigma**2 * (1.0 - fade * fade), 2.0 * sigma**2 / tau * h
+                for node in range(3):
+                    left[node] = math.exp(-_NODES[node] * h / tau)
             for _ in range(steps):
-                # The disturbance is taken at its mean over the step, which is short beside its memory.
-                push_here = push + d * mean
-                r, a, damping = _substep(r, a - origin, push_here, base, terms, active, state, middle, change, h)
+                # Over a step the disturbance acts by its mean.
+                r, a, damping = _substep(r, a - origin, push + d * mean, base, terms, kinds, state, middle, change, h)
                 a += origin
                 d *= fade
-                # Transition of the linearised motion to second order in h, which sub-stepping keeps small.
                 part = damping * h
-                f11 = 1.0 - part * (1.0 - 0.5 * part * (1.0 - part / 3.0))
-                f01 = h * (1.0 - 0.5 * part)
-                f12 = gain * (mean - 0.5 * part)
-                f02 = 0.5 * h * gain
+                f11 = 1.0 - part * (1.0 - 0.5 * part * (1.0 - part / 3.0 * (1.0 - 0.25 * part)))
+                f01 = h * (1.0 - 0.5 * part * (1.0 - part / 3.0 * (1.0 - 0.25 * part)))
+                f02, f12 = _pushed(h, damping, 1.0 / tau, inertia)
+                n00, n01, n02, n11, n12 = 0.0, 0.0, 0.0, 0.0, 0.0
+                for node in range(3):
+                    c0, c1 = _pushed(_NODES[node] * h, damping, 1.0 / tau, inertia)
+                    c2, weight = left[node], grown * _WEIGHTS[node]
+                    n00 += weight * c0 * c0
+                    n01 += weight * c0 * c1
+                    n02 += weight * c0 * c2
+                    n11 += weight * c1 * c1
+                    n12 += weight * c1 * c2
                 q00 = p00 + f01 * p01 + f02 * p02
                 q01 = p01 + f01 * p11 + f02 * p12
                 q02 = p02 + f01 * p12 + f02 * p22
                 q11 = f11 * p11 + f12 * p12
                 q12 = f11 * p12 + f12 * p22
-                p00 = q00 + f01 * q01 + f02 * q02 + grown * (gain * h) ** 2 * 0.05
-                p01 = f11 * q01 + f12 * q02 + grown * gain * gain * h * 0.125
-                p02 = fade * q02 + grown * gain * h / 6.0
-                p11 = f11 * q11 + f12 * q12 + grown * gain * gain / 3.0
-                p12 = fade * q12 + grown * gain * 0.5
+                p00 = q00 + f01 * q01 + f02 * q02 + n00
+                p01 = f11 * q01 + f12 * q02 + n01
+                p02 = fade * q02 + n02
+                p11 = f11 * q11 + f12 * q12 + n11
+                p12 = fade * q12 + n12
                 p22 = fade * fade * p22 + fresh
         if angle[k] == angle[k]:
             s = p00 + noise[2] ** 2
@@ -376,7 +405,7 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
     angle: FloatArray,
     base: FloatArray,
     terms: FloatArray,
-    active: Any,
+    kinds: Any,
     noise: FloatArray,
     wave: FloatArray,
     start: FloatArray,
@@ -406,8 +435,8 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
     for k in range(n):
         if k > 0:
             interval = time[k] - time[k - 1]
-            stiffness = max(drag, (2.0 * base[1] * abs(r) + base[2]) / inertia) + 1.0 / tau + wave[1]
-            wanted = interval * stiffness / _FILTER_STEP_SHARE
+            stiffness = max(drag, (2.0 * base[1] * abs(r) + base[2]) / inertia, base[4]) + 1.0 / tau + wave[1]
+            wanted = interval * stiffness / _WAVE_STEP_SHARE
             steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
             if interval / steps != h:
                 h = interval / steps
@@ -425,7 +454,7 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
                         q[i, j] = q[j, i]
             for _ in range(steps):
                 push = torque[k - 1] + d * (1.0 - 0.5 * h / tau) + w + 0.5 * h * v
-                r, a, damping = _substep(r, a - origin, push, base, terms, active, state, middle, change, h)
+                r, a, damping = _substep(r, a - origin, push, base, terms, kinds, state, middle, change, h)
                 a += origin
                 d *= fade
                 w, v = f33 * w + f34 * v, f43 * w + f44 * v
@@ -468,3 +497,26 @@ def _congruence(f: Any, p: Any, q: Any, work: Any) -> None:
             for m in range(size):
                 total += work[i, m] * f[j, m]
             p[i, j] = total
+
+
+def _forget_stale() -> None:
+    """Delete compiled kernels that were made from other effects.
+
+    Numba looks at the age of this file alone, and would run the old terms under the new numbers.
+    """
+    folder = Path(str(simulate.stats.cache_path))
+    mark, digest = folder / "kernels.sources", hashlib.sha256()
+    for source in (*sorted(Path(effects.__file__).parent.glob("*.py")), Path(__file__)):
+        digest.update(source.read_bytes())
+    try:
+        if mark.exists() and mark.read_text() == digest.hexdigest():
+            return
+        for stale in folder.glob("kernels.*.nb[ci]"):
+            stale.unlink(missing_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
+        mark.write_text(digest.hexdigest())
+    except OSError:  # nothing can be kept there, so that nothing is stale either
+        return
+
+
+_forget_stale()

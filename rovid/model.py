@@ -56,26 +56,25 @@ class Model:
     effect_values: tuple[float, ...] = ()
 
     def base(self, trial: Trial) -> FloatArray:
-        """(4,) inertia, drags and the first heading, as the kernels take them."""
+        """(5,) inertia, drags, first heading and the fastest state of the effects, as the kernels take them."""
         first = int(np.argmax(trial.measured))
-        return np.array([self.inertia, self.quadratic_drag, self.linear_drag, trial.heading[first]])
+        fastest = max((e.fastest(e.values(numbers)) for e, numbers in self._each() if e.fastest), default=0.0)
+        return np.array([self.inertia, self.quadratic_drag, self.linear_drag, trial.heading[first], fastest])
 
-    def terms(self) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """(m, 4) parameters of each term of the equation of motion; (m + 1,) which are there, and whether any is."""
-        values, active = np.zeros((len(MOTION), TERM_PARAMETERS)), np.zeros(len(MOTION) + 1, dtype=np.bool_)
-        for effect, numbers in self._each():
-            if effect.term is not None:
-                at = MOTION.index(effect)
-                values[at, : len(numbers)] = numbers
-                active[[at, -1]] = True
-        return values, active
+    def terms(self) -> tuple[FloatArray, NDArray[np.int64]]:
+        """(m, 4) parameters of each term of the equation of motion; (m,) its index in ``MOTION``."""
+        acting = [(effect, numbers) for effect, numbers in self._each() if effect.term is not None]
+        values = np.zeros((len(acting), TERM_PARAMETERS))
+        for row, (_, numbers) in zip(values, acting, strict=True):
+            row[: len(numbers)] = numbers
+        return values, np.array([MOTION.index(effect) for effect, _ in acting], dtype=np.int64)
 
     def wave(self) -> FloatArray | None:
         """(3,) amplitude in N m, frequency in rad/s and damping of the wave torque; None where there is none."""
         return next((numbers for effect, numbers in self._each() if effect.wave), None)
 
-    def true_angle(self, trial: Trial, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What a measured (n,) ``angle`` in rad is without the deviation of the heading, and its slope.
+    def true_angle(self, trial: Trial, angle: FloatArray, at: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """What the (n,) ``angle`` in rad, measured at the instants ``at``, is without the deviation of the heading.
 
         Returns
         -------
@@ -86,11 +85,12 @@ class Model:
         for effect, numbers in self._each():
             if effect.on_heading is None:
                 continue
-            values, true = effect.values(numbers), trial.heading
+            values, measured = effect.values(numbers), trial.heading[at]
+            true = measured
             # Contracts by the deviation's slope, some percent, at each turn.
             for _ in range(_FIXED_POINT_TURNS):
-                true = trial.heading - effect.on_heading(true, values)
-            angle = angle - (trial.heading - true)
+                true = measured - effect.on_heading(true, values)
+            angle = angle - (measured - true)
             ahead, behind = (effect.on_heading(true + side, values) for side in (_NUDGE, -_NUDGE))
             gain = gain + (ahead - behind) / (2.0 * _NUDGE)
         return angle, gain
@@ -173,7 +173,7 @@ class Model:
         first = int(np.argmax(trial.measured))
         if not any(effect.on_heading for effect in self.effects):
             return rate, trial.heading[first] + angle - angle[first]
-        true, _ = self.true_angle(trial, trial.heading)
+        true, _ = self.true_angle(trial, trial.heading, np.arange(len(trial.time)))
         heading, rate = self._as_measured(true[first] + angle - angle[first], rate)
         return rate, heading
 

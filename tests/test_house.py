@@ -26,6 +26,7 @@ HOUSE = [
     "model",
     "simulation",
     "identify",
+    "diagnose",
     "output",
     "parameters",
     "study",

@@ -102,7 +102,7 @@ def test_without_disturbance_innovations_are_the_output_error() -> None:
         torque,
         measured,
         missing,
-        np.array([5057.0, 3532.0, 132.0, 0.0]),
+        np.array([5057.0, 3532.0, 132.0, 0.0, 0.0]),
         *NO_EFFECTS,
         np.array([1e-6, 4.0, 1e-3, 1.0]),
         np.array([0.02, 1e-9]),
@@ -120,7 +120,7 @@ def test_filter_variance_against_a_fine_grid() -> None:
     at = np.searchsorted(fine, time)
     held = torque[np.clip(np.searchsorted(time, fine, side="right") - 1, 0, len(time) - 1)]
     _, angle = simulate(time, torque, 2.5, 1.5, 5.0, 0.0)
-    model = (np.array([2.5, 1.5, 5.0, 0.0]), *NO_EFFECTS)
+    model = (np.array([2.5, 1.5, 5.0, 0.0, 0.0]), *NO_EFFECTS)
     noise, start = np.array([5.0, 1.0, 1e-3, 1.0]), np.array([0.0, 0.1])
     sparse = np.full(len(fine), np.nan)
     sparse[at] = angle

@@ -15,43 +15,49 @@ from rovid.effects import (
     drag_curvature,
     entrained_swirl,
     heading_dependent_torque,
+    heading_deviation,
     oscillatory_drag,
     slew_limit,
     supply_sag,
+    tank_seiche,
     tether_torsion,
     thrust_asymmetry,
     thrust_curve_shape,
     thruster_deadband,
     thruster_imbalance,
     thruster_lag,
+    wave_torque,
 )
 from rovid.effects.base import Actuation, Effect, EffectParameter
 from rovid.errors import ConfigError, nearest
 from rovid.vehicle import Vehicle
 
-CATALOGUE: tuple[Effect, ...] = (
-    thruster_deadband.EFFECT,
-    thrust_asymmetry.EFFECT,
-    thruster_imbalance.EFFECT,
-    thrust_curve_shape.EFFECT,
-    supply_sag.EFFECT,
-    thruster_lag.EFFECT,
-    command_delay.EFFECT,
-    slew_limit.EFFECT,
-    command_hysteresis.EFFECT,
-    advance_speed_loss.EFFECT,
-    bias_torque.EFFECT,
-    drag_curvature.EFFECT,
-    drag_asymmetry.EFFECT,
-    coulomb_resistance.EFFECT,
-    oscillatory_drag.EFFECT,
-    added_mass_memory.EFFECT,
-    entrained_swirl.EFFECT,
-    tether_torsion.EFFECT,
-    heading_dependent_torque.EFFECT,
-)
 # Every form of every effect, the plain one of each first.
-FORMS: tuple[Effect, ...] = CATALOGUE
+FORMS: tuple[Effect, ...] = (
+    *thruster_deadband.FORMS,
+    *thrust_asymmetry.FORMS,
+    thruster_imbalance.EFFECT,
+    *thrust_curve_shape.FORMS,
+    *supply_sag.FORMS,
+    *thruster_lag.FORMS,
+    command_delay.EFFECT,
+    *slew_limit.FORMS,
+    *command_hysteresis.FORMS,
+    *advance_speed_loss.FORMS,
+    bias_torque.EFFECT,
+    *drag_curvature.FORMS,
+    *drag_asymmetry.FORMS,
+    *coulomb_resistance.FORMS,
+    *oscillatory_drag.FORMS,
+    *added_mass_memory.FORMS,
+    *entrained_swirl.FORMS,
+    *tether_torsion.FORMS,
+    *heading_dependent_torque.FORMS,
+    wave_torque.EFFECT,
+    *tank_seiche.FORMS,
+    *heading_deviation.FORMS,
+)
+CATALOGUE: tuple[Effect, ...] = tuple(effect for effect in FORMS if not effect.form)
 # Compiled terms of the equation of motion, in the order in which their parameters stand in the kernels' arrays.
 MOTION: tuple[Effect, ...] = tuple(effect for effect in FORMS if effect.term is not None)
 TERMS = tuple(effect.term for effect in FORMS if effect.term is not None)

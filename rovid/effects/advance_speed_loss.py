@@ -3,15 +3,30 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from rovid.effects.base import Effect, EffectParameter, compiled
+
+# Thrust against the stream is half as much again at most: beyond, the curve is not known.
+_AGAINST = -0.5
 
 
 @compiled
 def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
     # Loss goes as rotor speed times speed of advance; the rotor's speed as the root of thrust.
     return -p[0] * math.sqrt(abs(push)) * rate
+
+
+@compiled
+def _open_water(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    along = rate if push >= 0.0 else -rate
+    advance = max(p[0] * along / (math.sqrt(abs(push)) + 1e-9), _AGAINST)
+    if advance <= 0.0:
+        return -push * advance
+    # Minerva's KT = 0.24 − 0.25 J − 0.66 J² + 0.5 J³ over its value at J = 0, with j = 1.04 J; no thrust from J = 0.53.
+    advance = min(advance, 0.6)
+    return -push * min(advance * (1.0 + advance * (2.534 - 1.843 * advance)), 1.0)
 
 
 EFFECT: Effect = Effect(
@@ -27,4 +42,13 @@ EFFECT: Effect = Effect(
     experiment="coast-downs beside holds at the same rates",
     rivals=("drag_curvature", "supply_sag"),
     term=_term,
+)
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="open_water",
+        equation="− T·(j + 2.5 j² − 1.8 j³), j = a·r·sign(T)/√|T|: a bent open-water curve",
+        term=_open_water,
+    ),
 )

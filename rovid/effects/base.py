@@ -15,7 +15,7 @@ a cause is named, whichever form fits best.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numba
 import numpy as np
@@ -29,6 +29,12 @@ compiled = numba.njit(cache=True, error_model="numpy", nogil=True)
 # Room for each term of the equation of motion: parameters and states of its own.
 TERM_PARAMETERS = 4
 TERM_STATES = 2
+
+# rad/s; where forms that depend on the rate agree with the plain one, or have the time constant that they are given.
+REFERENCE_RATE = 0.3
+# Of the bench's largest thrust; the same for thrust. Trials seldom use much more in yaw, and away from the thrust in
+# use a change of shape would be one of scale, which inertia and drag would have to follow.
+_REFERENCE_SHARE = 0.1
 
 Values = Mapping[str, float]
 
@@ -80,6 +86,8 @@ class Actuation:
         (k, 2) commands between which the bench curve gives no thrust; both ``neutral`` where there is no such zone.
     extras
         Further channels of the log, (n,), held.
+    reference
+        The median of each further channel over the whole campaign, where the caller knows it.
     """
 
     time: FloatArray
@@ -89,6 +97,22 @@ class Actuation:
     names: tuple[str, ...]
     dead_zone: FloatArray
     extras: Mapping[str, FloatArray]
+    reference: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def reference_thrust(self) -> FloatArray:
+        """(k,) N; a tenth of the full thrust, at which forms of the thrust curve agree with the bench."""
+        return _REFERENCE_SHARE * self.full_thrust
+
+    def beyond(self, command: FloatArray) -> FloatArray:
+        """(n, k) how far each command is beyond the bench's dead zone, with its sign; 0 inside."""
+        low, high = self.dead_zone.T
+        return np.asarray(np.maximum(command - high, 0.0) + np.minimum(command - low, 0.0))
+
+    def from_beyond(self, excess: FloatArray) -> FloatArray:
+        """(n, k) commands that are so far beyond the dead zone; neutral where that is 0."""
+        low, high = self.dead_zone.T
+        return np.where(excess > 0.0, high + excess, np.where(excess < 0.0, low + excess, self.neutral))
 
 
 OnSeries = Callable[[Actuation, FloatArray, Values], FloatArray]
@@ -116,6 +140,8 @@ class Effect:
         Compiled; torque in N m from (rate, angle since the start, push, base, p, x, dx), with ``base`` the inertia,
         quadratic and linear drag, ``p`` the effect's parameters in their order, ``x`` its states and ``dx`` their
         rates of change to be filled in.
+    fastest
+        (parameters) -> the fastest rate of the term's states in 1/s, for the step of the integration.
     on_heading
         (n,) true headings in rad -> deviation of the measured heading in rad.
     wave
@@ -142,6 +168,7 @@ class Effect:
     on_thrust: OnSeries | None = None
     on_torque: OnSeries | None = None
     term: Callable[..., float] | None = None
+    fastest: Callable[[Values], float] | None = None
     on_heading: Callable[[FloatArray, Values], FloatArray] | None = None
     wave: bool = False
     needs: str = ""
@@ -184,14 +211,15 @@ class Scales:
         return float(sizes[parameter.scale])
 
 
-def actuation(vehicle: Vehicle, trial: Trial) -> Actuation:
-    """What the effects between command and torque need to know of ``vehicle`` and ``trial``."""
+def actuation(vehicle: Vehicle, trial: Trial, reference: Mapping[str, float] | None = None) -> Actuation:
+    """What the effects between command and torque need to know of ``vehicle`` and ``trial``; see ``Actuation``."""
     curves = [thruster.curve for thruster in vehicle.thrusters]
     return Actuation(
         time=trial.time,
         names=tuple(thruster.name for thruster in vehicle.thrusters),
         dead_zone=np.array([(0.0, 0.0) if c is None else _dead_zone(c) for c in curves]),
         extras=trial.extras,
+        reference=reference or {},
         neutral=neutral_commands(vehicle),
         arms=np.array([thruster.yaw_arm for thruster in vehicle.thrusters]),
         full_thrust=np.array([1.0 if c is None else float(np.max(np.abs(c.thrust))) for c in curves]),

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from rovid.effects.base import Actuation, Effect, EffectParameter, Values
-from rovid.effects.series import played
+from rovid.effects.series import latched, played
 from rovid.trial import FloatArray
 
+# A sharp threshold would change the likelihood by steps, without a slope to follow: it is ten percent wide.
+_RAMP = 0.1
 
-def _on_command(_: Actuation, command: FloatArray, values: Values) -> FloatArray:
+
+def _play(_: Actuation, command: FloatArray, values: Values) -> FloatArray:
     return np.column_stack([played(np.ascontiguousarray(u), values["width"]) for u in command.T])
+
+
+def _latch(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
+    excess = where.beyond(command).T
+    return where.from_beyond(
+        np.column_stack([latched(np.ascontiguousarray(u), values["width"], _RAMP) for u in excess])
+    )
 
 
 EFFECT: Effect = Effect(
@@ -23,5 +35,14 @@ EFFECT: Effect = Effect(
     fingerprint="at one command the residual differs for rising and falling commands, however slowly they change",
     experiment="a staircase up and down, slowly",
     rivals=("command_delay", "thruster_deadband"),
-    on_command=_on_command,
+    on_command=_play,
+)
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="schmitt",
+        equation="u' = u from when |u| is b beyond the bench's dead zone until it is back in it, else 0",
+        on_command=_latch,
+    ),
 )

@@ -3,16 +3,34 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from rovid.effects.base import Effect, EffectParameter, compiled
 
 
 @compiled
+def _rate(torque: float, quadratic: float, linear: float) -> float:
+    """Rate in rad/s at which the drag is as large as ``torque``; the sign is smoothed over a share of it."""
+    size = abs(torque)
+    return 2.0 * size / (linear + math.sqrt(linear * linear + 4.0 * abs(quadratic) * size) + 1e-12) + 1e-9
+
+
+@compiled
 def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    # Quadratic drag equals this torque at some rate; well below it the sign is smoothed.
-    smooth = 0.05 * math.sqrt(abs(p[0]) / (base[1] + 1e-12)) if base[1] > 0.0 else 0.05 * abs(p[0]) / (base[2] + 1e-12)
-    return -p[0] * math.tanh(rate / (smooth + 1e-9))
+    return -p[0] * math.tanh(rate / (0.05 * _rate(p[0], base[1], base[2])))
+
+
+@compiled
+def _wide(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    return -p[0] * math.tanh(rate / (0.2 * _rate(p[0], base[1], base[2])))
+
+
+@compiled
+def _stiction(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    share = rate / _rate(p[0], base[1], base[2])
+    # Half as much again near rest (Stribeck).
+    return -p[0] * math.tanh(20.0 * share) * (1.0 + 0.5 * math.exp(-25.0 * share * share))
 
 
 EFFECT: Effect = Effect(
@@ -26,4 +44,11 @@ EFFECT: Effect = Effect(
     experiment="coast-downs to rest and the slowest possible holds",
     rivals=("drag_curvature", "thruster_deadband"),
     term=_term,
+)
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(EFFECT, form="wide", equation="− c·tanh(5 r/rc), rc where the drag is c", term=_wide),
+    replace(
+        EFFECT, form="stiction", equation="− c·sign(r)·(1 + ½·exp(−25 r²/rc²)), rc where the drag is c", term=_stiction
+    ),
 )

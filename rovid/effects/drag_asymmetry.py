@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from rovid.effects.base import Effect, EffectParameter, compiled
 
 
 @compiled
-def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+def _whole(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
     if rate >= 0.0:
         return 0.0
     return -(p[0] - 1.0) * (base[1] * abs(rate) + base[2]) * rate
+
+
+@compiled
+def _quadratic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    if rate >= 0.0:
+        return 0.0
+    return -(p[0] - 1.0) * base[1] * abs(rate) * rate
 
 
 EFFECT: Effect = Effect(
@@ -22,5 +30,9 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque as |r|·r in one direction only, with thrust and coasting alike",
     experiment="coast-downs from both directions",
     rivals=("thrust_asymmetry", "bias_torque"),
-    term=_term,
+    term=_whole,
+)
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(EFFECT, form="quadratic", equation="quadratic drag alone times a where r < 0", term=_quadratic),
 )

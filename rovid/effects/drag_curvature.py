@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
-from rovid.effects.base import Effect, EffectParameter, compiled
+from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, compiled
 
 
 @compiled
-def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+def _cubic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
     return -p[0] * rate * rate * rate
+
+
+@compiled
+def _exponent(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    share = abs(rate) / REFERENCE_RATE
+    change = base[1] * REFERENCE_RATE * REFERENCE_RATE * (share * share - share ** p[0])
+    return change if rate >= 0.0 else -change
 
 
 EFFECT: Effect = Effect(
@@ -24,5 +32,15 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque odd in the rate, with a zero inside the range; the same with thrust and coasting",
     experiment="holds over a decade of rates, and coast-downs",
     rivals=("coulomb_resistance", "supply_sag", "thrust_curve_shape"),
-    term=_term,
+    term=_cubic,
+)
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="exponent",
+        parameters=(EffectParameter(name="exponent", unit="1", null=2.0, low=1.0, high=3.5, starts=(1.8, 2.3)),),
+        equation="DQ·r0²·(|r|/r0)^e·sign(r) in place of DQ·|r|·r, r0 = 0.3 rad/s",
+        term=_exponent,
+    ),
 )

@@ -2,16 +2,36 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
-from rovid.effects.base import Effect, EffectParameter, compiled
+from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Values, compiled
 
 
 @compiled
-def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+def _linear(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
     dx[0] = (rate - x[0]) / p[1]
     slip = rate - p[0] * x[0]
     return (base[1] * abs(rate) + base[2]) * rate - (base[1] * abs(slip) + base[2]) * slip
+
+
+@compiled
+def _annulus(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    dx[0] = 0.0
+    if p[0] <= 0.0:
+        return 0.0
+    # The walls' friction that balances the drag when the hull turns at the reference rate and the water at its share.
+    water, slip = p[0] * REFERENCE_RATE, (1.0 - p[0]) * REFERENCE_RATE
+    friction = (base[1] * slip + base[2]) * slip / (water * water)
+    inertia = p[1] * (2.0 * base[1] * slip + base[2] + 2.0 * friction * water)
+    slip = rate - x[0]
+    drag = (base[1] * abs(slip) + base[2]) * slip
+    dx[0] = (drag - friction * abs(x[0]) * x[0]) / (inertia + 1e-12)
+    return (base[1] * abs(rate) + base[2]) * rate - drag
+
+
+def _fastest(values: Values) -> float:
+    return 1.0 / values["time_constant"]
 
 
 EFFECT: Effect = Effect(
@@ -25,5 +45,15 @@ EFFECT: Effect = Effect(
     fingerprint="a rate that creeps up during long holds; drift on after a stop; a first reversal that meets more drag",
     experiment="several turns one way, rest, and the same turns back",
     rivals=("tether_torsion", "oscillatory_drag", "added_mass_memory"),
-    term=_term,
+    term=_linear,
+    fastest=_fastest,
+)
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="annulus",
+        equation="drag of r − w, If·dw/dt = drag − C·|w|·w; s = w/r and τ as at r = 0.3 rad/s",
+        term=_annulus,
+    ),
 )

@@ -3,27 +3,61 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from rovid.effects.base import Effect, EffectParameter, compiled
+from rovid.effects.harmonics import canonical
+
+
+# base[3] is the heading at the start of the trial.
+@compiled
+def _once(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    return p[0] * math.sin(angle + base[3] + p[1])
 
 
 @compiled
-def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    # base[3] is the heading at the start of the trial.
-    return p[0] * math.sin(angle + base[3] + p[1])
+def _twice(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    return p[0] * math.sin(2.0 * (angle + base[3]) + p[1])
 
+
+@compiled
+def _mixed(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    heading = angle + base[3]
+    return p[0] * math.sin(heading + p[1]) + p[2] * math.sin(2.0 * heading + p[3])
+
+
+def _pair(prefix: str, phases: tuple[float, ...]) -> tuple[EffectParameter, EffectParameter]:
+    return (
+        EffectParameter(
+            name=f"{prefix}amplitude", unit="N m", null=0.0, low=-1.0, high=1.0, starts=(0.03,), scale="torque"
+        ),
+        EffectParameter(name=f"{prefix}phase", unit="rad", null=0.0, low=-6.3, high=6.3, starts=phases),
+    )
+
+
+_FIRST = _pair("", (0.0, 1.57))
 
 EFFECT: Effect = Effect(
     id="heading_dependent_torque",
     title="torque that depends on heading",
-    parameters=(
-        EffectParameter(name="amplitude", unit="N m", null=0.0, low=0.0, high=1.0, starts=(0.03,), scale="torque"),
-        EffectParameter(name="phase", unit="rad", null=0.0, low=-6.3, high=6.3, starts=(0.0, 2.1, -2.1)),
-    ),
+    parameters=_FIRST,
     equation="+ a·sin(ψ + φ)",
     fingerprint="a residual torque that repeats with every turn",
     experiment="slow full turns, both ways, from different headings",
-    rivals=("bias_torque", "tether_torsion"),
-    term=_term,
+    rivals=("bias_torque", "tether_torsion", "heading_deviation"),
+    term=_once,
+    canonical=canonical,
+)
+# A tether pulls once a turn; a current on a body longer than wide (Munk moment) twice.
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(EFFECT, form="two_cycles", equation="+ a·sin(2ψ + φ)", term=_twice),
+    replace(
+        EFFECT,
+        form="mixed",
+        parameters=_FIRST + _pair("second_", (0.0,)),
+        equation="+ a·sin(ψ + φ) + a2·sin(2ψ + φ2)",
+        term=_mixed,
+    ),
 )

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Any
 
 from rovid.effects.base import Effect, EffectParameter, compiled
 
 
 @compiled
-def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+def _fresh(rate: float, p: Any, x: Any, dx: Any) -> Any:
+    """exp(-theta/theta0), theta the angle swept since a reversal after a long turn."""
     # x[0] follows the direction of turning over the swept angle: opposite to it just after a reversal.
     way = 1.0 if rate > 0.0 else -1.0
     dx[0] = abs(rate) * (way - x[0]) / p[1]
-    fresh = 0.5 * (1.0 - way * x[0])
-    return -p[0] * fresh * base[1] * abs(rate) * rate
+    return 0.5 * (1.0 - way * x[0])
+
+
+@compiled
+def _exponential(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    return -p[0] * _fresh(rate, p, x, dx) * base[1] * abs(rate) * rate
+
+
+@compiled
+def _algebraic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    fresh = min(max(_fresh(rate, p, x, dx), 1e-12), 1.0)
+    return -p[0] / (1.0 - math.log(fresh)) * base[1] * abs(rate) * rate
 
 
 EFFECT: Effect = Effect(
@@ -27,5 +40,14 @@ EFFECT: Effect = Effect(
     fingerprint="drag in sines differs from drag in steady turns; residual after each reversal",
     experiment="sines of one peak rate at several periods",
     rivals=("added_mass_memory", "entrained_swirl"),
-    term=_term,
+    term=_exponential,
+)
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="algebraic",
+        equation="quadratic drag times 1 + g/(1 + θ/θ0), θ swept since the last reversal",
+        term=_algebraic,
+    ),
 )

@@ -47,6 +47,102 @@ def slewed(time: FloatArray, values: FloatArray, rate: float) -> FloatArray:
 
 
 @compiled
+def soft_started(time: FloatArray, values: FloatArray, rate: float) -> FloatArray:
+    """As ``slewed``, for a signal whose size is limited as it grows only, and falls at once."""
+    n = len(time)
+    out = np.empty(n)
+    state = values[0]
+    for k in range(n):
+        interval = time[k + 1] - time[k] if k + 1 < n else 0.0
+        if state * values[k] < 0.0:
+            state = 0.0
+        if abs(values[k]) <= abs(state):
+            out[k] = state = values[k]
+            continue
+        gap = values[k] - state
+        reach = rate * interval
+        moved = min(max(gap, -reach), reach)
+        share = 1.0 if abs(gap) > reach or reach <= 0.0 else abs(gap) / reach
+        out[k] = state + moved * (1.0 - 0.5 * share)
+        state += moved
+    return out
+
+
+@compiled
+def rotor_speed(speed: float, push: float, interval: float) -> float:
+    """Speed n after ``interval`` of n' = push - n*|n|, exactly (a Riccati equation)."""
+    sign = 1.0 if push >= 0.0 else -1.0
+    start, goal = sign * speed, math.sqrt(abs(push))
+    if goal < 1e-9:
+        return speed / (1.0 + abs(speed) * interval)
+    left = interval
+    if start < 0.0:
+        # It runs the other way yet: up to zero first.
+        behind = math.atan(start / goal)
+        left += behind / goal
+        if left <= 0.0:
+            return sign * goal * math.tan(goal * interval + behind)
+        start = 0.0
+    gained = math.tanh(goal * left)
+    return sign * goal * (start + goal * gained) / (goal + start * gained)
+
+
+@compiled
+def rotor_lagged(time: FloatArray, thrust: FloatArray, time_constant: float) -> FloatArray:
+    """Mean until the next instant of the thrust of a rotor with square-law load (Yoerger et al. 1990).
+
+    Parameters
+    ----------
+    thrust
+        (n,) held thrust that the rotor is driven to, over the reference thrust.
+    time_constant
+        s; of small changes at the reference thrust: n' = (thrust - n*|n|) / (2*time_constant).
+    """
+    n = len(time)
+    out = np.empty(n)
+    speed = math.copysign(math.sqrt(abs(thrust[0])), thrust[0])
+    for k in range(n):
+        interval = time[k + 1] - time[k] if k + 1 < n else 0.0
+        if time_constant <= 0.0:
+            out[k] = thrust[k]
+        elif interval <= 0.0:
+            out[k] = speed * abs(speed)
+        else:
+            scaled = 0.5 * interval / time_constant
+            new = rotor_speed(speed, thrust[k], scaled)
+            # The equation of motion itself, integrated, gives the mean of n*|n|.
+            out[k] = thrust[k] - (new - speed) / scaled
+            speed = new
+    return out
+
+
+@compiled
+def latched(excess: FloatArray, width: float, ramp: float) -> FloatArray:
+    """What passes of (n,) ``excess`` once it was more than ``width``, until it is 0 or turns; off at the start.
+
+    ``ramp``, a share of ``width``, is the range of the excess over which it comes on.
+    """
+    out = np.empty(len(excess))
+    on = 0.0
+    before = 0.0
+    for k in range(len(excess)):
+        if excess[k] * before <= 0.0:
+            on = 0.0
+        on = max(on, comes_on(abs(excess[k]), width, ramp))
+        out[k] = on * excess[k]
+        before = excess[k]
+    return out
+
+
+@compiled
+def comes_on(size: float, threshold: float, ramp: float) -> float:
+    """From 0 to 1 as ``size`` passes ``threshold``, linearly over the share ``ramp`` of it."""
+    if threshold <= 0.0:
+        return 1.0
+    return min(max((size / threshold - 1.0) / ramp + 0.5, 0.0), 1.0)
+
+
+@compiled
 def played(values: FloatArray, width: float) -> FloatArray:
     """Output of a play of total ``width`` driven by (n,) ``values``."""
     out = np.empty(len(values))

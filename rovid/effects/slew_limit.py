@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from rovid.effects.base import Actuation, Effect, EffectParameter, Values
-from rovid.effects.series import slewed
+from rovid.effects.series import slewed, soft_started
 from rovid.trial import FloatArray
 
 
-def _on_command(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
+def _both_ways(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
     return np.column_stack([slewed(where.time, np.ascontiguousarray(u), values["rate"]) for u in command.T])
+
+
+def _growth(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
+    sizes = (command - where.neutral).T
+    columns = [soft_started(where.time, np.ascontiguousarray(u), values["rate"]) for u in sizes]
+    return np.asarray(np.column_stack(columns) + where.neutral)
 
 
 EFFECT: Effect = Effect(
@@ -25,5 +33,9 @@ EFFECT: Effect = Effect(
     fingerprint="steps answered by a ramp whose length goes with the size of the step; slow sines untouched",
     experiment="steps of different sizes",
     rivals=("thruster_lag", "command_delay"),
-    on_command=_on_command,
+    on_command=_both_ways,
+)
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(EFFECT, form="soft_start", equation="d|u'|/dt ≤ R; falls at once", on_command=_growth),
 )

@@ -1,6 +1,8 @@
-"""Thrust that falls with the load on the supply."""
+"""Thrust that falls with the supply: with its load, with time, with its voltage."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -8,23 +10,68 @@ from rovid.effects.base import Actuation, Effect, EffectParameter, Values
 from rovid.effects.series import lagged
 from rovid.trial import FloatArray
 
+_CHANNEL = "supply_voltage"
+_HOUR = 3600.0
+# A reading so far from the reference, as a ratio, is a fault of the log.
+_RATIOS = (0.3, 3.0)
 
-def _on_thrust(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+
+def _with_load(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
     load = np.abs(thrust).sum(axis=1) / float(where.full_thrust.sum())
     drop = values["sag"] * lagged(where.time, load, values["time_constant"])
     return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
+
+
+def _with_time(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+    drop = values["drift"] * (where.time - where.time[0]) / _HOUR
+    return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
+
+
+def _with_voltage(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+    voltage = where.extras.get(_CHANNEL)
+    if voltage is None or not np.isfinite(voltage).any():
+        return thrust
+    # Without the campaign's voltage the trial's own has to do: drops between trials are then not seen.
+    reference = where.reference.get(_CHANNEL, float(np.nanmedian(voltage)))
+    if not reference > 0.0:
+        return thrust
+    ratio = np.clip(np.where(np.isfinite(voltage), voltage / reference, 1.0), *_RATIOS)
+    return np.asarray(thrust * (ratio ** values["exponent"])[:, None])
 
 
 EFFECT: Effect = Effect(
     id="supply_sag",
     title="supply sag",
     parameters=(
-        EffectParameter(name="sag", unit="1", null=0.0, low=0.0, high=3.0, starts=(0.2,)),
+        # 1: at a load of 15 % of full thrust 15 % of it are gone.
+        EffectParameter(name="sag", unit="1", null=0.0, low=0.0, high=6.0, starts=(0.3,)),
         EffectParameter(name="time_constant", unit="s", null=0.0, low=0.0, high=200.0, starts=(1.0, 20.0)),
     ),
     equation="T' = T·(1 − s·load), the load as a share of full thrust, behind a first-order lag",
     fingerprint="residual torque as −T·|T|, growing during long hard runs",
     experiment="the supply's voltage in the log; one level with other thrusters loaded and idle",
     rivals=("drag_curvature", "thrust_curve_shape", "thruster_deadband"),
-    on_thrust=_on_thrust,
+    on_thrust=_with_load,
+)
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="drift",
+        parameters=(EffectParameter(name="drift", unit="1/h", null=0.0, low=-20.0, high=20.0, starts=(0.5,)),),
+        equation="T' = T·(1 − d·t), t since the log began",
+        fingerprint="residual torque as −t·T: the same command turns slower at the end than at the start",
+        experiment="the same run first, in the middle and last; the supply's voltage in the log",
+        on_thrust=_with_time,
+    ),
+    replace(
+        EFFECT,
+        form="voltage",
+        # 1.0 to 1.2 in a T200's bench data over 10 to 20 V at one command; 2 for a plain voltage chopper.
+        parameters=(EffectParameter(name="exponent", unit="1", null=0.0, low=-3.0, high=5.0, starts=(1.0,)),),
+        equation="T' = T·(V/V0)^p, V0 the median voltage",
+        fingerprint="residual torque in proportion to T and to the change of the logged voltage",
+        needs=_CHANNEL,
+        on_thrust=_with_voltage,
+    ),
 )

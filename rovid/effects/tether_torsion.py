@@ -2,27 +2,47 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from rovid.effects.base import Effect, EffectParameter, compiled
 
 
 @compiled
-def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+def _linear(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
     return -p[0] * angle
 
+
+@compiled
+def _stiffening(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    share = angle / p[1]
+    return -p[0] * angle * (1.0 + share * share)
+
+
+_STIFFNESS = EffectParameter(
+    name="stiffness", unit="N m/rad", null=0.0, low=0.0, high=1.0, starts=(0.004, 0.04), scale="torque"
+)
 
 EFFECT: Effect = Effect(
     id="tether_torsion",
     title="tether torsion",
-    parameters=(
-        EffectParameter(
-            name="stiffness", unit="N m/rad", null=0.0, low=0.0, high=1.0, starts=(0.004, 0.04), scale="torque"
-        ),
-    ),
+    parameters=(_STIFFNESS,),
     equation="− k·(ψ − ψ at the start of the trial)",
     fingerprint="residual torque in proportion to the turns made; recoil after a stop",
     experiment="six turns one way, rest, six turns back",
     rivals=("entrained_swirl", "bias_torque"),
-    term=_term,
+    term=_linear,
+)
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="stiffening",
+        parameters=(
+            _STIFFNESS,
+            EffectParameter(name="angle", unit="rad", null=10.0, low=0.5, high=200.0, starts=(6.0, 25.0)),
+        ),
+        equation="− k·x·(1 + (x/x0)²), x turned since the start of the trial",
+        term=_stiffening,
+    ),
 )

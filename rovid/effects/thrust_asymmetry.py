@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from rovid.effects.base import Actuation, Effect, EffectParameter, Values
 from rovid.trial import FloatArray
 
 
-def _on_thrust(_: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+def _constant(_: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
     return np.asarray(np.where(thrust < 0.0, values["reverse_gain"] * thrust, thrust))
+
+
+def _growing(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+    gain = np.maximum(1.0 - (1.0 - values["reverse_gain"]) * np.abs(thrust) / where.reference_thrust, 0.0)
+    return np.asarray(np.where(thrust < 0.0, gain * thrust, thrust))
 
 
 EFFECT: Effect = Effect(
@@ -20,5 +27,14 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque in proportion to thrust, in reverse only; a symmetric sine turns on average",
     experiment="holds both ways at several levels, and a coast-down from each",
     rivals=("bias_torque", "drag_asymmetry"),
-    on_thrust=_on_thrust,
+    on_thrust=_constant,
+)
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="growing",
+        equation="F' = F·(1 − (1 − g)·|F|/F0) where F < 0, F0 a tenth of full thrust",
+        on_thrust=_growing,
+    ),
 )

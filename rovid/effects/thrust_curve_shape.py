@@ -2,24 +2,43 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from rovid.effects.base import Actuation, Effect, EffectParameter, Values
 from rovid.trial import FloatArray
 
 
-def _on_thrust(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
-    share = np.abs(thrust) / where.full_thrust
-    return np.asarray(np.sign(thrust) * where.full_thrust * share ** values["exponent"])
+def _power(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+    share = np.abs(thrust) / where.reference_thrust
+    return np.asarray(np.sign(thrust) * where.reference_thrust * share ** values["exponent"])
+
+
+def _saturating(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+    loss, share = values["loss"], np.abs(thrust) / where.reference_thrust
+    gain = (1.0 + abs(loss)) / (1.0 + abs(loss) * share)
+    # A negative loss is the reciprocal: it has no pole, and the slope at none is the same from both sides.
+    return np.asarray(thrust * (gain if loss >= 0.0 else 1.0 / gain))
 
 
 EFFECT: Effect = Effect(
     id="thrust_curve_shape",
     title="shape of the thrust curve",
     parameters=(EffectParameter(name="exponent", unit="1", null=1.0, low=0.4, high=2.5, starts=(0.92, 1.08)),),
-    equation="T' = T0·(|T|/T0)^e·sign(T), T0 the largest thrust of the bench",
+    equation="F' = F0·(|F|/F0)^e·sign(F), F0 a tenth of the bench's largest thrust",
     fingerprint="residual torque odd in the thrust, of one sign at small and the other at large thrust",
     experiment="coast-downs, which know no thrust, beside holds at many levels",
     rivals=("thruster_deadband", "supply_sag", "drag_curvature"),
-    on_thrust=_on_thrust,
+    on_thrust=_power,
+)
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="saturating",
+        parameters=(EffectParameter(name="loss", unit="1", null=0.0, low=-0.5, high=5.0, starts=(0.1,)),),
+        equation="F' = F·(1 + a)/(1 + a·|F|/F0), F0 a tenth of the bench's largest thrust",
+        on_thrust=_saturating,
+    ),
 )

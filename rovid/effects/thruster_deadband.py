@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from rovid.effects.base import Actuation, Effect, EffectParameter, Values
 from rovid.trial import FloatArray
 
+# A sharp threshold would change the likelihood by steps, without a slope to follow: it is ten percent wide.
+_RAMP = 0.1
 
-def _on_command(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
+
+def _shift(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
     beyond = command - where.neutral
     return np.asarray(where.neutral + np.sign(beyond) * np.maximum(np.abs(beyond) - values["deadband"], 0.0))
+
+
+def _jump(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
+    deadband, excess = values["deadband"], where.beyond(command)
+    if deadband <= 0.0:
+        return command
+    on = np.clip((np.abs(excess) / deadband - 1.0) / _RAMP + 0.5, 0.0, 1.0)
+    return where.from_beyond(on * excess)
 
 
 EFFECT: Effect = Effect(
@@ -25,5 +38,14 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque odd in the command, largest in share at small ones; flat where a sine crosses zero",
     experiment="a low-speed staircase through neutral, both ways",
     rivals=("coulomb_resistance", "thrust_curve_shape", "supply_sag"),
-    on_command=_on_command,
+    on_command=_shift,
+)
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="jump",
+        equation="u' = u where |u| is b or more beyond the bench's dead zone, else 0: thrust sets in at once",
+        on_command=_jump,
+    ),
 )

@@ -1,14 +1,29 @@
-"""Thrust that follows the command with a first-order lag."""
+"""Thrust that follows the command late: filters and currents, or a rotor that has to spin up."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from rovid.effects.base import Actuation, Effect, EffectParameter, Values
-from rovid.effects.series import lagged
+from rovid.effects.series import lagged, rotor_lagged
 from rovid.trial import FloatArray
 
 
-def _on_torque(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
+def _of_torque(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
     return lagged(where.time, torque, values["time_constant"])
+
+
+def _of_command(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
+    columns = [lagged(where.time, np.ascontiguousarray(u), values["time_constant"]) for u in command.T]
+    return np.column_stack(columns)
+
+
+def _of_rotor(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+    scaled = (thrust / where.reference_thrust).T
+    columns = [rotor_lagged(where.time, np.ascontiguousarray(f), values["time_constant"]) for f in scaled]
+    return np.asarray(np.column_stack(columns) * where.reference_thrust)
 
 
 EFFECT: Effect = Effect(
@@ -19,5 +34,23 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque at the edges of steps and ahead of the peaks of a sine, none in steady turns",
     experiment="a fast pseudo-random command, 1 to 3 s a level",
     rivals=("command_delay", "added_mass_memory", "slew_limit"),
-    on_torque=_on_torque,
+    on_torque=_of_torque,
+)
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="command",
+        equation="τ·du'/dt + u' = u, ahead of the thrust curve",
+        on_torque=None,
+        on_command=_of_command,
+    ),
+    # Yoerger, Cooke and Slotine 1990: n' = β·u − α·n|n|, F = C·n|n|.
+    replace(
+        EFFECT,
+        form="rotor",
+        equation="2τ·√F0·dn/dt + n|n| = F, F' = n|n|: τ at a tenth of full thrust F0, longer at less",
+        on_torque=None,
+        on_thrust=_of_rotor,
+    ),
 )

@@ -45,21 +45,50 @@ class Records:
     ----------
     start
         A model to start from and to take scales from.
+    interval
+        Headings nearer to each other, in s, are passed over; 0 for none. A quick look needs no more.
     """
 
     runs: Sequence[Run]
     vehicle: Vehicle | None
     start: Model
+    interval: float = 0.0
+
+    @cached_property
+    def instants(self) -> list[NDArray[np.intp]]:
+        """Where the filter steps to in each run."""
+        if self.interval <= 0.0:
+            return [np.arange(len(run.trial.time)) for run in self.runs]
+        return [_spaced(run.trial.time, np.flatnonzero(run.trial.measured), self.interval) for run in self.runs]
+
+    @cached_property
+    def times(self) -> list[FloatArray]:
+        """(n,) s, of the instants."""
+        return [run.trial.time[at] for run, at in zip(self.runs, self.instants, strict=True)]
 
     @cached_property
     def angles(self) -> list[FloatArray]:
-        """(n,) measured angle about the body's axis of each run, rad."""
-        return [body_angle(run.trial) for run in self.runs]
+        """(n,) measured angle about the body's axis at the instants, rad."""
+        return [body_angle(run.trial)[at] for run, at in zip(self.runs, self.instants, strict=True)]
+
+    def held(self, torques: Sequence[FloatArray]) -> list[FloatArray]:
+        """Mean of each run's torque from each of its instants to the next."""
+        if self.interval <= 0.0:
+            return list(torques)
+        return [
+            _means(run.trial.time, torque, at)
+            for run, torque, at in zip(self.runs, torques, self.instants, strict=True)
+        ]
+
+    @cached_property
+    def torques(self) -> list[FloatArray]:
+        """(n,) torque of the bench curve, held from each instant to the next, N m."""
+        return self.held([run.torque for run in self.runs])
 
     @cached_property
     def missing(self) -> list[FloatArray]:
         """In the place of measured rates."""
-        return [np.full(len(run.trial.time), np.nan) for run in self.runs]
+        return [np.full(len(time), np.nan) for time in self.times]
 
     @cached_property
     def known(self) -> list[NDArray[np.intp]]:
@@ -80,8 +109,7 @@ class Records:
     def block(self) -> NDArray[np.intp]:
         """(N,) number of the stretch of time, 40 s of a run, of each innovation."""
         pieces = [
-            (run.trial.time[known] / _BLOCK_SECONDS).astype(np.intp)
-            for run, known in zip(self.runs, self.known, strict=True)
+            (time[known] / _BLOCK_SECONDS).astype(np.intp) for time, known in zip(self.times, self.known, strict=True)
         ]
         offsets = np.cumsum([0, *(int(piece.max(initial=0)) + 1 for piece in pieces)])[:-1]
         return np.concatenate([piece + offset for piece, offset in zip(pieces, offsets, strict=True)])
@@ -204,13 +232,13 @@ class Likelihood:
         )
 
     def torques(self, model: Model) -> list[FloatArray]:
-        """(n,) torque of each run after the effects between command and torque."""
+        """(n,) torque of each run after the effects between command and torque, held between the instants."""
         if self.records.vehicle is None or not any(effect.actuates for effect in self.effects):
-            return [run.torque for run in self.records.runs]
+            return self.records.torques
         key = model.effect_values
         found = self._torques.get(key)
         if found is None:
-            found = [model.torque(self.records.vehicle, run.trial) for run in self.records.runs]
+            found = self.records.held([model.torque(self.records.vehicle, run.trial) for run in self.records.runs])
             # The slopes of all other parameters ask for the same again.
             self._torques = {key: found}
         return found
@@ -227,12 +255,13 @@ class Likelihood:
         parts = zip(records.runs, self.torques(model), records.angles, records.missing, strict=True)
         for number, (run, torque, angle, missing) in enumerate(parts):
             start = np.array([records.initial_rates[number], _RATE_ERROR * records.rate])
-            true, gain = model.true_angle(run.trial, angle)
+            true, gain = model.true_angle(run.trial, angle, records.instants[number])
+            time = records.times[number]
             motion = (model.base(run.trial), terms, active, noise)
             if wave is None:
-                error, variance = innovations(run.trial.time, torque, true, missing, *motion, start)
+                error, variance = innovations(time, torque, true, missing, *motion, start)
             else:
-                error, variance = innovations_wave(run.trial.time, torque, true, *motion, wave, start)
+                error, variance = innovations_wave(time, torque, true, *motion, wave, start)
             known = records.known[number]
             # The density is that of the measured heading, whatever it deviates by.
             errors.append(error[known, 0] * gain[known])
@@ -340,6 +369,19 @@ def slopes(
     residual = np.concatenate((weight * z, (1.0 - (weight * z) ** 2) / math.sqrt(2.0)))
     cost = float(np.sum(_pieces(error, variance)))
     return Slopes(cost if math.isfinite(cost) else _WORST, residual, matrix)
+
+
+def _spaced(time: FloatArray, known: NDArray[np.intp], interval: float) -> NDArray[np.intp]:
+    """The first of ``known`` in each cell of a grid of ``interval`` s, and the last of all."""
+    cell = np.floor((time[known] - time[known[0]]) / interval + 1e-6)
+    first = np.concatenate(([True], cell[1:] != cell[:-1]))
+    first[-1] = True
+    return np.asarray(known[first])
+
+
+def _means(time: FloatArray, torque: FloatArray, at: NDArray[np.intp]) -> FloatArray:
+    area = np.concatenate(([0.0], np.cumsum(torque[:-1] * np.diff(time))))[at]
+    return np.append(np.diff(area) / np.diff(time[at]), torque[at[-1]])
 
 
 def _pieces(error: FloatArray, variance: FloatArray) -> FloatArray:

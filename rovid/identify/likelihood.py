@@ -142,7 +142,9 @@ def starts(effect: Effect) -> list[FloatArray]:
 def simulated_r2(likelihood: Likelihood, x: FloatArray) -> float:
     """R^2 of the free-running yaw rate at ``x``."""
     model, runs = likelihood.model(x), likelihood.records.runs
-    pairs = zip(runs, likelihood.torques(model), strict=True)
+    vehicle = likelihood.records.vehicle
+    torques = [run.torque if vehicle is None else model.torque(vehicle, run.trial) for run in runs]
+    pairs = zip(runs, torques, strict=True)
     simulated = [run.rates.smooth_samples(run.trial, model.simulate(run.trial, torque)[0]) for run, torque in pairs]
     return compare(np.concatenate([run.rates.yaw_rate for run in runs]), np.concatenate(simulated)).r2
 

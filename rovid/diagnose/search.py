@@ -1,0 +1,296 @@
+"""Which effects the data ask for: screened by their slopes, fitted, added one by one and tested again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rovid.effects import Effect
+from rovid.identify.innovations import BASE, Likelihood, Slopes, slopes
+from rovid.identify.likelihood import starts
+from rovid.trial import FloatArray
+
+# An addition has to gain so much log-likelihood beyond what its parameters and the number of causes tried would.
+MARGIN = 6.0
+# Of the best candidate's promise: who promises less is not fitted.
+_PROMISE = 0.1
+_FITTED = 7
+_FORMS_FITTED = 3
+# Nor is an effect exchanged for another for less.
+_WORTH_A_CHANGE = 0.5
+_ITERATIONS = 25
+_MAX_EFFECTS = 6
+# A size that is null only at infinity cannot be scaled from its start.
+_ENDLESS = 1e5
+
+Report = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A model with some effects, fitted.
+
+    Attributes
+    ----------
+    cost
+        Negative log-likelihood.
+    """
+
+    likelihood: Likelihood
+    x: FloatArray
+    cost: float
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """In the order in which their parameters stand in ``x``."""
+        return self.likelihood.effects
+
+    def own(self, effect: Effect) -> FloatArray:
+        """Coordinates of ``effect``."""
+        at = BASE
+        for other in self.effects:
+            width = len(other.parameters)
+            if other is effect:
+                return self.x[at : at + width]
+            at += width
+        raise KeyError(effect.key)
+
+    def without(self, effect: Effect) -> tuple[tuple[Effect, ...], FloatArray]:
+        """The other effects, and the coordinates that are left."""
+        rest = tuple(other for other in self.effects if other is not effect)
+        return rest, np.concatenate((self.x[:BASE], *(self.own(other) for other in rest)))
+
+
+@dataclass(frozen=True, eq=False)
+class Promise:
+    """What the slopes say that one form of an effect would gain.
+
+    Attributes
+    ----------
+    gain
+        Of log-likelihood, over all starts of the form together.
+    start
+        Coordinates of the form's parameters from which to fit.
+    """
+
+    effect: Effect
+    gain: float
+    start: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """Another cause in the place of one that was found: its gain of log-likelihood, less the price of parameters."""
+
+    effect: Effect
+    gain: float
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """One effect of the final model.
+
+    Attributes
+    ----------
+    gain
+        Log-likelihood that its removal would lose, all else fitted again.
+    worth
+        The same less the price of its parameters.
+    rivals
+        The best form of each other cause in its place, best first.
+    """
+
+    effect: Effect
+    gain: float
+    worth: float
+    rivals: tuple[Rival, ...] = ()
+
+
+@dataclass(eq=False)
+class Search:
+    """Greedy search with second thoughts.
+
+    Parameters
+    ----------
+    candidates
+        Every form that may be tried.
+    report
+        Called with a line of text as the search goes on.
+    """
+
+    candidates: Sequence[Effect]
+    report: Report = field(default=lambda _: None)
+    _extensions: dict[frozenset[str], list[Fitted]] = field(default_factory=dict)
+    _fits: dict[frozenset[str], Fitted] = field(default_factory=dict)
+
+    @property
+    def threshold(self) -> float:
+        """Worth that an effect has to add: the more causes were tried, the more."""
+        return MARGIN + math.log(max(len({effect.id for effect in self.candidates}), 1))
+
+    def run(self, base: Fitted) -> Fitted:
+        """Add what pays, drop what no longer does, and exchange what another explains better."""
+        self._fits[_key(base.effects)] = base
+        current = base
+        for _ in range(_MAX_EFFECTS):
+            better = max(self.extensions(current), key=worth, default=current)
+            if worth(better) - worth(current) < self.threshold:
+                break
+            current = self._reconsidered(better)
+        return current
+
+    def extensions(self, current: Fitted) -> list[Fitted]:
+        """The model with each promising effect more, in each promising form."""
+        key = _key(current.effects)
+        if key not in self._extensions:
+            taken = {effect.id for effect in current.effects}
+            self.report(f"{_named(current.effects)}: trying {len(self.candidates)} forms of what else there may be …")
+            promises = screen(current, [effect for effect in self.candidates if effect.id not in taken])
+            fits = _fit_all(current, _shortlist(promises))
+            self._extensions[key] = fits
+            for fit in fits:
+                self._fits.setdefault(_key(fit.effects), fit)
+        return self._extensions[key]
+
+    def _reconsidered(self, current: Fitted) -> Fitted:
+        """Test every effect again: another form, another cause in its place, or none."""
+        for _ in range(2 * _MAX_EFFECTS):
+            better = self._second_thought(current)
+            if better is None:
+                break
+            current = better
+        return current
+
+    def _second_thought(self, current: Fitted) -> Fitted | None:
+        if len(current.effects) < 2:
+            return None
+        for effect in current.effects:
+            rest = self.without(current, effect)
+            if worth(current) - worth(rest) < self.threshold:
+                return rest
+            other = max(self.extensions(rest), key=worth, default=rest)
+            if worth(other) > worth(current) + _WORTH_A_CHANGE:
+                return other
+        return None
+
+    def found(self, current: Fitted, effect: Effect) -> Found:
+        """What ``effect`` gains, and what each other cause would gain in its place."""
+        rest = self.without(current, effect)
+        others = {other.id for other in current.effects}
+        best: dict[str, Rival] = {}
+        for fit in self.extensions(rest):
+            last, gain = fit.effects[-1], worth(fit) - worth(rest)
+            if last.id not in others and (last.id not in best or gain > best[last.id].gain):
+                best[last.id] = Rival(last, gain)
+        ranked = tuple(sorted(best.values(), key=lambda rival: -rival.gain))
+        return Found(effect, rest.cost - current.cost, worth(current) - worth(rest), ranked)
+
+    def without(self, current: Fitted, effect: Effect) -> Fitted:
+        """The model without ``effect``, all else fitted again."""
+        effects, x = current.without(effect)
+        key = _key(effects)
+        if key not in self._fits:
+            likelihood = Likelihood(current.likelihood.records, current.likelihood.limit, effects)
+            self._fits[key] = Fitted(likelihood, *likelihood.climb(x, iterations=_ITERATIONS))
+        return self._fits[key]
+
+
+def worth(fitted: Fitted) -> float:
+    """Log-likelihood less the price of the effects' parameters, half the logarithm of the samples each (Schwarz 1978)."""
+    count = len(fitted.likelihood.records.trial)
+    return -fitted.cost - 0.5 * math.log(count) * len(fitted.likelihood.parameters)
+
+
+def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
+    """What each of ``forms`` promises to gain, from the slopes alone."""
+    here = current.likelihood.slopes(current.x)
+    past = _Complement(here)
+    centre = current.likelihood.innovations(current.x)
+    with ThreadPoolExecutor() as pool:
+        return list(pool.map(lambda form: _promise(current, form, centre, here, past), forms))
+
+
+def _fit_all(current: Fitted, promises: Sequence[Promise]) -> list[Fitted]:
+    """Each promise kept: fitted together with all else."""
+
+    def fit(promise: Promise) -> Fitted:
+        effects = (*current.effects, promise.effect)
+        likelihood = Likelihood(current.likelihood.records, current.likelihood.limit, effects)
+        x = np.concatenate((current.x, promise.start))
+        return Fitted(likelihood, *likelihood.climb(x, iterations=_ITERATIONS))
+
+    with ThreadPoolExecutor() as pool:
+        return list(pool.map(fit, promises))
+
+
+def _key(effects: Sequence[Effect]) -> frozenset[str]:
+    return frozenset(effect.key for effect in effects)
+
+
+def _named(effects: Sequence[Effect]) -> str:
+    return ", ".join(effect.title for effect in effects) or "no effect"
+
+
+class _Complement:
+    """Projection of directions past what the fitted parameters can do by themselves."""
+
+    def __init__(self, here: Slopes) -> None:
+        self.matrix = here.matrix
+        self.inverse = np.linalg.pinv(here.matrix.T @ here.matrix, rcond=1e-12)
+
+    def __call__(self, directions: FloatArray) -> FloatArray:
+        return np.asarray(directions - self.matrix @ (self.inverse @ (self.matrix.T @ directions)))
+
+
+def _promise(
+    current: Fitted, form: Effect, centre: tuple[FloatArray, FloatArray], here: Slopes, past: _Complement
+) -> Promise:
+    likelihood = Likelihood(current.likelihood.records, current.likelihood.limit, (*current.effects, form))
+    begins = starts(form)
+    sides = [likelihood.innovations(np.concatenate((current.x, begin))) for begin in begins]
+    raw = slopes(*centre, sides, np.ones(len(sides))).matrix
+    if not np.isfinite(raw).all():
+        return Promise(form, 0.0, begins[0])
+    directions = past(raw)
+    pull = -(directions.T @ here.residual)
+    power = np.sum(directions**2, axis=0)
+    one_sided = form.parameters[0].low >= form.parameters[0].null or form.parameters[0].high <= form.parameters[0].null
+    share = np.where(power > 1e-9, pull / np.maximum(power, 1e-9), 0.0)
+    gains = np.where((share > 0.0) | (not one_sided), 0.5 * share * pull, 0.0)
+    best = int(np.argmax(gains))
+    if gains[best] <= 0.0:
+        return Promise(form, 0.0, begins[best])
+    information = directions.T @ directions
+    together = 0.5 * float(pull @ np.linalg.pinv(information, rcond=1e-6) @ pull)
+    return Promise(form, max(together, float(gains[best])), _scaled(form, begins[best], float(share[best])))
+
+
+def _scaled(form: Effect, begin: FloatArray, share: float) -> FloatArray:
+    """``begin`` with the size of the effect that the slopes ask for."""
+    size = form.parameters[0]
+    if abs(size.null) > _ENDLESS:
+        return begin
+    bounded = math.copysign(min(max(abs(share), 0.1), 5.0), share)
+    scaled = begin.copy()
+    scaled[0] = np.clip(size.null + bounded * (begin[0] - size.null), size.low, size.high)
+    return scaled
+
+
+def _shortlist(promises: Sequence[Promise]) -> list[Promise]:
+    """The forms worth fitting: of the causes that promise most, the best forms of each."""
+    groups: dict[str, list[Promise]] = {}
+    for promise in sorted(promises, key=lambda promise: -promise.gain):
+        groups.setdefault(promise.effect.id, []).append(promise)
+    ranked = list(groups.values())[:_FITTED]
+    top = ranked[0][0].gain if ranked else 0.0
+    return [
+        promise
+        for group in ranked
+        if group[0].gain >= _PROMISE * top
+        for promise in group[:_FORMS_FITTED]
+        if promise.gain >= _PROMISE * group[0].gain and promise.gain > 0.0
+    ]

@@ -1,0 +1,59 @@
+"""A measured heading that deviates from the true one, by an amount that goes with the heading: compasses."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from rovid.effects.base import Effect, EffectParameter, Values
+from rovid.effects.harmonics import canonical
+from rovid.trial import FloatArray
+
+
+def _once(heading: FloatArray, values: Values) -> FloatArray:
+    return np.asarray(values["amplitude"] * np.sin(heading + values["phase"]))
+
+
+def _twice(heading: FloatArray, values: Values) -> FloatArray:
+    return np.asarray(values["amplitude"] * np.sin(2.0 * heading + values["phase"]))
+
+
+def _mixed(heading: FloatArray, values: Values) -> FloatArray:
+    second = values["second_amplitude"] * np.sin(2.0 * heading + values["second_phase"])
+    return np.asarray(_once(heading, values) + second)
+
+
+def _pair(prefix: str, amplitude: float, phases: tuple[float, ...]) -> tuple[EffectParameter, EffectParameter]:
+    return (
+        EffectParameter(name=f"{prefix}amplitude", unit="rad", null=0.0, low=-0.3, high=0.3, starts=(amplitude,)),
+        EffectParameter(name=f"{prefix}phase", unit="rad", null=0.0, low=-6.3, high=6.3, starts=phases),
+    )
+
+
+_FIRST = _pair("", 0.01, (0.0, math.pi / 2.0))
+
+EFFECT: Effect = Effect(
+    id="heading_deviation",
+    title="deviation of the heading",
+    parameters=_FIRST,
+    equation="ψ measured = ψ + a·sin(ψ + φ)",
+    fingerprint="a ripple of the rate, repeated with every turn, in proportion to the rate and not to the torque",
+    experiment="full turns at two rates, both ways, with a gyro in the log",
+    rivals=("heading_dependent_torque",),
+    on_heading=_once,
+    canonical=canonical,
+)
+# The deviation of a magnetic compass: terms B to E of the handbook of compass adjustment (NGA).
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(EFFECT, form="two_cycles", equation="ψ measured = ψ + a·sin(2ψ + φ)", on_heading=_twice),
+    replace(
+        EFFECT,
+        form="mixed",
+        parameters=_FIRST + _pair("second_", 0.005, (0.0,)),
+        equation="ψ measured = ψ + a·sin(ψ + φ) + a2·sin(2ψ + φ2)",
+        on_heading=_mixed,
+    ),
+)

@@ -1,0 +1,54 @@
+"""Water of the tank that swings to and fro once a run has set it off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from rovid.effects.base import Effect, EffectParameter, Values, compiled
+
+
+@compiled
+def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    # The mode's equation integrated once, as rdot is not known here: q = y', and y is driven by the rate.
+    dx[0] = x[1]
+    dx[1] = rate - 2.0 * p[2] * p[1] * x[1] - p[1] * p[1] * x[0]
+    return -p[0] * base[0] * p[1] * dx[1]
+
+
+@compiled
+def _by_thrust(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    dx[0] = x[1]
+    dx[1] = push / base[0] - 2.0 * p[2] * p[1] * x[1] - p[1] * p[1] * x[0]
+    return -p[0] * base[0] * p[1] * x[1]
+
+
+def _fastest(values: Values) -> float:
+    return values["frequency"]
+
+
+EFFECT: Effect = Effect(
+    id="tank_seiche",
+    title="tank seiche",
+    parameters=(
+        EffectParameter(name="gain", unit="1", null=0.0, low=0.0, high=2.0, starts=(0.1,)),
+        # A tank of length l and depth h has ω² = g·k·tanh(k·h), k = nπ/l: 1.4 rad/s in 15 m by 7 m, 8 in half a metre.
+        EffectParameter(name="frequency", unit="rad/s", null=1.0, low=0.3, high=8.0, starts=(0.8, 1.5, 2.5, 4.0)),
+        EffectParameter(name="damping", unit="1", null=0.05, low=0.005, high=0.5, starts=(0.05,)),
+    ),
+    equation="− g·I·ω·dq/dt, d²q/dt² + 2ζω·dq/dt + ω²·q = dr/dt",
+    fingerprint="a ring of one frequency that decays after each start and stop, whatever the rate",
+    experiment="stops from a turn, left alone until the water is still; the same at depth",
+    rivals=("wave_torque", "added_mass_memory"),
+    term=_term,
+    fastest=_fastest,
+)
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="thrust",
+        equation="− g·I·ω·dq/dt, d²q/dt² + 2ζω·dq/dt + ω²·q = T/I: set off by the jets",
+        term=_by_thrust,
+    ),
+)

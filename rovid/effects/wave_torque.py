@@ -1,0 +1,23 @@
+"""A torque of waves: narrow-band, of random phase, whatever the command."""
+
+from __future__ import annotations
+
+from rovid.effects.base import Effect, EffectParameter
+
+EFFECT: Effect = Effect(
+    id="wave_torque",
+    title="wave torque",
+    parameters=(
+        # Of a sine of the same power: root 2 times the standard deviation.
+        EffectParameter(name="amplitude", unit="N m", null=0.0, low=0.0, high=2.0, starts=(0.05,), scale="torque"),
+        EffectParameter(name="frequency", unit="rad/s", null=1.0, low=0.2, high=12.0, starts=(1.0, 2.0)),
+        # Half the width of the band over its frequency, as of white noise through a filter of second order (Fossen
+        # 2011, section 8.2).
+        EffectParameter(name="damping", unit="1", null=0.02, low=0.002, high=0.3, starts=(0.02,)),
+    ),
+    equation="+ w, a narrow-band torque about ω of standard deviation a/√2",
+    fingerprint="a peak in the spectrum of the residual, not coherent with the command, present at rest too",
+    experiment="a record at rest without command; the same run deeper",
+    rivals=("tank_seiche",),
+    wave=True,
+)

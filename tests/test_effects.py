@@ -1,0 +1,388 @@
+"""Every form of every effect: nothing at its null, finite everywhere, and what it says it does."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from rovid.effects import CATALOGUE, FORMS, MOTION, Effect, effect_named, forms_for
+from rovid.effects.base import REFERENCE_RATE, TERM_PARAMETERS, TERM_STATES, Actuation, Scales
+from rovid.effects.series import latched, rotor_lagged, soft_started
+from rovid.trial import FloatArray
+from rovid.vehicle import ThrustCurve, Thruster, Vehicle
+
+# The table of DESIGN.md, in its order.
+IDS = [
+    "thruster_deadband",
+    "thrust_asymmetry",
+    "thruster_imbalance",
+    "thrust_curve_shape",
+    "supply_sag",
+    "thruster_lag",
+    "command_delay",
+    "slew_limit",
+    "command_hysteresis",
+    "advance_speed_loss",
+    "bias_torque",
+    "drag_curvature",
+    "drag_asymmetry",
+    "coulomb_resistance",
+    "oscillatory_drag",
+    "added_mass_memory",
+    "entrained_swirl",
+    "tether_torsion",
+    "heading_dependent_torque",
+    "wave_torque",
+    "tank_seiche",
+    "heading_deviation",
+]
+BASE = np.array([5057.0, 3532.0, 132.0, 0.4])
+SCALES = Scales(command=2.0, torque=120.0, rate=0.15)
+TIME = np.arange(0.0, 60.0, 0.05)
+CURVE = ThrustCurve(command=np.array([-5.0, -0.3, 0.3, 5.0]), thrust=np.array([-800.0, 0.0, 0.0, 1200.0]))
+VEHICLE = Vehicle(
+    name="test",
+    thrusters=(
+        Thruster(name="fore", yaw_arm=0.43, curve=CURVE),
+        Thruster(name="aft", yaw_arm=-0.43, curve=CURVE),
+    ),
+)
+COMMAND = np.column_stack((2.0 * np.sin(0.3 * TIME), np.where(TIME % 20.0 < 10.0, 1.5, -0.7)))
+WHERE = Actuation(
+    time=TIME,
+    neutral=np.zeros(2),
+    arms=np.array([0.43, -0.43]),
+    full_thrust=np.array([1200.0, 1200.0]),
+    names=("fore", "aft"),
+    dead_zone=np.array([[-0.3, 0.3], [-0.3, 0.3]]),
+    extras={"supply_voltage": 14.0 - 0.02 * TIME},
+)
+EVERY = forms_for(VEHICLE, {"supply_voltage"})
+ACTUATED = [effect for effect in EVERY if effect.actuates]
+
+each = pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.key)
+each_term = pytest.mark.parametrize("effect", MOTION, ids=lambda effect: effect.key)
+
+
+def numbers(effect: Effect, *, start: bool) -> FloatArray:
+    """Parameters at their first start, or where the effect is not there and the others at their start, in SI."""
+    firsts = [p.starts[0] if start or p.name in OTHERS else p.null for p in effect.parameters]
+    return np.array([value * SCALES.of(p) for value, p in zip(firsts, effect.parameters, strict=True)])
+
+
+# Parameters that shape an effect, and of which it does not matter what they are when the effect is gone.
+OTHERS = ("frequency", "damping", "phase", "second_phase", "swept_angle", "angle")
+
+
+def torque(effect: Effect, values: FloatArray, command: FloatArray = COMMAND, where: Actuation = WHERE) -> FloatArray:
+    named = effect.values(values)
+    command = command if effect.on_command is None else effect.on_command(where, command, named)
+    thrust = VEHICLE.thrust(command)
+    thrust = thrust if effect.on_thrust is None else effect.on_thrust(where, thrust, named)
+    total = np.asarray(thrust @ where.arms)
+    return total if effect.on_torque is None else effect.on_torque(where, total, named)
+
+
+def term(effect: Effect, values: FloatArray, rate: float, push: float, state: FloatArray) -> tuple[float, FloatArray]:
+    assert effect.term is not None
+    change = np.zeros(TERM_STATES)
+    return float(effect.term(rate, 3.0, push, BASE, values, state, change)), change
+
+
+def simulated(effect: Effect, values: FloatArray, torque: FloatArray, time: FloatArray = TIME) -> FloatArray:
+    from rovid.kernels import simulate_effects
+
+    terms = np.zeros((1, TERM_PARAMETERS))
+    terms[0, : len(values)] = values
+    fastest = 0.0 if effect.fastest is None else effect.fastest(effect.values(values))
+    base = np.array([*BASE, fastest])
+    rate, _ = simulate_effects(time, torque, base, terms, np.array([MOTION.index(effect)]), (0.0, 0.0))
+    return np.asarray(rate)
+
+
+def test_the_catalogue_has_every_effect_of_the_design_in_its_order() -> None:
+    assert [effect.id for effect in CATALOGUE] == IDS
+    assert not any(effect.form for effect in CATALOGUE)
+
+
+def test_keys_are_unique_and_the_plain_form_stands_first() -> None:
+    keys = [effect.key for effect in FORMS]
+    assert len(set(keys)) == len(keys)
+    assert list(dict.fromkeys(effect.id for effect in FORMS)) == IDS
+    assert [next(e for e in FORMS if e.id == name).form for name in IDS] == [""] * len(IDS)
+    assert all(effect_named(effect.key) is effect for effect in FORMS if not effect.each_thruster)
+
+
+def test_forms_of_one_effect_differ_in_what_they_do() -> None:
+    parts = [(e.id, e.on_command, e.on_thrust, e.on_torque, e.term, e.on_heading, e.wave) for e in FORMS]
+    assert len(set(parts)) == len(parts)
+
+
+def test_a_form_that_needs_a_channel_is_offered_only_with_it() -> None:
+    assert "supply_sag:voltage" not in [effect.key for effect in forms_for(VEHICLE)]
+    assert "supply_sag:voltage" in [effect.key for effect in EVERY]
+
+
+@each
+def test_an_effect_is_described(effect: Effect) -> None:
+    assert effect.title
+    assert effect.equation
+    assert effect.fingerprint
+    assert effect.experiment
+    assert effect.rivals
+    assert set(effect.rivals) <= set(IDS) - {effect.id}
+    acts = [effect.on_command, effect.on_thrust, effect.on_torque, effect.term, effect.on_heading, effect.wave or None]
+    assert sum(part is not None for part in acts) == 1
+
+
+@each
+def test_parameters_start_and_vanish_within_their_bounds(effect: Effect) -> None:
+    names = [parameter.name for parameter in effect.parameters]
+    assert len(set(names)) == len(names)
+    if effect.term is not None:
+        assert len(names) <= TERM_PARAMETERS
+    for parameter in effect.parameters:
+        assert parameter.low < parameter.high
+        assert parameter.low <= parameter.null <= parameter.high
+        assert parameter.starts
+        assert all(parameter.low <= start <= parameter.high for start in parameter.starts)
+        assert SCALES.of(parameter) > 0.0
+
+
+@pytest.mark.parametrize("effect", ACTUATED, ids=lambda effect: effect.key)
+def test_actuation_is_as_the_bench_says_where_the_effect_is_not_there(effect: Effect) -> None:
+    plain = VEHICLE.thrust(COMMAND) @ WHERE.arms
+    # A slew limit that is no limit still takes an instant.
+    close = 0.01 if effect.id == "slew_limit" else 1e-9
+    found = torque(effect, numbers(effect, start=False))
+    # The last value would hold from the last instant on.
+    np.testing.assert_allclose(found[:-1], plain[:-1], atol=close, rtol=close)
+
+
+@pytest.mark.parametrize("effect", ACTUATED, ids=lambda effect: effect.key)
+def test_actuation_is_finite_and_changed_where_it_is(effect: Effect) -> None:
+    plain = VEHICLE.thrust(COMMAND) @ WHERE.arms
+    changed = torque(effect, numbers(effect, start=True))
+    assert np.isfinite(changed).all()
+    assert np.max(np.abs(changed - plain)) > 0.1
+    for parameter in effect.parameters:
+        for extreme in (parameter.low, parameter.high):
+            values = [
+                extreme * SCALES.of(p) if p is parameter else p.starts[0] * SCALES.of(p) for p in effect.parameters
+            ]
+            assert np.isfinite(torque(effect, np.array(values))).all()
+
+
+@each_term
+def test_a_term_is_nothing_where_the_effect_is_not_there(effect: Effect) -> None:
+    values = numbers(effect, start=False)
+    for rate in (-0.4, 0.0, 0.1):
+        found, _ = term(effect, values, rate, 150.0, np.array([0.1, -0.2]))
+        assert found == pytest.approx(0.0, abs=1e-9)
+
+
+@each_term
+def test_a_term_is_finite_in_any_state(effect: Effect) -> None:
+    for extreme in ("start", "low", "high"):
+        values = [p.starts[0] if extreme == "start" else getattr(p, extreme) for p in effect.parameters]
+        values = [value * SCALES.of(p) for value, p in zip(values, effect.parameters, strict=True)]
+        for rate in (-5.0, -1e-9, 0.0, 1e-9, 0.2, 5.0):
+            for push in (-2000.0, -1e-12, 0.0, 1e-12, 2000.0):
+                for state in (np.zeros(2), np.array([1.0, -1.0]), np.array([-30.0, 50.0])):
+                    found, change = term(effect, np.array(values), rate, push, state)
+                    assert np.isfinite([found, *change]).all()
+
+
+@each_term
+def test_a_term_needs_no_drag(effect: Effect) -> None:
+    assert effect.term is not None
+    for quadratic, linear in ((0.0, 100.0), (3000.0, 0.0), (0.0, 0.0)):
+        change = np.zeros(TERM_STATES)
+        base = np.array([5057.0, quadratic, linear, 0.0])
+        found = effect.term(0.1, 3.0, 100.0, base, numbers(effect, start=True), np.zeros(TERM_STATES), change)
+        assert np.isfinite([found, *change]).all()
+
+
+@each_term
+def test_a_term_simulates(effect: Effect) -> None:
+    push = VEHICLE.thrust(COMMAND) @ WHERE.arms
+    nothing = simulated(effect, numbers(effect, start=False), push)
+    plain = simulated(effect_named("bias_torque"), np.zeros(1), push)
+    np.testing.assert_allclose(nothing, plain, atol=1e-5)
+    rate = simulated(effect, numbers(effect, start=True), push)
+    assert np.isfinite(rate).all()
+    assert np.max(np.abs(rate - plain)) > 1e-5
+
+
+@pytest.mark.parametrize("effect", [e for e in FORMS if e.on_heading], ids=lambda effect: effect.key)
+def test_a_deviation_is_nothing_at_its_null_and_leaves_the_heading_one_to_one(effect: Effect) -> None:
+    assert effect.on_heading is not None
+    heading = np.linspace(-10.0, 10.0, 2001)
+    nothing = effect.on_heading(heading, effect.values(numbers(effect, start=False)))
+    np.testing.assert_array_equal(nothing, 0.0)
+    largest = effect.values(np.array([parameter.high for parameter in effect.parameters]))
+    assert np.all(np.diff(heading + effect.on_heading(heading, largest)) > 0.0)
+
+
+@pytest.mark.parametrize("effect", [e for e in FORMS if e.canonical], ids=lambda effect: effect.key)
+def test_canonical_parameters_mean_the_same(effect: Effect) -> None:
+    assert effect.canonical is not None
+    odd = np.array([-0.1, 5.0, 0.05, -4.0])[: len(effect.parameters)]
+    tidy = effect.canonical(odd)
+    assert np.all(tidy[::2] >= 0.0)
+    assert np.all(np.abs(tidy[1::2]) <= math.pi)
+    if effect.on_heading is not None:
+        heading = np.linspace(0.0, 7.0, 50)
+        deviation = effect.on_heading(heading, effect.values(odd))
+        np.testing.assert_allclose(effect.on_heading(heading, effect.values(tidy)), deviation, atol=1e-12)
+    else:
+        before, after = (term(effect, values, 0.1, 0.0, np.zeros(2))[0] for values in (odd, tidy))
+        assert after == pytest.approx(before)
+
+
+def test_the_rotor_is_exact_between_instants() -> None:
+    time = np.array([0.0, 0.7, 1.5, 3.0, 3.4, 6.0, 6.5])
+    thrust = np.array([0.0, 2.0, -1.5, 0.3, 0.0, -0.8, 0.0])
+    coarse = rotor_lagged(time, thrust, 0.4)
+    fine = np.arange(0.0, 6.5, 1e-4)
+    held = thrust[np.searchsorted(time, fine + 1e-9, side="right") - 1]
+    speed, passed = 0.0, np.zeros(len(fine))
+    for k, goal in enumerate(held):
+        passed[k] = speed * abs(speed)
+        speed += 1e-4 * (goal - speed * abs(speed)) / 0.8
+    means = [passed[(fine >= a - 1e-9) & (fine < b - 1e-9)].mean() for a, b in pairwise(time)]
+    np.testing.assert_allclose(coarse[:-1], means, atol=2e-3)
+
+
+def test_the_rotor_has_its_time_constant_at_the_reference_thrust() -> None:
+    effect = effect_named("thruster_lag:rotor")
+    assert effect.on_thrust is not None
+    thrust = np.full((len(TIME), 2), 120.0) + 1.0 * (TIME > 0.0)[:, None]
+    late = effect.on_thrust(WHERE, thrust, {"time_constant": 2.0})[:, 0] - 120.0
+    # The first instant lasts 0.05 s; each value is the mean of the next 0.05 s.
+    assert late[np.searchsorted(TIME, 2.05)] == pytest.approx(1.0 - math.exp(-2.025 / 2.0), abs=0.01)
+
+
+def test_a_soft_start_grows_slowly_and_falls_at_once() -> None:
+    time = np.arange(0.0, 6.0, 0.5)
+    values = np.array([0.0, 2.0, 2.0, 2.0, 2.0, 0.5, 0.5, -1.0, -1.0, -1.0, 0.0, 0.0])
+    expected = [0.0, 0.25, 0.75, 1.25, 1.75, 0.5, 0.5, -0.25, -0.75, -1.0, 0.0, 0.0]
+    np.testing.assert_allclose(soft_started(time, values, 1.0), expected)
+
+
+def test_a_latch_comes_on_beyond_its_width_and_goes_off_at_the_edge() -> None:
+    excess = np.array([0.0, 0.5, 1.5, 0.5, 0.0, 0.5, -0.5, -1.5, -0.5, 0.5])
+    np.testing.assert_allclose(latched(excess, 1.0, 0.1), [0.0, 0.0, 1.5, 0.5, 0.0, 0.0, 0.0, -1.5, -0.5, 0.0])
+
+
+def test_a_jump_gives_nothing_up_to_the_dead_band_and_the_bench_thrust_beyond() -> None:
+    effect = effect_named("thruster_deadband:jump")
+    assert effect.on_command is not None
+    command = np.array([[-1.0, 0.2], [-0.5, 0.45], [0.1, 0.55], [0.0, 3.0]])
+    found = effect.on_command(WHERE, command, {"deadband": 0.2})
+    np.testing.assert_allclose(found, [[-1.0, 0.0], [-0.4, 0.0], [0.0, 0.55], [0.0, 3.0]])
+
+
+def test_shapes_of_the_thrust_curve_agree_at_a_tenth_of_full_thrust() -> None:
+    for key, values in (
+        ("thrust_curve_shape", {"exponent": 1.3}),
+        ("thrust_curve_shape:saturating", {"loss": 2.0}),
+        ("thrust_curve_shape:saturating", {"loss": -0.4}),
+    ):
+        effect = effect_named(key)
+        assert effect.on_thrust is not None
+        there = effect.on_thrust(WHERE, np.array([[120.0, -120.0], [500.0, 10.0]]), values)
+        np.testing.assert_allclose(there[0], [120.0, -120.0])
+        assert (there[1, 0] < 500.0) == (values.get("loss", -1.0) > 0.0)
+
+
+def test_reverse_thrust_that_is_weaker_the_harder_has_its_gain_at_the_reference() -> None:
+    effect = effect_named("thrust_asymmetry:growing")
+    assert effect.on_thrust is not None
+    found = effect.on_thrust(WHERE, np.array([[-120.0, 120.0], [-12.0, -2000.0]]), {"reverse_gain": 0.8})
+    np.testing.assert_allclose(found, [[-96.0, 120.0], [-12.0 * 0.98, 0.0]], atol=1e-12)
+
+
+def test_the_voltage_counts_against_the_campaigns_median() -> None:
+    effect = effect_named("supply_sag:voltage")
+    assert effect.on_thrust is not None
+    thrust = np.full((len(TIME), 2), 100.0)
+    voltage = np.full(len(TIME), 12.0)
+    voltage[5] = np.nan
+    where = replace(WHERE, extras={"supply_voltage": voltage}, reference={"supply_voltage": 16.0})
+    found = effect.on_thrust(where, thrust, {"exponent": 2.0})[:, 0]
+    np.testing.assert_allclose(np.delete(found, 5), 56.25)
+    assert found[5] == 100.0
+    # A trial without the channel is as the bench says.
+    np.testing.assert_array_equal(effect.on_thrust(replace(WHERE, extras={}), thrust, {"exponent": 2.0}), thrust)
+
+
+def test_open_water_starts_as_the_plain_form_and_ends_without_thrust() -> None:
+    plain, bent = effect_named("advance_speed_loss"), effect_named("advance_speed_loss:open_water")
+    few = [term(effect, np.array([2.0]), 0.01, 150.0, np.zeros(2))[0] for effect in (plain, bent)]
+    assert few[1] == pytest.approx(few[0], rel=0.01)
+    assert term(bent, np.array([2.0]), 50.0, 150.0, np.zeros(2))[0] == pytest.approx(-150.0)
+    assert term(bent, np.array([2.0]), -50.0, 150.0, np.zeros(2))[0] == pytest.approx(75.0)
+    # Where the curve crosses zero it does so without a step.
+    losses = [-term(bent, np.array([1.0]), r, 1.0, np.zeros(2))[0] for r in np.linspace(-1.0, 1.0, 2001)]
+    assert np.all(np.diff(losses) >= 0.0)
+    assert np.max(np.diff(losses)) < 0.004
+
+
+def test_the_annulus_reaches_its_share_with_its_time_constant() -> None:
+    effect = effect_named("entrained_swirl:annulus")
+    values = np.array([0.2, 30.0])
+    steady = 0.2 * REFERENCE_RATE
+    _, still = term(effect, values, REFERENCE_RATE, 0.0, np.array([steady, 0.0]))
+    assert still[0] == pytest.approx(0.0, abs=1e-12)
+    _, back = term(effect, values, REFERENCE_RATE, 0.0, np.array([steady + 1e-6, 0.0]))
+    assert back[0] == pytest.approx(-1e-6 / 30.0, rel=1e-3)
+
+
+def test_algebraic_drag_falls_with_the_angle_swept() -> None:
+    effect = effect_named("oscillatory_drag:algebraic")
+    quadratic = BASE[1] * 0.1**2
+    for swept in (0.0, 1.0, 5.0):
+        state = np.array([1.0 - 2.0 * math.exp(-swept / 2.0), 0.0])
+        found, _ = term(effect, np.array([0.5, 2.0]), 0.1, 0.0, state)
+        assert found == pytest.approx(-0.5 / (1.0 + swept / 2.0) * quadratic)
+
+
+def test_the_exponent_of_the_drag_agrees_with_the_square_at_the_reference() -> None:
+    effect = effect_named("drag_curvature:exponent")
+    assert term(effect, np.array([1.7]), REFERENCE_RATE, 0.0, np.zeros(2))[0] == pytest.approx(0.0, abs=1e-9)
+    whole = term(effect, np.array([1.7]), -0.1, 0.0, np.zeros(2))[0] + BASE[1] * 0.01
+    assert whole == pytest.approx(BASE[1] * 0.09 * (1.0 / 3.0) ** 1.7)
+
+
+def test_resistance_stops_a_coasting_vehicle() -> None:
+    push = np.where(TIME < 20.0, 40.0, 0.0)
+    plain = simulated(effect_named("bias_torque"), np.zeros(1), push)
+    for key in ("coulomb_resistance", "coulomb_resistance:wide", "coulomb_resistance:stiction"):
+        rate = simulated(effect_named(key), np.array([15.0]), push)
+        assert plain[-1] > 0.01
+        assert abs(rate[-1]) < 1e-3
+
+
+def test_the_water_of_the_tank_rings_at_its_frequency_and_dies_out() -> None:
+    push = np.where(TIME < 1.0, 100.0, 0.0)
+    plain = simulated(effect_named("bias_torque"), np.zeros(1), push)
+    for key in ("tank_seiche", "tank_seiche:thrust"):
+        ring = simulated(effect_named(key), np.array([0.05, 2.0, 0.03]), push) - plain
+        late = ring[TIME > 5.0] - np.convolve(ring, np.ones(63) / 63.0, mode="same")[TIME > 5.0]
+        power = np.abs(np.fft.rfft(late[:-63] * np.hanning(len(late) - 63)))
+        peak = 2.0 * math.pi * np.argmax(power[1:]) / ((len(late) - 63) * 0.05) + 2.0 * math.pi / (len(late) * 0.05)
+        assert peak == pytest.approx(2.0, abs=0.2)
+        assert np.ptp(late[-200:-63]) < 0.3 * np.ptp(late[:137])
+
+
+def test_water_in_a_frame_follows_slower_the_smaller_the_slip() -> None:
+    effect = effect_named("added_mass_memory:porous")
+    _, fast = term(effect, np.array([100.0, 20.0]), REFERENCE_RATE, 0.0, np.zeros(2))
+    _, slow = term(effect, np.array([100.0, 20.0]), 0.1 * REFERENCE_RATE, 0.0, np.zeros(2))
+    assert fast[0] == pytest.approx(REFERENCE_RATE / 20.0, rel=0.02)
+    assert slow[0] == pytest.approx(fast[0] / 100.0, rel=0.02)
