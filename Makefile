@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 JOBS   ?= auto
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test lint bench sweep clean
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -33,6 +33,9 @@ bench: $(VENV)/installed  ## timings, as ratios measured in one run
 	$(BIN)/python benchmarks/simulation.py
 	$(BIN)/python benchmarks/startup.py
 	$(BIN)/python benchmarks/uncertainty.py
+
+sweep: $(VENV)/installed  ## hours: what the diagnosis names of hidden effects; SWEEP="--seed 1 --vehicle small"
+	$(BIN)/python -m benchmarks.sweep $(SWEEP)
 
 clean:
 	rm -rf $(VENV) demo

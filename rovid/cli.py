@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -191,6 +191,40 @@ def fit(
 
 
 @app.command()
+def diagnose(
+    logs: OptionalLogs = None,
+    *,
+    parameters: ParameterFile = DEFAULT_PARAMETERS,
+    cutoff: Cutoff = None,
+    json: Json = False,
+) -> None:
+    """What the simulation gets wrong, the cause by name, the gain on trials not fitted, and what to run next.
+
+    Writes the extended model to the parameter file.
+
+    Example: rovid diagnose
+    """
+    from rovid.account import show_diagnosis
+    from rovid.documents import diagnosis_document
+    from rovid.terminal import show_warnings
+
+    stored = _stored(parameters)
+    study = _open(logs or _remembered(stored), cutoff)
+    with _working("Diagnosing …") as report:
+        diagnosis = study.diagnosis(report)
+    if logs:
+        stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
+    if diagnosis.extended is not None:
+        stored = stored.with_estimate(diagnosis.extended.estimate)
+        stored.write()
+    if json:
+        _print_json(diagnosis_document(diagnosis, study))
+    else:
+        show_diagnosis(_console(), diagnosis, study.vehicle)
+        show_warnings(_console(), [*study.remarks(), *diagnosis.warnings])
+
+
+@app.command()
 def fit_thruster(
     bench: Annotated[Path, typer.Argument(metavar="BENCH.csv", help="Readings of command and thrust.")],
     *,
@@ -301,6 +335,18 @@ def _open(paths: Sequence[Path], cutoff: float | None) -> Study:
 
     _announce_compilation()
     return open_study(paths, cutoff=cutoff)
+
+
+@contextmanager
+def _working(text: str) -> Iterator[Callable[[str], None]]:
+    """As ``_busy``, with a function that changes the text."""
+    if not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(text) as status:
+        yield status.update
 
 
 @contextmanager

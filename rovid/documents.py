@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from rovid.diagnose.diagnosis import Diagnosis, Finding, Side, not_identifiable
+from rovid.diagnose.experiments import deciding_experiment, next_experiment
+from rovid.diagnose.signals import signal_of
 from rovid.identify.bench import BenchFit
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
@@ -130,6 +133,89 @@ def likelihood_document(fit: LikelihoodFit, study: Study) -> Document:
         "heading_noise_fitted": {"value": fit.heading_noise, "unit": "rad"},
         "innovations_white": fit.white,
         "free_run_r2": {"this_fit": fit.free_run_r2, "simulation_fit": fit.base_r2},
+    }
+
+
+def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
+    """What `rovid diagnose --json` prints."""
+    base, extended = diagnosis.base, diagnosis.extended
+    return {
+        "schema": "rovid-diagnosis/1",
+        "verdict": diagnosis.verdict,
+        "base": _side(base),
+        "findings": [_finding(finding) for finding in diagnosis.findings],
+        "extended": _side(extended),
+        "held_out_gain": None if base is None or extended is None else _gain(base, extended, diagnosis.noise_floor),
+        "unexplained": {
+            "share_of_torque_variance": diagnosis.unexplained_share,
+            "depends_on": list(dict.fromkeys(signal_of(signal) for signal, _ in diagnosis.signals)),
+            "signals": [
+                {"signal": signal_of(signal), "acts_as": signal.form, "log_likelihood_gain": gain}
+                for signal, gain in diagnosis.signals
+            ],
+        },
+        "not_identifiable": list(not_identifiable(study.vehicle)),
+        "detectable": {
+            f"{effect.id}.{effect.parameters[0].name}": {"value": size, "unit": effect.parameters[0].unit}
+            for effect, size in diagnosis.detectable
+        },
+        "next_experiment": next_experiment(diagnosis),
+        "missing": diagnosis.missing or None,
+        "warnings": [*study.remarks(), *diagnosis.warnings],
+    }
+
+
+def _side(side: Side | None) -> Document | None:
+    if side is None:
+        return None
+    held = side.held_out
+    return {
+        "parameters": {
+            # A form of an effect goes by the effect's name: which form fits best is said with the finding.
+            _plain(name): value
+            for name, value in parameter_document(side.estimate).items()
+        },
+        "held_out": {
+            "log_likelihood": held.log_likelihood,
+            "yaw_rate_r2": held.yaw_rate_r2,
+            "yaw_rate_rmse": held.yaw_rate_rmse,
+            "heading_error_10s": held.heading_errors[10.0],
+            "heading_error_60s": held.heading_errors[60.0],
+            "units": {"yaw_rate_rmse": "rad/s", "heading_error_10s": "rad", "heading_error_60s": "rad"},
+        },
+    }
+
+
+def _plain(name: str) -> str:
+    key, dot, parameter = name.rpartition(".")
+    return key.partition(":")[0] + dot + parameter
+
+
+def _finding(finding: Finding) -> Document:
+    effect, rivals = finding.effect, finding.rivals
+    return {
+        "effect": effect.id,
+        "form": effect.form or None,
+        "parameters": {_plain(n).rpartition(".")[2]: v for n, v in parameter_document(finding.estimate).items()},
+        "log_likelihood_gain": finding.gain,
+        "held_out_log_likelihood_gain": finding.held_out_gain,
+        "runner_up": {"effect": rivals[0].effect.id, "gain": rivals[0].gain} if rivals else None,
+        "cannot_be_told_from": [other.id for other in finding.undecided],
+        "deciding_experiment": deciding_experiment(finding),
+    }
+
+
+def _gain(base: Side, extended: Side, floor: float) -> Document:
+    def pair(before: float | None, after: float | None, unit: str) -> Document:
+        return {"base": before, "extended": after, "unit": unit}
+
+    one, other = base.held_out, extended.held_out
+    return {
+        "yaw_rate_rmse": pair(one.yaw_rate_rmse, other.yaw_rate_rmse, "rad/s") | {"noise_floor": floor},
+        "yaw_rate_r2": pair(one.yaw_rate_r2, other.yaw_rate_r2, "1"),
+        "heading_error_10s": pair(one.heading_errors[10.0], other.heading_errors[10.0], "rad"),
+        "heading_error_60s": pair(one.heading_errors[60.0], other.heading_errors[60.0], "rad"),
+        "log_likelihood": pair(one.log_likelihood, other.log_likelihood, "1"),
     }
 
 

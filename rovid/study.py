@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from rovid.config import find_config, load_config, vehicle_of_tables
+from rovid.diagnose.diagnosis import Diagnosis, diagnose
 from rovid.effects import Effect
 from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
@@ -92,6 +93,18 @@ class Study:
         if self.runs is None:
             raise DataError("a table holds no time series to fit.", where=self.paths[0], mend="Give logs.")
         return fit_likelihood(self.runs.items, self.vehicle, effects)
+
+    def diagnosis(self, report: Callable[[str], None] = lambda _: None) -> Diagnosis:
+        """What the simulation gets wrong and why; ``report`` is told how far it is.
+
+        Raises
+        ------
+        DataError
+            There are no logs.
+        """
+        if self.runs is None:
+            raise DataError("a table holds no time series to diagnose.", where=self.paths[0], mend="Give logs.")
+        return diagnose(self.runs.items, self.vehicle, report)
 
 
 def open_study(paths: Sequence[Path], *, cutoff: float | None = None) -> Study:

@@ -28,15 +28,16 @@ from rovid.trial import Trial
 _Fit = TypeVar("_Fit", DragFit, InertiaFit, LikelihoodFit)
 
 
-def _table(title: str, *columns: str, left: int = 1) -> Table:
+def table(title: str, *columns: str, left: int = 1) -> Table:
     """A table whose first ``left`` columns are text and the rest numbers."""
-    table = Table(title=escape(title), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    made = Table(title=escape(title), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
     for k, column in enumerate(columns):
-        table.add_column(escape(column), justify="left" if k < left else "right", overflow="fold")
-    return table
+        made.add_column(escape(column), justify="left" if k < left else "right", overflow="fold")
+    return made
 
 
-def _number(value: float | None, form: str = ".3g") -> str:
+def number(value: float | None, form: str = ".3g") -> str:
+    """A number as text, a dash where there is none."""
     return "–" if value is None or not math.isfinite(value) else format(value, form)
 
 
@@ -58,23 +59,23 @@ def show_filter(console: Console, runs: Runs) -> None:
 
 def show_parameters(console: Console, estimate: Estimate) -> None:
     """Print value ± standard error with the 95 % interval."""
-    table = _table("", "parameter", "value ± standard error", "unit", "95 % interval")
-    table.title = None
+    rows = table("", "parameter", "value ± standard error", "unit", "95 % interval")
+    rows.title = None
     for name in estimate.names:
         if name in estimate.refused:
-            table.add_row(name, "not determined", estimate.unit(name), "–")
+            rows.add_row(name, "not determined", estimate.unit(name), "–")
             continue
         low, high = estimate.interval(name)
         interval = f"{low:.4g} … {high:.4g}" if math.isfinite(low) else "–"
-        table.add_row(
+        rows.add_row(
             name, plus_minus(estimate.value(name), estimate.standard_error(name)), estimate.unit(name), interval
         )
-    console.print(table)
+    console.print(rows)
 
 
 def show_drag(console: Console, fit: DragFit) -> None:
     """Print what `rovid fit-drag` found."""
-    table = _table(
+    rows = table(
         "Steady states",
         "log",
         "from s",
@@ -88,8 +89,8 @@ def show_drag(console: Console, fit: DragFit) -> None:
         "DL",
     )
     for point, residual, left_out in zip(fit.points, fit.residuals, fit.left_out, strict=True):
-        table.add_row(*_point_cells(point), _number(residual, ".2f"), _number(left_out[0], ".5g"), _number(left_out[1]))
-    console.print(table)
+        rows.add_row(*_point_cells(point), number(residual, ".2f"), number(left_out[0], ".5g"), number(left_out[1]))
+    console.print(rows)
     if fit.unsteady:
         found = ", ".join(dict.fromkeys(point.source for point in fit.unsteady))
         console.print(
@@ -100,7 +101,7 @@ def show_drag(console: Console, fit: DragFit) -> None:
     show_parameters(console, estimate)
     correlation = estimate.correlation("quadratic_drag", "linear_drag") if not estimate.refused else math.nan
     console.print(
-        f"{estimate.method}; R² {fit.r_squared:.4f}; correlation of DQ and DL {_number(correlation, '.2f')}; "
+        f"{estimate.method}; R² {fit.r_squared:.4f}; correlation of DQ and DL {number(correlation, '.2f')}; "
         f"{estimate.samples} steady states",
         highlight=False,
     )
@@ -112,29 +113,29 @@ def show_drag(console: Console, fit: DragFit) -> None:
 def _point_cells(point: SteadyPoint) -> list[str]:
     return [
         escape(point.source),
-        _number(point.start, ".0f"),
-        _number(point.stop, ".0f"),
+        number(point.start, ".0f"),
+        number(point.stop, ".0f"),
         escape(" ".join(f"{value:.4g}" for value in point.command)),
-        _number(point.torque, ".1f"),
-        _number(point.yaw_rate, ".4f"),
-        _number(point.yaw_rate_error, ".4f"),
+        number(point.torque, ".1f"),
+        number(point.yaw_rate, ".4f"),
+        number(point.yaw_rate_error, ".4f"),
     ]
 
 
 def show_inertia(console: Console, fit: InertiaFit) -> None:
     """Print what `rovid fit-inertia` found."""
-    table = _table("Inertia, kg m²", "method", "value ± standard error", "note")
+    rows = table("Inertia, kg m²", "method", "value ± standard error", "note")
     for name, inertia in fit.methods.items():
         note = "used" if name == fit.chosen else ""
         if name == "peak" and fit.peak_bias is not None:
             note = f"biased: on the identified model it returns {100 * fit.peak_bias:.0f} % of the truth"
         elif name == "peak":
             note = "biased: torque, rate and acceleration do not peak together"
-        table.add_row(METHODS[name], plus_minus(inertia.value, inertia.standard_error), note)
+        rows.add_row(METHODS[name], plus_minus(inertia.value, inertia.standard_error), note)
         if len(inertia.runs) > 1 or name == "peak":
             for source, value, error in inertia.runs:
-                table.add_row(f"  {escape(source)}", plus_minus(value, error), "")
-    console.print(table)
+                rows.add_row(f"  {escape(source)}", plus_minus(value, error), "")
+    console.print(rows)
     show_parameters(console, fit.estimate)
     if fit.added_inertia is not None:
         error = fit.estimate.standard_error("inertia")
@@ -159,7 +160,7 @@ def show_likelihood(console: Console, fit: LikelihoodFit) -> None:
 
 def show_simulation(console: Console, simulations: Sequence[TrialSimulation]) -> None:
     """Print how well the free-running simulation follows each trial."""
-    table = _table(
+    rows = table(
         "Free-running simulation against measurement, yaw rate",
         "trial",
         "samples",
@@ -174,33 +175,33 @@ def show_simulation(console: Console, simulations: Sequence[TrialSimulation]) ->
             None if item.heading_errors[h] is None else math.degrees(item.heading_errors[h] or 0.0)
             for h in (10.0, 60.0)
         ]
-        table.add_row(
+        rows.add_row(
             escape(item.run.trial.name),
             str(item.fit.samples),
-            _number(item.fit.r2, ".4f"),
-            _number(item.fit.fit_percent, ".1f"),
-            _number(item.fit.rmse, ".2g"),
-            *(_number(error, ".2g") for error in errors),
+            number(item.fit.r2, ".4f"),
+            number(item.fit.fit_percent, ".1f"),
+            number(item.fit.rmse, ".2g"),
+            *(number(error, ".2g") for error in errors),
         )
     total = overall(simulations)
-    table.add_section()
-    table.add_row(
+    rows.add_section()
+    rows.add_row(
         "all",
         str(total.samples),
-        _number(total.r2, ".4f"),
-        _number(total.fit_percent, ".1f"),
-        _number(total.rmse, ".2g"),
+        number(total.r2, ".4f"),
+        number(total.fit_percent, ".1f"),
+        number(total.rmse, ".2g"),
     )
-    console.print(table)
+    console.print(rows)
 
 
 def show_bench(console: Console, fit: BenchFit, output: Path) -> None:
     """Print the readings beside the curve."""
-    table = _table("Bench readings against the curve", "command", "thrust N", "curve N", "residual N", left=0)
+    rows = table("Bench readings against the curve", "command", "thrust N", "curve N", "residual N", left=0)
     step = max(len(fit.command) // 40, 1)
     for c, t, r in zip(fit.command[::step], fit.thrust[::step], fit.residuals[::step], strict=True):
-        table.add_row(f"{c:.5g}", f"{t:.2f}", f"{t - r:.2f}", f"{r:.2f}")
-    console.print(table)
+        rows.add_row(f"{c:.5g}", f"{t:.2f}", f"{t - r:.2f}", f"{r:.2f}")
+    console.print(rows)
     if step > 1:
         console.print(f"every {step}th of {len(fit.command)} readings shown", highlight=False)
     zone = "none" if fit.dead_zone is None else f"{fit.dead_zone[0]:.5g} to {fit.dead_zone[1]:.5g}"
@@ -213,9 +214,9 @@ def show_bench(console: Console, fit: BenchFit, output: Path) -> None:
 
 def show_check(console: Console, rows: Sequence[tuple[Trial, Mapping[str, Any]]], problems: Mapping[str, str]) -> None:
     """Print what each log holds and what is wrong with it."""
-    table = _table("Logs", "log", "s", "samples", "Hz", "noise deg", "turned deg", "held", "sines", "remarks")
+    shown = table("Logs", "log", "s", "samples", "Hz", "noise deg", "turned deg", "held", "sines", "remarks")
     for trial, facts in rows:
-        table.add_row(
+        shown.add_row(
             escape(trial.name),
             f"{trial.duration:.0f}",
             str(facts["samples"]),
@@ -227,8 +228,8 @@ def show_check(console: Console, rows: Sequence[tuple[Trial, Mapping[str, Any]]]
             ", ".join(f"{remark.count} {remark.kind}" for remark in trial.remarks) or "none",
         )
     for name, problem in problems.items():
-        table.add_row(escape(name), *["–"] * 7, f"[red]{escape(problem)}[/red]")
-    console.print(table)
+        shown.add_row(escape(name), *["–"] * 7, f"[red]{escape(problem)}[/red]")
+    console.print(shown)
     for trial, _ in rows:
         for remark in trial.remarks:
             console.print(f"{escape(trial.name)}: {escape(remark.text)}", highlight=False)

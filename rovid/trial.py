@@ -59,6 +59,8 @@ class Trial:
         their own, NaN where those are farther apart than a gap.
     extras
         Any further mapped channel, (n,), held, in the unit of the log.
+    reference
+        Median of each further channel over the whole campaign.
     remarks
         What the reader noticed.
     """
@@ -72,6 +74,7 @@ class Trial:
     roll: FloatArray | None = None
     pitch: FloatArray | None = None
     extras: Mapping[str, FloatArray] = field(default_factory=dict)
+    reference: Mapping[str, float] = field(default_factory=dict)
     remarks: tuple[Remark, ...] = ()
 
     def __post_init__(self) -> None:

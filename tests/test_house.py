@@ -33,6 +33,7 @@ HOUSE = [
     "documents",
     "check",
     "terminal",
+    "account",
     "report",
     "cli",
 ]

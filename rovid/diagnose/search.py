@@ -18,12 +18,18 @@ from rovid.trial import FloatArray
 MARGIN = 6.0
 # Of the best candidate's promise: who promises less is not fitted.
 _PROMISE = 0.1
+# Nor is one that promises less than this share of what an effect has to gain: small promises are kept to the letter.
+_NEGLIGIBLE = 0.4
 _FITTED = 7
 _FORMS_FITTED = 3
 # Nor is an effect exchanged for another for less.
 _WORTH_A_CHANGE = 0.5
 _ITERATIONS = 25
+_FIRST_ITERATIONS = 4
+_AHEAD = 0.4
 _MAX_EFFECTS = 6
+# A logged signal is preferred to a named effect only if it gains so much more, in all and in proportion.
+_SIGNAL_HANDICAP = (6.0, 0.05)
 # A size that is null only at infinity cannot be scaled from its start.
 _ENDLESS = 1e5
 
@@ -75,11 +81,14 @@ class Promise:
         Of log-likelihood, over all starts of the form together.
     start
         Coordinates of the form's parameters from which to fit.
+    power
+        Gain that the effect would have at its first start, were it there.
     """
 
     effect: Effect
     gain: float
     start: FloatArray
+    power: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,11 +146,18 @@ class Search:
         self._fits[_key(base.effects)] = base
         current = base
         for _ in range(_MAX_EFFECTS):
-            better = max(self.extensions(current), key=worth, default=current)
+            better = self._best(self.extensions(current), current)
             if worth(better) - worth(current) < self.threshold:
                 break
             current = self._reconsidered(better)
         return current
+
+    def _best(self, fits: Sequence[Fitted], default: Fitted) -> Fitted:
+        """The worthiest; a named effect goes before a mere signal that is little better."""
+        named = max((fit for fit in fits if fit.effects[-1].equation), key=worth, default=default)
+        signal = max((fit for fit in fits if not fit.effects[-1].equation), key=worth, default=default)
+        gap = _SIGNAL_HANDICAP[0] + _SIGNAL_HANDICAP[1] * max(worth(named) - worth(default), 0.0)
+        return signal if worth(signal) > worth(named) + gap else named
 
     def extensions(self, current: Fitted) -> list[Fitted]:
         """The model with each promising effect more, in each promising form."""
@@ -150,7 +166,7 @@ class Search:
             taken = {effect.id for effect in current.effects}
             self.report(f"{_named(current.effects)}: trying {len(self.candidates)} forms of what else there may be …")
             promises = screen(current, [effect for effect in self.candidates if effect.id not in taken])
-            fits = _fit_all(current, _shortlist(promises))
+            fits = _fit_all(current, _shortlist(promises, self.threshold * _NEGLIGIBLE))
             self._extensions[key] = fits
             for fit in fits:
                 self._fits.setdefault(_key(fit.effects), fit)
@@ -172,7 +188,7 @@ class Search:
             rest = self.without(current, effect)
             if worth(current) - worth(rest) < self.threshold:
                 return rest
-            other = max(self.extensions(rest), key=worth, default=rest)
+            other = self._best(self.extensions(rest), rest)
             if worth(other) > worth(current) + _WORTH_A_CHANGE:
                 return other
         return None
@@ -200,7 +216,7 @@ class Search:
 
 
 def worth(fitted: Fitted) -> float:
-    """Log-likelihood less the price of the effects' parameters, half the logarithm of the samples each (Schwarz 1978)."""
+    """Log-likelihood less the price of the effects' parameters: half the logarithm of the samples (Schwarz 1978)."""
     count = len(fitted.likelihood.records.trial)
     return -fitted.cost - 0.5 * math.log(count) * len(fitted.likelihood.parameters)
 
@@ -215,16 +231,23 @@ def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
 
 
 def _fit_all(current: Fitted, promises: Sequence[Promise]) -> list[Fitted]:
-    """Each promise kept: fitted together with all else."""
+    """Each promise kept: fitted together with all else. Those far behind after a few steps stay there."""
 
-    def fit(promise: Promise) -> Fitted:
+    def begin(promise: Promise) -> Fitted:
         effects = (*current.effects, promise.effect)
         likelihood = Likelihood(current.likelihood.records, current.likelihood.limit, effects)
-        x = np.concatenate((current.x, promise.start))
-        return Fitted(likelihood, *likelihood.climb(x, iterations=_ITERATIONS))
+        return _climbed(likelihood, np.concatenate((current.x, promise.start)), _FIRST_ITERATIONS)
 
     with ThreadPoolExecutor() as pool:
-        return list(pool.map(fit, promises))
+        begun = list(pool.map(begin, promises))
+        top = max((worth(fit) for fit in begun), default=0.0) - worth(current)
+        ahead = [fit for fit in begun if worth(fit) - worth(current) >= _AHEAD * top]
+        done = list(pool.map(lambda fit: _climbed(fit.likelihood, fit.x, _ITERATIONS), ahead))
+    return [*done, *(fit for fit in begun if fit not in ahead)]
+
+
+def _climbed(likelihood: Likelihood, x: FloatArray, iterations: int) -> Fitted:
+    return Fitted(likelihood, *likelihood.climb(x, iterations=iterations))
 
 
 def _key(effects: Sequence[Effect]) -> frozenset[str]:
@@ -254,7 +277,7 @@ def _promise(
     sides = [likelihood.innovations(np.concatenate((current.x, begin))) for begin in begins]
     raw = slopes(*centre, sides, np.ones(len(sides))).matrix
     if not np.isfinite(raw).all():
-        return Promise(form, 0.0, begins[0])
+        return Promise(form, 0.0, begins[0], 0.0)
     directions = past(raw)
     pull = -(directions.T @ here.residual)
     power = np.sum(directions**2, axis=0)
@@ -263,10 +286,11 @@ def _promise(
     gains = np.where((share > 0.0) | (not one_sided), 0.5 * share * pull, 0.0)
     best = int(np.argmax(gains))
     if gains[best] <= 0.0:
-        return Promise(form, 0.0, begins[best])
+        return Promise(form, 0.0, begins[best], 0.5 * float(power.max()))
     information = directions.T @ directions
     together = 0.5 * float(pull @ np.linalg.pinv(information, rcond=1e-6) @ pull)
-    return Promise(form, max(together, float(gains[best])), _scaled(form, begins[best], float(share[best])))
+    start = _scaled(form, begins[best], float(share[best]))
+    return Promise(form, max(together, float(gains[best])), start, 0.5 * float(power.max()))
 
 
 def _scaled(form: Effect, begin: FloatArray, share: float) -> FloatArray:
@@ -280,7 +304,7 @@ def _scaled(form: Effect, begin: FloatArray, share: float) -> FloatArray:
     return scaled
 
 
-def _shortlist(promises: Sequence[Promise]) -> list[Promise]:
+def _shortlist(promises: Sequence[Promise], least: float) -> list[Promise]:
     """The forms worth fitting: of the causes that promise most, the best forms of each."""
     groups: dict[str, list[Promise]] = {}
     for promise in sorted(promises, key=lambda promise: -promise.gain):
@@ -290,7 +314,7 @@ def _shortlist(promises: Sequence[Promise]) -> list[Promise]:
     return [
         promise
         for group in ranked
-        if group[0].gain >= _PROMISE * top
+        if group[0].gain >= max(_PROMISE * top, least)
         for promise in group[:_FORMS_FITTED]
         if promise.gain >= _PROMISE * group[0].gain and promise.gain > 0.0
     ]

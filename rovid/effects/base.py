@@ -87,7 +87,9 @@ class Actuation:
     extras
         Further channels of the log, (n,), held.
     reference
-        The median of each further channel over the whole campaign, where the caller knows it.
+        The median of each further channel over the whole campaign.
+    trial
+        Its name.
     """
 
     time: FloatArray
@@ -98,6 +100,7 @@ class Actuation:
     dead_zone: FloatArray
     extras: Mapping[str, FloatArray]
     reference: Mapping[str, float] = field(default_factory=dict)
+    trial: str = ""
 
     @property
     def reference_thrust(self) -> FloatArray:
@@ -211,15 +214,16 @@ class Scales:
         return float(sizes[parameter.scale])
 
 
-def actuation(vehicle: Vehicle, trial: Trial, reference: Mapping[str, float] | None = None) -> Actuation:
-    """What the effects between command and torque need to know of ``vehicle`` and ``trial``; see ``Actuation``."""
+def actuation(vehicle: Vehicle, trial: Trial) -> Actuation:
+    """What the effects between command and torque need to know of ``vehicle`` and ``trial``."""
     curves = [thruster.curve for thruster in vehicle.thrusters]
     return Actuation(
         time=trial.time,
         names=tuple(thruster.name for thruster in vehicle.thrusters),
         dead_zone=np.array([(0.0, 0.0) if c is None else _dead_zone(c) for c in curves]),
         extras=trial.extras,
-        reference=reference or {},
+        reference=trial.reference,
+        trial=trial.name,
         neutral=neutral_commands(vehicle),
         arms=np.array([thruster.yaw_arm for thruster in vehicle.thrusters]),
         full_thrust=np.array([1.0 if c is None else float(np.max(np.abs(c.thrust))) for c in curves]),

@@ -10,11 +10,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from rovid.config import Config
 from rovid.errors import LogError
 from rovid.readers.formats import READERS, read_log
 from rovid.tables import CURVE_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS
-from rovid.trial import Campaign, Remark
+from rovid.trial import Campaign, Remark, Trial
 
 # Progress is worth a bar from here on.
 _LARGE = 20_000_000
@@ -66,7 +68,19 @@ def read_campaign(paths: Sequence[Path], config: Config, progress: Progress | No
     from rovid.readers.twins import without_twins
 
     kept = without_twins(trials, remarks)
-    return Campaign(trials=tuple(kept), sources=tuple(paths), remarks=tuple(remarks))
+    medians = _medians(kept)
+    return Campaign(
+        trials=tuple(replace(trial, reference=medians) for trial in kept),
+        sources=tuple(paths),
+        remarks=tuple(remarks),
+    )
+
+
+def _medians(trials: Sequence[Trial]) -> dict[str, float]:
+    """Median of each further channel over all trials that have readings of it."""
+    names = {name for trial in trials for name in trial.extras}
+    readings = {name: np.concatenate([t.extras[name] for t in trials if name in t.extras]) for name in sorted(names)}
+    return {name: float(np.nanmedian(values)) for name, values in readings.items() if np.isfinite(values).any()}
 
 
 def find_logs(paths: Sequence[Path], config: Config) -> tuple[list[tuple[str, Path]], list[Remark]]:

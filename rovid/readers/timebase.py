@@ -76,7 +76,9 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
         commands=np.column_stack([base.held(command) for command in commands]),
         extras={key: base.held(series[key]) for key in plain},
         remarks=tuple(work.remarks),
-        **continuous,
+        yaw_rate=continuous.get("yaw_rate"),
+        roll=continuous.get("roll"),
+        pitch=continuous.get("pitch"),
     )
 
 

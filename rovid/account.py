@@ -1,0 +1,96 @@
+"""The readable account of a diagnosis: what is wrong, why, how much better, what is left, what to run next."""
+
+from __future__ import annotations
+
+import math
+
+from rich.console import Console
+from rich.markup import escape
+
+from rovid.diagnose.diagnosis import Diagnosis, Finding, Side, not_identifiable
+from rovid.diagnose.experiments import deciding_experiment, next_experiment
+from rovid.output import plus_minus
+from rovid.terminal import number, show_parameters, table
+from rovid.vehicle import Vehicle
+
+_VERDICTS = {
+    "found": "The simulation misses something, and it has a name.",
+    "nothing_found": "Nothing was found: the model explains these data.",
+    "unexplained": "The simulation misses something that no effect of the catalogue explains.",
+    "too_little_data": "There is too little data for a diagnosis.",
+}
+_INVISIBLE = {
+    "thrust_scale": "a common scale of all thrust",
+    "rate_scale": "a constant scale of the rate",
+    "thruster_imbalance": "an imbalance between thrusters",
+}
+
+
+def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> None:
+    """Print the account."""
+    console.print(f"[bold]{_VERDICTS[diagnosis.verdict]}[/bold]", highlight=False)
+    if diagnosis.missing:
+        console.print(escape(diagnosis.missing), highlight=False)
+    for finding in diagnosis.findings:
+        _show_finding(console, finding)
+    for signal, gain in diagnosis.signals:
+        console.print(
+            f"\nUnexplained: {escape(signal.title)} (log-likelihood gain {gain:.0f}). It is a dependence, not a cause.",
+            highlight=False,
+        )
+    if diagnosis.base is not None and diagnosis.extended is not None:
+        _show_gain(console, diagnosis.base, diagnosis.extended, diagnosis.noise_floor)
+        show_parameters(console, diagnosis.extended.estimate)
+        share = 100.0 * diagnosis.unexplained_share
+        console.print(f"left unexplained: {share:.2g} % of the torque's variance", highlight=False)
+    if diagnosis.verdict == "nothing_found":
+        _show_detectable(console, diagnosis)
+    invisible = " and ".join(_INVISIBLE[name] for name in not_identifiable(vehicle))
+    console.print(f"never visible in yaw data: {invisible}", highlight=False)
+    run = next_experiment(diagnosis)
+    console.print(f"[bold]Next:[/bold] {escape(run['run'])} ({escape(run['reason'])})", highlight=False)
+
+
+def _show_finding(console: Console, finding: Finding) -> None:
+    effect, estimate = finding.effect, finding.estimate
+    names = [effect.title, *(other.title for other in finding.undecided)]
+    form = f", form {effect.form}" if effect.form else ""
+    console.print(
+        f"\n[bold]{escape(' or '.join(names))}[/bold] ({effect.id}{escape(form)}): {escape(effect.equation)}",
+        highlight=False,
+    )
+    for parameter in effect.parameters:
+        name = f"{effect.key}.{parameter.name}"
+        value = plus_minus(estimate.value(name), estimate.standard_error(name))
+        console.print(f"  {parameter.name} {value} {parameter.unit if parameter.unit != '1' else ''}", highlight=False)
+    rivals = ", ".join(f"{escape(rival.effect.title)} {rival.gain:.0f}" for rival in finding.rivals[:3])
+    console.print(
+        f"  log-likelihood gain {finding.gain:.0f}, on trials not fitted {finding.held_out_gain:.0f}"
+        + (f"; in its place: {rivals}" if rivals else ""),
+        highlight=False,
+    )
+    decides = deciding_experiment(finding)
+    if decides is not None:
+        console.print(f"  these data do not tell which; this run would: {escape(decides['run'])}", highlight=False)
+
+
+def _show_gain(console: Console, base: Side, extended: Side, floor: float) -> None:
+    rows = table("Trials that were not fitted, simulated freely", "", "without", "with what was found", "noise floor")
+    one, other = base.held_out, extended.held_out
+    rows.add_row("yaw rate R²", number(one.yaw_rate_r2, ".4f"), number(other.yaw_rate_r2, ".4f"), "")
+    rows.add_row("yaw rate RMSE, rad/s", number(one.yaw_rate_rmse), number(other.yaw_rate_rmse), number(floor, ".2g"))
+    for horizon in one.heading_errors:
+        before, after = (
+            None if side.heading_errors[horizon] is None else math.degrees(side.heading_errors[horizon] or 0.0)
+            for side in (one, other)
+        )
+        rows.add_row(f"heading after {horizon:.0f} s, deg", number(before), number(after), "")
+    rows.add_row("log-likelihood", number(one.log_likelihood, ".0f"), number(other.log_likelihood, ".0f"), "")
+    console.print(rows)
+
+
+def _show_detectable(console: Console, diagnosis: Diagnosis) -> None:
+    rows = table("The smallest that would have been seen", "effect", "parameter", "size", "unit", left=2)
+    for effect, size in diagnosis.detectable:
+        rows.add_row(effect.title, effect.parameters[0].name, number(size, ".2g"), effect.parameters[0].unit)
+    console.print(rows)

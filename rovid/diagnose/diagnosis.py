@@ -1,0 +1,308 @@
+"""What is wrong with the model, why, how much better it gets, what is left, and what to run next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rovid.diagnose.heldout import HeldOut, held_out, held_out_scores
+from rovid.diagnose.search import Fitted, Found, Rival, Search, screen
+from rovid.diagnose.signals import drivers, is_driver
+from rovid.effects import Effect, forms_for
+from rovid.errors import DataError
+from rovid.identify.estimate import Estimate
+from rovid.identify.free_run import fit_free_run, free_run_r2
+from rovid.identify.innovations import DISTURBANCE, MEMORY, Likelihood, Records
+from rovid.identify.likelihood import NAMES, canonical, covariance, fit_base, likelihood_is_white, physical
+from rovid.model import Model
+from rovid.runs import Run
+from rovid.vehicle import Vehicle
+
+# A rival is beaten by so much log-likelihood, and by such a share of what the effect gains.
+_BEATEN = (6.0, 0.03)
+# An effect that differs from nothing by fewer standard errors, as printed, is not claimed.
+_SIGNIFICANT = 3.5
+# The search looks at headings this share of the vehicle's time constant apart, and no farther than so many seconds.
+_THINNED, _THINNED_SECONDS = 0.05, 0.2
+# Yaw data never show these: the same motion comes of other inertia and drag.
+NEVER_SHOWN = ("thrust_scale", "rate_scale")
+_FEWEST_TRIALS = 2
+# A null so large stands for infinity.
+_ENDLESS = 1e5
+
+Report = Callable[[str], None]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Finding:
+    """One cause that was named.
+
+    Attributes
+    ----------
+    estimate
+        Of the parameters of ``effect`` alone.
+    gain
+        Log-likelihood that the effect gains.
+    held_out_gain
+        The same on trials that were not fitted.
+    rivals
+        Other causes in its place, best first.
+    undecided
+        Those of them that these data do not rule out.
+    """
+
+    effect: Effect
+    estimate: Estimate
+    gain: float
+    held_out_gain: float
+    rivals: tuple[Rival, ...]
+    undecided: tuple[Effect, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Side:
+    """One of the two models: its estimate, its free-running model and how it does on trials not fitted."""
+
+    model: Model
+    estimate: Estimate
+    held_out: HeldOut
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Diagnosis:
+    """What `rovid diagnose` says.
+
+    Attributes
+    ----------
+    verdict
+        found, nothing_found, unexplained or too_little_data.
+    base, extended
+        None where there was too little data.
+    findings
+        The strongest first.
+    signals
+        Logged signals that drive what no effect explains, with the log-likelihood each gains.
+    unexplained_share
+        Variance of the disturbance torque over that of the torque.
+    noise_floor
+        rad/s; what a perfect model would miss of the yaw rate.
+    detectable
+        Each effect that was not found, and the size of its first parameter that would have been seen, in its unit.
+    """
+
+    verdict: str
+    base: Side | None = None
+    extended: Side | None = None
+    findings: tuple[Finding, ...] = ()
+    signals: tuple[tuple[Effect, float], ...] = ()
+    unexplained_share: float = math.nan
+    noise_floor: float = math.nan
+    detectable: tuple[tuple[Effect, float], ...] = ()
+    warnings: tuple[str, ...] = ()
+    missing: str = ""
+
+
+def diagnose(runs: Sequence[Run], vehicle: Vehicle, report: Report = lambda _: None) -> Diagnosis:
+    """Name what the simulation misses.
+
+    Parameters
+    ----------
+    report
+        Called with a line of text as the work goes on.
+    """
+    lack = _lack(runs)
+    if lack:
+        return Diagnosis(verdict="too_little_data", missing=lack)
+    try:
+        start = fit_free_run(runs)
+    except DataError as error:
+        return Diagnosis(verdict="too_little_data", missing=str(error))
+    report("Fitting the model without effects …")
+    full = Records(runs, vehicle, start)
+    quick = replace(full, interval=_interval(runs, start, full.rate))
+    likelihood, x, _ = fit_base(quick, free_run_r2(runs, start))
+    base = Fitted(likelihood, x, likelihood.cost(x))
+    channels = set.intersection(*(set(run.trial.extras) for run in runs))
+    search = Search((*forms_for(vehicle, channels), *drivers(runs, likelihood.model(x))), report)
+    final = search.run(base)
+    report("Testing what was found on trials that were not fitted …")
+    final, warnings = _confirmed(search, final)
+    found = [search.found(final, effect) for effect in final.effects]
+    return _diagnosis(_Work(search, full, base, final), found, warnings)
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    search: Search
+    full: Records
+    base: Fitted
+    final: Fitted
+
+
+def _lack(runs: Sequence[Run]) -> str:
+    if len(runs) < _FEWEST_TRIALS:
+        return (
+            "there is one trial only: nothing can be held out to test a cause on. Record at least one more run, of "
+            "another kind (a hold the other way, a sine, a coast-down)."
+        )
+    if not any(np.any(run.torque != 0.0) for run in runs):
+        return "no thruster ever runs: there is no torque to explain the motion with. Log a run under thrust."
+    return ""
+
+
+def _interval(runs: Sequence[Run], start: Model, rate: float) -> float:
+    constant = start.inertia / max(2.0 * start.quadratic_drag * rate + start.linear_drag, 1e-12)
+    wanted = min(_THINNED * constant, _THINNED_SECONDS)
+    period = float(np.median([run.trial.period for run in runs]))
+    return wanted if wanted >= 2.0 * period else 0.0
+
+
+def _confirmed(search: Search, final: Fitted) -> tuple[Fitted, list[str]]:
+    """Drop what does not hold on trials not fitted, or is no larger than its uncertainty."""
+    warnings = []
+    while final.effects:
+        weakest = None
+        scores = sum(held_out_scores(final))
+        for effect in final.effects:
+            gain = scores - sum(held_out_scores(search.without(final, effect)))
+            if gain <= 0.0:
+                weakest = effect
+                warnings.append(
+                    f"{effect.title} fits these trials but predicts held-out trials worse ({gain:.1f}): "
+                    "it is not claimed."
+                )
+                break
+            size = _significance(final, effect)
+            if size < _SIGNIFICANT:
+                weakest = effect
+                warnings.append(
+                    f"{effect.title} is only {size:.1f} standard errors away from nothing: it is not claimed."
+                )
+                break
+        if weakest is None:
+            break
+        final = search.without(final, weakest)
+    return final, warnings
+
+
+def _significance(fitted: Fitted, effect: Effect) -> float:
+    """Distance of the effect's size from nothing, in standard errors."""
+    size = effect.parameters[0]
+    names = _names(fitted.effects)
+    at = names.index(f"{effect.key}.{size.name}")
+    spread = covariance(fitted.likelihood, fitted.x, sandwich=not likelihood_is_white(fitted.likelihood, fitted.x))
+    value = physical(fitted.likelihood, fitted.x)[at]
+    null = size.null * fitted.likelihood.records.scales.of(size)
+    # The inverse of an endless null is the quantity that is nothing at nothing.
+    error = math.sqrt(spread[at, at])
+    return float(abs(value if abs(size.null) > _ENDLESS else value - null) / error)
+
+
+def _names(effects: Sequence[Effect]) -> tuple[str, ...]:
+    return (*NAMES, *(f"{effect.key}.{p.name}" for effect in effects for p in effect.parameters))
+
+
+def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diagnosis:
+    base, final = _refined(work.full, work.base), _refined(work.full, work.final)
+    white = likelihood_is_white(final.likelihood, final.x)
+    estimate = _estimate(final, white=white)
+    findings = [_finding(work, one, estimate) for one in found if not is_driver(one.effect)]
+    signals = tuple((one.effect, one.worth) for one in found if is_driver(one.effect))
+    at_limit = bool(final.x[DISTURBANCE] > final.likelihood.high[DISTURBANCE] - 1e-3)
+    if at_limit:
+        warnings.append(
+            f"What is left would be a disturbance above {100 * final.likelihood.limit:.2g} % of the torque in use: "
+            "something is still missing, and it follows no logged signal."
+        )
+    verdict = "found" if findings else "unexplained" if signals or at_limit else "nothing_found"
+    disturbance = math.exp(final.x[DISTURBANCE])
+    return Diagnosis(
+        verdict=verdict,
+        base=_side(work.base, _estimate(base, white=likelihood_is_white(base.likelihood, base.x)), base),
+        extended=_side(work.final, estimate, final),
+        findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
+        signals=signals,
+        unexplained_share=(disturbance / work.full.torque) ** 2,
+        noise_floor=_noise_floor(final),
+        detectable=_detectable(work),
+        warnings=tuple(warnings),
+    )
+
+
+def _refined(full: Records, fitted: Fitted) -> Fitted:
+    """The same model fitted to every heading."""
+    likelihood = Likelihood(full, fitted.likelihood.limit, fitted.effects)
+    return Fitted(likelihood, *likelihood.climb(fitted.x))
+
+
+def _side(quick: Fitted, estimate: Estimate, fitted: Fitted) -> Side:
+    return Side(model=fitted.likelihood.model(fitted.x), estimate=estimate, held_out=held_out(quick))
+
+
+def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
+    x = canonical(fitted.likelihood, fitted.x)
+    return Estimate(
+        names=_names(fitted.effects),
+        values=physical(fitted.likelihood, x),
+        covariance=covariance(fitted.likelihood, x, sandwich=not white),
+        method="maximum likelihood of Kalman-filter innovations",
+        samples=len(fitted.likelihood.records.trial),
+    )
+
+
+def _finding(work: _Work, found: Found, estimate: Estimate) -> Finding:
+    effect = found.effect
+    own = [f"{effect.key}.{parameter.name}" for parameter in effect.parameters]
+    at = [estimate.names.index(name) for name in own]
+    rest = work.search.without(work.final, effect)
+    margin = _BEATEN[0] + _BEATEN[1] * found.worth
+    return Finding(
+        effect=effect,
+        estimate=replace(
+            estimate, names=tuple(own), values=estimate.values[at], covariance=estimate.covariance[np.ix_(at, at)]
+        ),
+        gain=found.gain,
+        held_out_gain=sum(held_out_scores(work.final)) - sum(held_out_scores(rest)),
+        rivals=found.rivals,
+        undecided=tuple(
+            rival.effect for rival in found.rivals if rival.gain > found.worth - margin and not is_driver(rival.effect)
+        ),
+    )
+
+
+def _noise_floor(fitted: Fitted) -> float:
+    """RMS yaw rate in rad/s that the disturbance drives, and what the low pass leaves of the sensor's noise.
+
+    First-order motion about the usual rate, driven by a Gauss-Markov torque.
+    """
+    records, model = fitted.likelihood.records, fitted.likelihood.model(fitted.x)
+    slope = max(2.0 * model.quadratic_drag * records.rate + model.linear_drag, 1e-12)
+    constant, memory = model.inertia / slope, math.exp(fitted.x[MEMORY])
+    driven = (math.exp(fitted.x[DISTURBANCE]) / slope) ** 2 * memory / (memory + constant)
+    return math.sqrt(driven + float(np.median([run.rates.yaw_rate_noise for run in records.runs])) ** 2)
+
+
+def _detectable(work: _Work) -> tuple[tuple[Effect, float], ...]:
+    """Size of each effect not found that would have been seen, to first order."""
+    taken = {effect.id for effect in work.final.effects}
+    plain: dict[str, Effect] = {}
+    for effect in work.search.candidates:
+        if effect.id not in taken and not is_driver(effect):
+            plain.setdefault(effect.id, effect)
+    scales, sizes = work.full.scales, []
+    for promise in screen(work.final, list(plain.values())):
+        size, start = promise.effect.parameters[0], promise.effect.parameters[0].starts[0]
+        price = 0.5 * math.log(len(work.full.trial)) * len(promise.effect.parameters)
+        if promise.power > 0.0 and abs(size.null) < _ENDLESS:
+            share = math.sqrt((work.search.threshold + price) / promise.power)
+            sizes.append((promise.effect, abs(share * (start - size.null)) * scales.of(size)))
+    return tuple(sizes)
+
+
+def not_identifiable(vehicle: Vehicle) -> tuple[str, ...]:
+    """What yaw data of ``vehicle`` cannot show at all."""
+    thrusters = [thruster for thruster in vehicle.thrusters if thruster.curve is not None]
+    return NEVER_SHOWN if len(thrusters) > 1 else (*NEVER_SHOWN, "thruster_imbalance")

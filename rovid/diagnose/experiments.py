@@ -1,0 +1,59 @@
+"""Which run would tell what these data cannot."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rovid.diagnose.diagnosis import Diagnosis, Finding
+from rovid.effects import CATALOGUE
+
+# Runs that separate two causes best (EFFECTS.md 3.1); where none stands here, the run that reveals either.
+_PAIRS = {
+    frozenset({"thruster_lag", "command_delay"}): "a fast pseudo-random command, 1 to 3 s a level",
+    frozenset({"entrained_swirl", "tether_torsion"}): "six turns one way, rest, and six turns back",
+    frozenset({"coulomb_resistance", "drag_curvature"}): "coast-downs to rest and the slowest possible holds",
+    frozenset({"bias_torque", "thrust_asymmetry"}): "a coast-down left alone at rest, and holds of both signs",
+    frozenset({"bias_torque", "drag_asymmetry"}): "a coast-down left alone at rest",
+    frozenset({"thrust_asymmetry", "drag_asymmetry"}): "sines from 10 to 80 s and coast-downs both ways",
+    frozenset({"oscillatory_drag", "added_mass_memory"}): "coast-downs from a long turn; sines from 10 to 160 s",
+    frozenset({"added_mass_memory", "thruster_lag"}): "a fast pseudo-random command; sines from 5 to 160 s",
+    frozenset({"thruster_deadband", "supply_sag"}): "a low-speed staircase through neutral, both ways",
+    frozenset({"oscillatory_drag", "entrained_swirl"}): "coast-downs from turns of different length",
+    frozenset({"command_hysteresis", "command_delay"}): "a slow staircase up and down through neutral",
+    frozenset({"drag_curvature", "supply_sag"}): "coast-downs beside holds, with the supply's voltage in the log",
+}
+
+
+def deciding_experiment(finding: Finding) -> dict[str, Any] | None:
+    """The run that would tell ``finding`` from what it cannot be told from; None where it is decided."""
+    if not finding.undecided:
+        return None
+    other = finding.undecided[0]
+    run = _PAIRS.get(frozenset({finding.effect.id, other.id}), finding.effect.experiment)
+    return {"run": run, "separates": [finding.effect.id, other.id]}
+
+
+def next_experiment(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What to run next: what decides between rivals, then what shows the least certain, then what was not excited."""
+    for finding in diagnosis.findings:
+        decides = deciding_experiment(finding)
+        if decides is not None:
+            return decides | {"reason": "two causes explain these data equally well"}
+    if diagnosis.missing:
+        return {
+            "run": "holds of several levels both ways, sines of 20 to 80 s, and coast-downs to rest",
+            "reason": diagnosis.missing,
+        }
+    if diagnosis.verdict == "unexplained":
+        signal = diagnosis.signals[0][0].id.removeprefix("signal ") if diagnosis.signals else ""
+        held = (
+            f"the same hold with {signal} at two values" if signal else "a hold repeated first, in the middle and last"
+        )
+        return {"run": held, "reason": "something acts that no effect of the catalogue explains"}
+    if diagnosis.findings:
+        effect = diagnosis.findings[0].effect
+        return {"run": effect.experiment, "reason": f"it confirms {effect.title} by itself"}
+    return {
+        "run": next(effect.experiment for effect in CATALOGUE if effect.id == "thruster_lag"),
+        "reason": "nothing is missing; fast commands narrow the inertia and show timing errors first",
+    }
