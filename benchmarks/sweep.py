@@ -262,12 +262,18 @@ def drivers(answer: Document) -> list[str]:
 
 
 def stated(answer: Document) -> dict[str, tuple[float, float]]:
-    """(value, standard error) of the last model's parameters: the extended one's, the base's where there is none."""
+    """(value, standard error) of the last model's parameters: the extended one's, the base's where there is none.
+
+    The names have the form or the thruster of the effect, where its finding says one.
+    """
     model = answer.get("extended") or answer.get("base") or {}
-    return {
-        name: (number(each["value"]), number(each.get("standard_error")))
-        for name, each in (model.get("parameters") or {}).items()
-    }
+    forms = {each["effect"]: each.get("form") for each in answer["findings"]}
+    found = {}
+    for name, each in (model.get("parameters") or {}).items():
+        key, _, parameter = name.rpartition(".")
+        full = f"{key}:{forms[key]}.{parameter}" if forms.get(key) else name
+        found[full] = number(each["value"]), number(each.get("standard_error"))
+    return found
 
 
 def number(value: float | None) -> float:
@@ -370,10 +376,10 @@ def page(results: Sequence[Result], today: str) -> str:
     effects = [result for result in results if result.kind == "effect"]
     parts = [
         introduction(results, today),
+        in_short(results),
         "## One effect hidden\n",
         totals(effects, "effect", lambda r: r.size),
-        "By the form in which it was hidden: the plain one is that of the catalogue's equation, any other is physics\n"
-        "of the same name with another law.\n",
+        FORM_WORDS,
         totals(effects, "effect", lambda r: "plain" if r.plain else "other", by="form"),
         WORDS,
         "## What was taken for what\n",
@@ -385,7 +391,9 @@ def page(results: Sequence[Result], today: str) -> str:
         totals(of_kind(results, "outside"), "outside", lambda r: r.size),
         "## Nothing hidden\n",
         NOTHING_WORDS,
-        totals(of_kind(results, "nothing"), "nothing", lambda r: "decoys" if "decoys" in r.name else "", by="logged"),
+        totals(
+            of_kind(results, "nothing"), "nothing", lambda r: "decoys" if "decoys" in r.name else "usual", by="logged"
+        ),
         "## Parameters\n",
         PARAMETER_WORDS,
         dynamics_table(results),
@@ -421,6 +429,30 @@ from fewer runs.
 """
 
 
+def in_short(results: Sequence[Result]) -> str:
+    """A line for each kind of campaign: how often right, how often a wrong name."""
+    labels: Mapping[Kind, str] = {
+        "effect": "one effect hidden",
+        "pair": "two effects hidden",
+        "triple": "three effects hidden",
+        "outside": "a cause that is in no catalogue",
+        "nothing": "nothing hidden",
+    }
+    sorts = (("exact", "right", "clean"), ("class",), ("extra", "wrong", "named", "false finding"))
+    rows = []
+    for kind, label in labels.items():
+        counts = Counter(outcome(result) for result in of_kind(results, kind))
+        whole = counts.total()
+        sums = [sum(counts[each] for each in names) for names in sorts]
+        if whole:
+            rows.append([label, str(whole), *(share(each, whole) for each in (*sums, whole - sum(sums)))])
+    return table(["campaigns with", "number", "right", "right, a rival left", "a wrong name", "neither"], rows)
+
+
+FORM_WORDS = """\
+By the form in which it was hidden: the plain one is that of the contract's equation, any other is physics of the same
+name with another law.
+"""
 WORDS = """\
 - exact: everything that was hidden was named, nothing else, and no rival was left open;
 - class: what was hidden is among the names given, but a rival could not be told from it, or was named first;
@@ -431,13 +463,14 @@ WORDS = """\
 - no answer: an error, or too little data.
 """
 OUTSIDE_WORDS = """\
-A torque or a drag that depends on a logged signal, in a way no effect of the catalogue does; four further signals are
-logged that have nothing to do with it. Right: left unexplained, with the true driver first. Listed: the driver is
+A torque or a drag that depends on a logged signal, in a way no effect of the catalogue does; other signals that have
+nothing to do with it are logged as well. Right: left unexplained, with the true driver first. Listed: the driver is
 among the signals given, not first. Other driver: unexplained, without the true signal. Named: an effect of the
 catalogue was named, wrongly.
 """
 NOTHING_WORDS = """\
-Clean: nothing was found. Every second campaign logs signals on which nothing depends, as decoys.
+Clean: nothing was found. Unexplained: no effect was named, but something was said to be missing. Every second campaign
+logs further signals on which nothing depends, as decoys.
 """
 PARAMETER_WORDS = """\
 The last model's parameters against the truth. Good is within 2 % or within 2 standard errors. Of standard errors that
@@ -452,9 +485,10 @@ def of_kind(results: Iterable[Result], kind: Kind) -> list[Result]:
 def totals(results: Sequence[Result], kind: Kind, group: Callable[[Result], str], *, by: str = "size") -> str:
     """How often each outcome, for each vehicle and group, and for all vehicles together."""
     labels = sorted({group(result) for result in results}, reverse=True)
+    vehicles = [name for name in NAMED if any(result.vehicle == name for result in results)]
     rows = [
         [vehicle, label, *counted(chosen, kind)]
-        for vehicle in (*NAMED, "all")
+        for vehicle in (*vehicles, *(["all"] if len(vehicles) > 1 else []))
         for label in labels
         if (chosen := [r for r in results if vehicle in {r.vehicle, "all"} and group(r) == label])
     ]
@@ -533,7 +567,7 @@ def dynamics_table(results: Sequence[Result]) -> str:
         for label, wanted in kinds.items()
         for name in ("inertia", "quadratic_drag", "linear_drag")
     ]
-    return table(["campaigns", *SUMMARY], [row for row in rows if row[2] != "0"], left=2)
+    return table(["diagnosis", *SUMMARY], [row for row in rows if row[2] != "0"], left=2)
 
 
 def effect_parameters_table(results: Sequence[Result]) -> str:
@@ -543,7 +577,7 @@ def effect_parameters_table(results: Sequence[Result]) -> str:
     return table([*SUMMARY], rows)
 
 
-SUMMARY = ("parameter", "hidden", "stated", "within 1 se", "within 2 se", "within 2 %", "good", "median error")
+SUMMARY = ("parameter", "campaigns", "stated", "within 1 se", "within 2 se", "within 2 %", "good", "median error")
 
 
 def summary(name: str, found: Sequence[Reading]) -> list[str]:
@@ -621,15 +655,21 @@ def read_results(path: Path) -> list[Result]:
 
 def append(path: Path, result: Result) -> None:
     """Add ``result`` with its score as one line, on disk at once."""
-    row = json.dumps(asdict(result) | {"outcome": outcome(result)})
-    torn = path.exists() and path.stat().st_size and not path.read_bytes().endswith(b"\n")
     with path.open("a", encoding="utf-8") as file:
-        file.write(("\n" if torn else "") + row + "\n")
+        file.write(json.dumps(asdict(result) | {"outcome": outcome(result)}) + "\n")
+
+
+def end_line(path: Path) -> None:
+    """End the last line of ``path`` if it was cut short, so that the next one stands alone."""
+    if path.exists() and path.stat().st_size and not path.read_bytes().endswith(b"\n"):
+        with path.open("a", encoding="utf-8") as file:
+            file.write("\n")
 
 
 def sweep(jobs: Sequence[Job], arguments: argparse.Namespace) -> Iterator[Result]:
     """Results as they come, each written down before the next."""
     begun = time.perf_counter()
+    end_line(arguments.results)
     with ThreadPoolExecutor(arguments.jobs) as pool:
         futures = [pool.submit(run, job, arguments.seed, arguments.rovid, arguments.limit) for job in jobs]
         try:
@@ -691,8 +731,12 @@ def main() -> None:
     done = {key for key, result in results.items() if result.answer is not None}
     jobs = [] if arguments.page_only else planned(arguments)
     todo = [job for job in jobs if (arguments.seed, job.vehicle, job.name) not in done]
-    for result in sweep(todo, arguments):
-        results[result.key] = result
+    try:
+        for result in sweep(todo, arguments):
+            results[result.key] = result
+    except KeyboardInterrupt:
+        print(f"stopped; go on with --resume {arguments.results}", file=sys.stderr)
+        raise SystemExit(130) from None
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     today = datetime.now(UTC).date().isoformat()
     arguments.out.write_text(page(list(results.values()), today), encoding="utf-8", newline="\n")

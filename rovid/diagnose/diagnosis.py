@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rovid.diagnose.heldout import HeldOut, held_out, held_out_scores
-from rovid.diagnose.search import Fitted, Found, Rival, Search, screen
-from rovid.diagnose.signals import drivers, is_driver
+from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, simulate_folds
+from rovid.diagnose.search import Fitted, Found, Promise, Rival, Search, key_of, worth
+from rovid.diagnose.signals import PREFIX, drivers, is_driver
 from rovid.effects import Effect, forms_for
 from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
@@ -25,6 +25,9 @@ from rovid.vehicle import Vehicle
 _BEATEN = (6.0, 0.03)
 # An effect that differs from nothing by fewer standard errors, as printed, is not claimed.
 _SIGNIFICANT = 3.5
+# A rival with this share of an effect's gain is compared with it over every heading.
+_CLOSE = 0.8
+_DECISIONS = 3
 # The search looks at headings this share of the vehicle's time constant apart, and no farther than so many seconds.
 _THINNED, _THINNED_SECONDS = 0.05, 0.2
 # Yaw data never show these: the same motion comes of other inertia and drag.
@@ -129,17 +132,82 @@ def diagnose(runs: Sequence[Run], vehicle: Vehicle, report: Report = lambda _: N
     search = Search((*forms_for(vehicle, channels), *drivers(runs, likelihood.model(x))), report)
     final = search.run(base)
     report("Testing what was found on trials that were not fitted …")
-    final, warnings = _confirmed(search, final)
-    found = [search.found(final, effect) for effect in final.effects]
-    return _diagnosis(_Work(search, full, base, final), found, warnings)
+    work = _Work(search, full, base, final)
+    work.decide()
+    warnings = work.confirm()
+    return _diagnosis(work, [work.found(effect) for effect in work.final.effects], warnings)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Work:
+    """The search, its two models, and their trials held out."""
+
     search: Search
     full: Records
     base: Fitted
     final: Fitted
+    _folds: dict[frozenset[str], list[Fold]] = field(default_factory=dict)
+    _refined: dict[frozenset[str], Fitted] = field(default_factory=dict)
+
+    def decide(self) -> None:
+        """Let every heading decide between an effect and a close rival: the quick look may have taken the wrong one."""
+        for _ in range(_DECISIONS):
+            found = (self.found(effect) for effect in self.final.effects)
+            better = next((r for one in found for r in one.rivals if r.gain > one.worth and r.fitted.plausible), None)
+            if better is None:
+                return
+            self.final = better.fitted
+
+    def found(self, effect: Effect) -> Found:
+        """What ``effect`` gains, its close rivals compared over every heading."""
+        found = self.search.found(self.final, effect)
+        close = [
+            rival for rival in found.rivals[:2] if rival.gain > _CLOSE * found.worth and not is_driver(rival.effect)
+        ]
+        if not close or self.final.likelihood.records is self.full:
+            return found
+        here = worth(self.refined(self.final))
+        exact = {r.effect.id: found.worth + worth(self.refined(r.fitted)) - here for r in close}
+        rivals = (replace(rival, gain=exact.get(rival.effect.id, rival.gain)) for rival in found.rivals)
+        return replace(found, rivals=tuple(sorted(rivals, key=lambda rival: -rival.gain)))
+
+    def refined(self, fitted: Fitted) -> Fitted:
+        """The same model fitted to every heading, once."""
+        key = key_of(fitted.effects)
+        if key not in self._refined:
+            likelihood = Likelihood(self.full, fitted.likelihood.limit, fitted.effects)
+            self._refined[key] = Fitted(likelihood, *likelihood.climb(fitted.x, tolerance=0.05))
+        return self._refined[key]
+
+    def folds(self, fitted: Fitted) -> list[Fold]:
+        """Each fourth of the trials predicted from the others, worked out once for a model."""
+        key = key_of(fitted.effects)
+        if key not in self._folds:
+            self._folds[key] = cross_validate(fitted)
+        return self._folds[key]
+
+    def held_out_gain(self, effect: Effect) -> float:
+        """Log-likelihood of trials not fitted that ``effect`` gains."""
+        scores = (self.folds(model) for model in (self.final, self.search.without(self.final, effect)))
+        full, rest = (sum(fold.log_likelihood for fold in folds) for folds in scores)
+        return full - rest
+
+    def confirm(self) -> list[str]:
+        """Drop what does not hold on trials not fitted, or is no larger than its uncertainty; say so."""
+        warnings: list[str] = []
+        while True:
+            doubts = ((effect, self._doubt(effect)) for effect in self.final.effects)
+            effect, doubt = next(((effect, doubt) for effect, doubt in doubts if doubt), (None, ""))
+            if effect is None:
+                return warnings
+            warnings.append(f"{effect.title} {doubt}: it is not claimed.")
+            self.final = self.search.without(self.final, effect)
+
+    def _doubt(self, effect: Effect) -> str:
+        gain, size = self.held_out_gain(effect), _significance(self.final, effect)
+        if gain <= 0.0:
+            return f"fits these trials but predicts trials not fitted worse (log-likelihood {gain:.1f})"
+        return f"is only {size:.1f} standard errors away from nothing" if size < _SIGNIFICANT else ""
 
 
 def _lack(runs: Sequence[Run]) -> str:
@@ -160,34 +228,6 @@ def _interval(runs: Sequence[Run], start: Model, rate: float) -> float:
     return wanted if wanted >= 2.0 * period else 0.0
 
 
-def _confirmed(search: Search, final: Fitted) -> tuple[Fitted, list[str]]:
-    """Drop what does not hold on trials not fitted, or is no larger than its uncertainty."""
-    warnings = []
-    while final.effects:
-        weakest = None
-        scores = sum(held_out_scores(final))
-        for effect in final.effects:
-            gain = scores - sum(held_out_scores(search.without(final, effect)))
-            if gain <= 0.0:
-                weakest = effect
-                warnings.append(
-                    f"{effect.title} fits these trials but predicts held-out trials worse ({gain:.1f}): "
-                    "it is not claimed."
-                )
-                break
-            size = _significance(final, effect)
-            if size < _SIGNIFICANT:
-                weakest = effect
-                warnings.append(
-                    f"{effect.title} is only {size:.1f} standard errors away from nothing: it is not claimed."
-                )
-                break
-        if weakest is None:
-            break
-        final = search.without(final, weakest)
-    return final, warnings
-
-
 def _significance(fitted: Fitted, effect: Effect) -> float:
     """Distance of the effect's size from nothing, in standard errors."""
     size = effect.parameters[0]
@@ -206,7 +246,7 @@ def _names(effects: Sequence[Effect]) -> tuple[str, ...]:
 
 
 def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diagnosis:
-    base, final = _refined(work.full, work.base), _refined(work.full, work.final)
+    base, final = work.refined(work.base), work.refined(work.final)
     white = likelihood_is_white(final.likelihood, final.x)
     estimate = _estimate(final, white=white)
     findings = [_finding(work, one, estimate) for one in found if not is_driver(one.effect)]
@@ -221,8 +261,8 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
     disturbance = math.exp(final.x[DISTURBANCE])
     return Diagnosis(
         verdict=verdict,
-        base=_side(work.base, _estimate(base, white=likelihood_is_white(base.likelihood, base.x)), base),
-        extended=_side(work.final, estimate, final),
+        base=_side(work, work.base, base, _estimate(base, white=likelihood_is_white(base.likelihood, base.x))),
+        extended=_side(work, work.final, final, estimate),
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
         signals=signals,
         unexplained_share=(disturbance / work.full.torque) ** 2,
@@ -232,22 +272,19 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
     )
 
 
-def _refined(full: Records, fitted: Fitted) -> Fitted:
-    """The same model fitted to every heading."""
-    likelihood = Likelihood(full, fitted.likelihood.limit, fitted.effects)
-    return Fitted(likelihood, *likelihood.climb(fitted.x))
-
-
-def _side(quick: Fitted, estimate: Estimate, fitted: Fitted) -> Side:
-    return Side(model=fitted.likelihood.model(fitted.x), estimate=estimate, held_out=held_out(quick))
+def _side(work: _Work, quick: Fitted, fitted: Fitted, estimate: Estimate) -> Side:
+    held = simulate_folds(quick, work.folds(quick))
+    return Side(model=fitted.likelihood.model(fitted.x), estimate=estimate, held_out=held)
 
 
 def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
-    x = canonical(fitted.likelihood, fitted.x)
+    x, names = canonical(fitted.likelihood, fitted.x), _names(fitted.effects)
+    # What follows a signal is a dependence; it is no parameter of the vehicle.
+    at = [k for k, name in enumerate(names) if not name.startswith(PREFIX)]
     return Estimate(
-        names=_names(fitted.effects),
-        values=physical(fitted.likelihood, x),
-        covariance=covariance(fitted.likelihood, x, sandwich=not white),
+        names=tuple(names[k] for k in at),
+        values=physical(fitted.likelihood, x)[at],
+        covariance=covariance(fitted.likelihood, x, sandwich=not white)[np.ix_(at, at)],
         method="maximum likelihood of Kalman-filter innovations",
         samples=len(fitted.likelihood.records.trial),
     )
@@ -257,7 +294,6 @@ def _finding(work: _Work, found: Found, estimate: Estimate) -> Finding:
     effect = found.effect
     own = [f"{effect.key}.{parameter.name}" for parameter in effect.parameters]
     at = [estimate.names.index(name) for name in own]
-    rest = work.search.without(work.final, effect)
     margin = _BEATEN[0] + _BEATEN[1] * found.worth
     return Finding(
         effect=effect,
@@ -265,7 +301,7 @@ def _finding(work: _Work, found: Found, estimate: Estimate) -> Finding:
             estimate, names=tuple(own), values=estimate.values[at], covariance=estimate.covariance[np.ix_(at, at)]
         ),
         gain=found.gain,
-        held_out_gain=sum(held_out_scores(work.final)) - sum(held_out_scores(rest)),
+        held_out_gain=work.held_out_gain(effect),
         rivals=found.rivals,
         undecided=tuple(
             rival.effect for rival in found.rivals if rival.gain > found.worth - margin and not is_driver(rival.effect)
@@ -287,13 +323,13 @@ def _noise_floor(fitted: Fitted) -> float:
 
 def _detectable(work: _Work) -> tuple[tuple[Effect, float], ...]:
     """Size of each effect not found that would have been seen, to first order."""
-    taken = {effect.id for effect in work.final.effects}
-    plain: dict[str, Effect] = {}
-    for effect in work.search.candidates:
-        if effect.id not in taken and not is_driver(effect):
-            plain.setdefault(effect.id, effect)
+    work.search.extensions(work.final)
+    plain: dict[str, Promise] = {}
+    for promise in work.search.promises[key_of(work.final.effects)]:
+        if not is_driver(promise.effect):
+            plain.setdefault(promise.effect.id, promise)
     scales, sizes = work.full.scales, []
-    for promise in screen(work.final, list(plain.values())):
+    for promise in plain.values():
         size, start = promise.effect.parameters[0], promise.effect.parameters[0].starts[0]
         price = 0.5 * math.log(len(work.full.trial)) * len(promise.effect.parameters)
         if promise.power > 0.0 and abs(size.null) < _ENDLESS:

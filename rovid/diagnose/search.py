@@ -26,6 +26,7 @@ _FORMS_FITTED = 3
 _WORTH_A_CHANGE = 0.5
 _ITERATIONS = 25
 _FIRST_ITERATIONS = 4
+_TOLERANCE = 0.1
 _AHEAD = 0.4
 _MAX_EFFECTS = 6
 # A logged signal is preferred to a named effect only if it gains so much more, in all and in proportion.
@@ -65,6 +66,17 @@ class Fitted:
             at += width
         raise KeyError(effect.key)
 
+    @property
+    def plausible(self) -> bool:
+        """Whether the last effect is of a size that there is, none of its parameters at the edge."""
+        effect = self.effects[-1]
+        for number, (value, parameter) in enumerate(zip(self.own(effect), effect.parameters, strict=True)):
+            if value >= parameter.high and parameter.high != parameter.null:
+                return False
+            if number == 0 and value <= parameter.low and parameter.low != parameter.null:
+                return False
+        return True
+
     def without(self, effect: Effect) -> tuple[tuple[Effect, ...], FloatArray]:
         """The other effects, and the coordinates that are left."""
         rest = tuple(other for other in self.effects if other is not effect)
@@ -97,6 +109,7 @@ class Rival:
 
     effect: Effect
     gain: float
+    fitted: Fitted
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,10 +142,14 @@ class Search:
         Every form that may be tried.
     report
         Called with a line of text as the search goes on.
+    promises
+        Keys of a model's effects -> what each further form promised there.
     """
 
     candidates: Sequence[Effect]
     report: Report = field(default=lambda _: None)
+    promises: dict[frozenset[str], list[Promise]] = field(default_factory=dict)
+    _left: set[frozenset[str]] = field(default_factory=set)
     _extensions: dict[frozenset[str], list[Fitted]] = field(default_factory=dict)
     _fits: dict[frozenset[str], Fitted] = field(default_factory=dict)
 
@@ -142,56 +159,63 @@ class Search:
         return MARGIN + math.log(max(len({effect.id for effect in self.candidates}), 1))
 
     def run(self, base: Fitted) -> Fitted:
-        """Add what pays, drop what no longer does, and exchange what another explains better."""
-        self._fits[_key(base.effects)] = base
+        """Add what pays and drop what no longer does; then exchange what another explains better, and go on."""
+        self._fits[key_of(base.effects)] = base
         current = base
         for _ in range(_MAX_EFFECTS):
+            current = self._grown(current)
+            exchanged = self._exchanged(current)
+            if exchanged is None:
+                break
+            current = exchanged
+        return current
+
+    def _grown(self, current: Fitted) -> Fitted:
+        while len(current.effects) < _MAX_EFFECTS:
             better = self._best(self.extensions(current), current)
             if worth(better) - worth(current) < self.threshold:
                 break
-            current = self._reconsidered(better)
+            current = self._pruned(better)
         return current
+
+    def _pruned(self, current: Fitted) -> Fitted:
+        """Without what is no longer needed: one effect may have stood in for another that came later."""
+        for effect in current.effects[:-1]:
+            rest = self.without(current, effect)
+            if worth(current) - worth(rest) < self.threshold:
+                return self._pruned(rest)
+        return current
+
+    def _exchanged(self, current: Fitted) -> Fitted | None:
+        """The model with another form or another cause in the place of an effect, where that is better."""
+        for effect in current.effects:
+            rest = self.without(current, effect)
+            other = self._best(self.extensions(rest), rest)
+            if worth(other) > worth(current) + _WORTH_A_CHANGE and key_of(other.effects) not in self._left:
+                self._left.add(key_of(current.effects))
+                return other
+        return None
 
     def _best(self, fits: Sequence[Fitted], default: Fitted) -> Fitted:
         """The worthiest; a named effect goes before a mere signal that is little better."""
-        named = max((fit for fit in fits if fit.effects[-1].equation), key=worth, default=default)
+        named = max((fit for fit in fits if fit.effects[-1].equation and fit.plausible), key=worth, default=default)
         signal = max((fit for fit in fits if not fit.effects[-1].equation), key=worth, default=default)
         gap = _SIGNAL_HANDICAP[0] + _SIGNAL_HANDICAP[1] * max(worth(named) - worth(default), 0.0)
         return signal if worth(signal) > worth(named) + gap else named
 
     def extensions(self, current: Fitted) -> list[Fitted]:
         """The model with each promising effect more, in each promising form."""
-        key = _key(current.effects)
+        key = key_of(current.effects)
         if key not in self._extensions:
             taken = {effect.id for effect in current.effects}
             self.report(f"{_named(current.effects)}: trying {len(self.candidates)} forms of what else there may be …")
             promises = screen(current, [effect for effect in self.candidates if effect.id not in taken])
+            self.promises[key] = promises
             fits = _fit_all(current, _shortlist(promises, self.threshold * _NEGLIGIBLE))
             self._extensions[key] = fits
             for fit in fits:
-                self._fits.setdefault(_key(fit.effects), fit)
+                self._fits.setdefault(key_of(fit.effects), fit)
         return self._extensions[key]
-
-    def _reconsidered(self, current: Fitted) -> Fitted:
-        """Test every effect again: another form, another cause in its place, or none."""
-        for _ in range(2 * _MAX_EFFECTS):
-            better = self._second_thought(current)
-            if better is None:
-                break
-            current = better
-        return current
-
-    def _second_thought(self, current: Fitted) -> Fitted | None:
-        if len(current.effects) < 2:
-            return None
-        for effect in current.effects:
-            rest = self.without(current, effect)
-            if worth(current) - worth(rest) < self.threshold:
-                return rest
-            other = self._best(self.extensions(rest), rest)
-            if worth(other) > worth(current) + _WORTH_A_CHANGE:
-                return other
-        return None
 
     def found(self, current: Fitted, effect: Effect) -> Found:
         """What ``effect`` gains, and what each other cause would gain in its place."""
@@ -201,17 +225,17 @@ class Search:
         for fit in self.extensions(rest):
             last, gain = fit.effects[-1], worth(fit) - worth(rest)
             if last.id not in others and (last.id not in best or gain > best[last.id].gain):
-                best[last.id] = Rival(last, gain)
+                best[last.id] = Rival(last, gain, fit)
         ranked = tuple(sorted(best.values(), key=lambda rival: -rival.gain))
         return Found(effect, rest.cost - current.cost, worth(current) - worth(rest), ranked)
 
     def without(self, current: Fitted, effect: Effect) -> Fitted:
         """The model without ``effect``, all else fitted again."""
         effects, x = current.without(effect)
-        key = _key(effects)
+        key = key_of(effects)
         if key not in self._fits:
             likelihood = Likelihood(current.likelihood.records, current.likelihood.limit, effects)
-            self._fits[key] = Fitted(likelihood, *likelihood.climb(x, iterations=_ITERATIONS))
+            self._fits[key] = Fitted(likelihood, *likelihood.climb(x, iterations=_ITERATIONS, tolerance=_TOLERANCE))
         return self._fits[key]
 
 
@@ -247,10 +271,11 @@ def _fit_all(current: Fitted, promises: Sequence[Promise]) -> list[Fitted]:
 
 
 def _climbed(likelihood: Likelihood, x: FloatArray, iterations: int) -> Fitted:
-    return Fitted(likelihood, *likelihood.climb(x, iterations=iterations))
+    return Fitted(likelihood, *likelihood.climb(x, iterations=iterations, tolerance=_TOLERANCE))
 
 
-def _key(effects: Sequence[Effect]) -> frozenset[str]:
+def key_of(effects: Sequence[Effect]) -> frozenset[str]:
+    """What tells one set of effects from another."""
     return frozenset(effect.key for effect in effects)
 
 

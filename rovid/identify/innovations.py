@@ -33,7 +33,6 @@ _STEPS = (1e-5, 1e-4)
 # No step changes a logarithm by more: far from the top the slopes promise too much.
 _LONGEST = 1.0
 _LOGARITHMS = [0, DISTURBANCE, MEMORY, NOISE]
-_CONVERGED = 0.01  # of log-likelihood, still to be gained
 _WORST = 1e12
 
 
@@ -300,8 +299,11 @@ class Likelihood:
             sides = list(pool.map(self.innovations, (x + row for row in np.diag(step))))
         return slopes(error, variance, sides, step)
 
-    def climb(self, start: FloatArray, *, iterations: int = 60) -> tuple[FloatArray, float]:
-        """Most likely coordinates from ``start`` and their cost, by Fisher scoring within the bounds."""
+    def climb(self, start: FloatArray, *, iterations: int = 60, tolerance: float = 0.01) -> tuple[FloatArray, float]:
+        """Most likely coordinates from ``start`` and their cost, by Fisher scoring within the bounds.
+
+        Ends when less than ``tolerance`` of log-likelihood is still to be gained.
+        """
         x = np.clip(start, self.low, self.high)
         damping = 1e-3
         cost = math.inf
@@ -324,13 +326,13 @@ class Likelihood:
                     damping = max(damping * 0.1, 1e-7) if ratio > 0.75 else damping * (10.0 if ratio < 0.4 else 1.0)
                     moved = True
                     break
-                if promised < _CONVERGED:
+                if promised < tolerance:
                     break
                 damping *= 10.0
             if not moved:
                 break
             gained, cost, x = cost - reached, reached, trial
-            if gained < _CONVERGED:
+            if gained < tolerance:
                 break
         return x, cost
 
