@@ -1,0 +1,481 @@
+"""Write the pages and pictures of docs/effects from the catalogue of effects and docs/effects/notes.toml.
+
+Run from the checkout as ``python docs/make_effects.py``. The pages are text alone, so that a test can compare them.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rovid.config import load_config
+from rovid.diagnose.experiments import _PAIRS
+from rovid.effects import CATALOGUE, FORMS, Effect, EffectParameter
+from rovid.effects.thruster_imbalance import BESIDE, of_thruster
+from rovid.model import Model
+from rovid.report.plots.canvas import BLACK, BLUE, ORANGE, PALE, png, sheet, styled
+from rovid.trial import FloatArray, Trial
+from rovid.vehicle import Vehicle
+
+FOLDER = Path(__file__).parent / "effects"
+INDEX = "README.md"
+_CONFIG = Path(__file__).parent.parent / "sample_logs" / "rosub_tank" / "rovid.toml"
+_INERTIA, _QUADRATIC, _LINEAR = 5057.0, 3532.0, 132.0
+_STEP = 0.05  # s
+_REST = 4.0  # s
+# V; thrust of the sample vehicle goes as the square of what is beyond its dead zone, in reverse with another factor.
+_DEAD_ZONE, _REVERSE_SHARE = 0.3, math.sqrt(9.4 / 5.3)
+_SINE = 2.0  # V
+_PERIODS = 2.5
+_THRUSTER = "fore"
+_JUMP = 0.5  # V
+_COLUMNS = 116
+_BASE = "I·ṙ + DQ·|r|·r + DL·r = T(u)"
+_RESIDUAL = "T − I·ṙ − DQ·|r|·r − DL·r"
+_MADE = "<!-- Made by docs/make_effects.py from the catalogue and notes.toml. Edit those and run it again. -->"
+
+_PLACES = {
+    "on_command": "acts on each command, ahead of the thrust curve",
+    "on_thrust": "acts on each thruster's thrust, behind the bench curve",
+    "on_torque": "acts on the torque of all thrusters together",
+    "term": "a torque in the equation of motion",
+    "on_heading": "acts on the measured heading; the motion is as without it",
+    "wave": "a torque in the equation of motion, of random phase",
+}
+_AXES = {
+    "time": "time in the step, s",
+    "command": "command, V",
+    "torque": "torque by the bench curve, N m",
+    "rate": "yaw rate, rad/s",
+    "turns": "turns since the start",
+    "heading": "heading, deg",
+    "swept": "angle since the reversal, deg",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Note:
+    """What is told of an effect beside its entry in the catalogue; see notes.toml."""
+
+    text: str
+    sizes: tuple[str, ...]
+    values: Mapping[str, float]
+    hold: float
+    period: float
+    against: str
+    left_out: str = ""
+    alone: bool = False
+    volts: float = 1.8
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Course:
+    """One simulated run, (n,) each, with the effect and without it.
+
+    ``left`` is the residual torque in N m, the mean until the next instant; ``torque`` that of the bench curve.
+    """
+
+    time: FloatArray
+    command: FloatArray
+    torque: FloatArray
+    rate: FloatArray
+    heading: FloatArray
+    plain: FloatArray
+    left: FloatArray = field(repr=False)
+
+
+def notes() -> dict[str, Note]:
+    """The hand-written part, by id."""
+    with (FOLDER / "notes.toml").open("rb") as file:
+        document = tomllib.load(file)
+    return {name: Note(**_checked(name, entry)) for name, entry in document.items()}
+
+
+def _checked(name: str, entry: dict[str, Any]) -> dict[str, Any]:
+    entry["text"] = " ".join(entry["text"].split())
+    entry["sizes"] = tuple(entry["sizes"])
+    wanted = [parameter.name for parameter in _plain(name).parameters]
+    if list(entry["values"]) != wanted:
+        msg = f"notes.toml, {name}: values are of {list(entry['values'])}, the effect's parameters are {wanted}"
+        raise ValueError(msg)
+    return entry
+
+
+def _plain(name: str) -> Effect:
+    return next(effect for effect in CATALOGUE if effect.id == name)
+
+
+def forms_of(effect: Effect) -> list[Effect]:
+    """Every form of a cause, the plain one first."""
+    if effect.each_thruster:
+        return [of_thruster("NAME"), of_thruster("NAME" + BESIDE)]
+    return [form for form in FORMS if form.id == effect.id]
+
+
+# ---- the runs of the pictures
+
+
+def runs_with(effect: Effect, note: Note) -> tuple[Course, Course]:
+    """The step and the sine with ``effect`` at the size of its picture."""
+    vehicle = load_config(_CONFIG).vehicle
+    acting = of_thruster(_THRUSTER) if effect.each_thruster else effect
+    step, sine = _step_commands(note), _sine_commands(note.period)
+    return _course(vehicle, acting, note, step), _course(vehicle, acting, note, sine)
+
+
+def reverse(volts: float) -> float:
+    """The command in V that gives the torque of ``volts`` in reverse."""
+    return -(_DEAD_ZONE + (volts - _DEAD_ZONE) * _REVERSE_SHARE)
+
+
+def _step_commands(note: Note) -> FloatArray:
+    count = round(note.hold / _STEP)
+    ahead, astern = note.volts, reverse(note.volts)
+    ways = [(ahead, 0.0), (0.0, ahead)] if note.alone else [(ahead, ahead), (astern, astern)]
+    legs = [(round(_REST / _STEP), (0.0, 0.0)), *((count, way) for way in ways), (count, (0.0, 0.0))]
+    return np.concatenate([np.tile(way, (length, 1)) for length, way in legs])
+
+
+def _sine_commands(period: float) -> FloatArray:
+    wave = np.sin(2.0 * np.pi / period * np.arange(0.0, _PERIODS * period, _STEP))
+    volts = np.where(wave > 0.0, _SINE, -reverse(_SINE)) * wave
+    # Every sample of the sine is a command of its own; the rest before it shows what acts without one.
+    return np.tile(np.concatenate((np.zeros(round(_REST / _STEP)), volts))[:, None], (1, 2))
+
+
+def _course(vehicle: Vehicle, effect: Effect, note: Note, commands: FloatArray) -> Course:
+    time: FloatArray = np.arange(len(commands), dtype=np.float64) * _STEP
+    trial = Trial(name="run", path=Path("run"), time=time, heading=np.zeros(len(time)), commands=commands)
+    base = Model(inertia=_INERTIA, quadratic_drag=_QUADRATIC, linear_drag=_LINEAR)
+    torque = base.torque(vehicle, trial)
+    if effect.wave:
+        model, push = base, torque + note.values["amplitude"] * np.sin(note.values["frequency"] * time)
+    else:
+        numbers = tuple(note.values.values())
+        model = Model(
+            inertia=_INERTIA, quadratic_drag=_QUADRATIC, linear_drag=_LINEAR, effects=(effect,), effect_values=numbers
+        )
+        push = model.torque(vehicle, trial)
+    rate, heading = model.simulate(trial, push)
+    drag = base.drag(rate)
+    left = torque[:-1] - _INERTIA * np.diff(rate) / _STEP - 0.5 * (drag[1:] + drag[:-1])
+    return Course(
+        time=time - _REST,
+        command=commands.max(axis=1) + commands.min(axis=1) if note.alone else commands[:, 0],
+        torque=torque,
+        rate=rate,
+        heading=heading,
+        plain=base.simulate(trial, torque)[0],
+        left=np.append(left, left[-1]),
+    )
+
+
+# ---- the pictures
+
+
+@styled
+def picture(effect: Effect, note: Note) -> Figure:
+    """What ``effect`` does to a step, to a sine and to the residual torque."""
+    step, sine = runs_with(effect, note)
+    figure, ((first, second, third),) = sheet([(1.95, 3)], left=0.72, right=0.15, top=0.6, bottom=0.52, across=0.82)
+    for panel, course, name in ((first, step, "step"), (second, sine, f"sine of {note.period:g} s")):
+        panel.plot(course.time, course.rate, color=PALE, linewidth=3.6, label="with the effect")
+        panel.plot(course.time, course.plain, color=BLACK, linewidth=1.1, label="base model")
+        panel.set(xlabel="time, s", ylabel="yaw rate, rad/s", title=name, xlim=(course.time[0], course.time[-1]))
+    # Steps hold few commands: dots. Elsewhere a broad line under a thin one, as both may be the same.
+    dots = note.against in {"command", "torque"}
+    both = note.against != "time" and effect.on_heading is None
+    look: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 5.0, "markeredgewidth": 0.0}
+    look = look if dots else {"linewidth": 2.6 if both else 1.3}
+    third.plot(*_residual(step, note.against), color=BLUE, label="residual, step", zorder=3 if dots else 2, **look)
+    if both:
+        third.plot(*_residual(sine, note.against), color=ORANGE, linewidth=1.1, label="residual, sine")
+    third.axhline(0.0, color=BLACK, linewidth=0.8)
+    third.set(xlabel=_AXES[note.against], ylabel="residual torque, N m", title="residual torque")
+    if note.against == "time":
+        third.set_xlim(step.time[0], step.time[-1])
+    low, high = third.get_ylim()
+    # A constant residual is to look constant.
+    reach = 0.15 * max(abs(low), abs(high))
+    third.set_ylim(min(low, -reach), max(high, reach))
+    handles, labels = first.get_legend_handles_labels()
+    more, further = third.get_legend_handles_labels()
+    figure.legend(
+        handles + more, labels + further, loc="upper left", bbox_to_anchor=(0.07, 1.0), ncols=4, borderaxespad=0.2
+    )
+    return figure
+
+
+def _residual(course: Course, against: str) -> tuple[FloatArray, FloatArray]:
+    """Horizontal and vertical values; NaN where a line would join what does not follow on each other."""
+    if against == "time":
+        return course.time, course.left
+    drivers = {
+        "command": course.command,
+        "torque": course.torque,
+        "rate": course.rate,
+        "turns": course.heading / (2.0 * np.pi),
+        "heading": np.degrees(course.heading) % 360.0,
+        "swept": np.degrees(_swept(course.rate)),
+    }
+    driver = drivers[against]
+    jumps = np.abs(np.diff(course.command, prepend=course.command[0])) > _JUMP
+    back = {"heading": np.abs(np.diff(driver, prepend=driver[0])) > 180.0, "swept": np.diff(driver, prepend=0.0) < 0.0}
+    return driver, np.where(jumps | back.get(against, np.zeros_like(jumps)), np.nan, course.left)
+
+
+def _swept(rate: FloatArray) -> FloatArray:
+    """Angle in rad since the rate last changed its sign."""
+    total = np.cumsum(np.abs(rate)) * _STEP
+    reversed_at = np.flatnonzero(np.diff(np.sign(rate)) != 0.0) + 1
+    last = np.searchsorted(reversed_at, np.arange(len(rate)), side="right") - 1
+    since = np.concatenate(([0.0], total[reversed_at]))
+    return np.asarray(total - since[last + 1])
+
+
+# ---- the pages
+
+
+def page(effect: Effect, note: Note) -> str:
+    """The markdown of one effect's page."""
+    parts = [
+        _MADE,
+        f"# {_capital(effect.title)}",
+        f"`{effect.id}` · [all effects]({INDEX})",
+        f"![{_capital(effect.title)}: a step, a sine and the residual torque]({effect.id}.png)",
+        _caption(effect, note),
+        _wrapped(note.text),
+        "## Equation",
+        *_forms(effect),
+        "## In the residuals",
+        *_fingerprints(effect),
+        "## Confused with",
+        "\n".join(_rivals(effect)),
+        "## Typical sizes",
+        "\n".join(_item(size) for size in note.sizes),
+    ]
+    if note.left_out:
+        parts.append(_wrapped(f"Left out of the model ([simulated]({INDEX}#sizes)): {note.left_out}"))
+    return "\n\n".join(parts) + "\n"
+
+
+def _caption(effect: Effect, note: Note) -> str:
+    step, sine = runs_with(effect, note)
+    sizes = ", ".join(
+        f"{_words(parameter.name)} {note.values[parameter.name]:g}{_spaced(parameter.unit, volts=True)}"
+        for parameter in effect.parameters
+    )
+    torque = max(float(np.max(np.abs(course.torque))) for course in (step, sine))
+    peak = max(float(np.max(np.abs(course.left))) for course in (step, sine))
+    legs = (
+        f"{note.volts:g} V on the {_THRUSTER} thruster alone, on the other alone"
+        if note.alone
+        else f"{note.volts:g} V forward, {_number(round(reverse(note.volts), 2))} V reverse"
+    )
+    text = (
+        f"Step: {legs}, no command, {note.hold:g} s each. Drawn with {sizes}{_of(effect)}; residual torque up "
+        f"to {_rounded(peak)} N m, where the thrusters give up to {_rounded(torque)} N m. "
+        f"[How the pictures are made]({INDEX}#pictures)."
+    )
+    return _wrapped(text)
+
+
+def _of(effect: Effect) -> str:
+    return f" of the {_THRUSTER} thruster" if effect.each_thruster else ""
+
+
+def _forms(effect: Effect) -> Iterator[str]:
+    before: tuple[EffectParameter, ...] = ()
+    for form in forms_of(effect):
+        place = next(words for name, words in _PLACES.items() if getattr(form, name))
+        needs = f"; needs `{form.needs}` in the log" if form.needs else ""
+        yield f"**`{form.key}`**: {place}{needs}."
+        yield f"```text\n{form.equation}\n```"
+        if _rows(form.parameters) != _rows(before):
+            yield "\n".join(_rows(form.parameters))
+        before = form.parameters
+    if effect.each_thruster:
+        yield "NAME is that of a thruster in `rovid.toml`."
+
+
+def _rows(parameters: Sequence[EffectParameter]) -> list[str]:
+    rows = ["| parameter | unit | no effect at | range |", "|---|---|---|---|"]
+    for index, parameter in enumerate(parameters):
+        # The first is the size; so is any further amplitude.
+        sizes = index == 0 or "amplitude" in parameter.name
+        null = _null(parameter) if sizes else "–"
+        rows.append(f"| {parameter.name} | {_unit(parameter.unit)} | {null} | {_range(parameter)} |")
+    return rows
+
+
+def _null(parameter: EffectParameter) -> str:
+    return "no limit" if parameter.null >= 1e5 else f"{parameter.null:g}"
+
+
+def _range(parameter: EffectParameter) -> str:
+    """Bounds in the parameter's own unit; where they follow the vehicle's scale, their sign at most."""
+    if parameter.name.endswith("phase"):
+        return "any"
+    if parameter.scale == "one":
+        return f"{_number(parameter.low)} to {_number(parameter.high)}"
+    if parameter.low > 0.0:
+        return "above 0"
+    return "0 or more" if parameter.low == 0.0 else "either sign"
+
+
+def _fingerprints(effect: Effect) -> Iterator[str]:
+    yield _wrapped(_capital(effect.fingerprint) + ".")
+    for form in forms_of(effect)[1:]:
+        if form.fingerprint != effect.fingerprint:
+            yield _wrapped(f"`{form.key}`: {form.fingerprint}.")
+    yield _wrapped(f"The run that shows it best: {effect.experiment}.")
+    for form in forms_of(effect)[1:]:
+        if form.experiment != effect.experiment:
+            yield _wrapped(f"`{form.key}`: {form.experiment}.")
+
+
+def _rivals(effect: Effect) -> Iterator[str]:
+    yield "| effect | run that tells them apart |"
+    yield "|---|---|"
+    for name in effect.rivals:
+        yield f"| {_link(name)} | {_cell(_run(effect, _plain(name)))} |"
+    others = [other.id for other in CATALOGUE if effect.id in other.rivals and other.id not in effect.rivals]
+    if others:
+        yield ""
+        yield f"It is also taken for {' and '.join(_link(name) for name in others)}."
+
+
+def _run(effect: Effect, rival: Effect) -> str:
+    """What separates the two best; where nothing is known to, the runs that show either."""
+    runs = dict.fromkeys((effect.experiment, rival.experiment))
+    return _PAIRS.get(frozenset({effect.id, rival.id}), "; ".join(runs))
+
+
+def index() -> str:
+    """The markdown of the gallery."""
+    rows = ["| effect | looks like | confused with |", "|---|---|---|"]
+    rows += [
+        f"| {_link(effect.id)} | {_cell(effect.fingerprint)} | {', '.join(_link(name) for name in effect.rivals)} |"
+        for effect in CATALOGUE
+    ]
+    gallery = [
+        f"[![{_capital(effect.title)}]({effect.id}.png)]({effect.id}.md)\n\n{_link(effect.id)}" for effect in CATALOGUE
+    ]
+    parts = [
+        _MADE,
+        "# What a yaw model may miss",
+        _wrapped(
+            f"rovid's base model is {_BASE}. It knows {len(CATALOGUE)} effects beyond that, each with a page: the "
+            "equation of every form, what it leaves in the residuals, what it is confused with, the run that decides, "
+            "and typical sizes. `rovid fit --effect ID` estimates one with inertia and drag; a form other than the "
+            "plain one is named as `ID:form`."
+        ),
+        "\n".join(rows),
+        "## Reading an equation",
+        _wrapped(
+            "u is a thruster's command, F its thrust, T the yaw torque of all thrusters, r the yaw rate, ψ the "
+            "heading, I the inertia with added inertia, DQ and DL quadratic and linear drag. A primed quantity is what "
+            "acts in place of the plain one. An equation that begins with a sign is a torque on the right-hand side of "
+            f"{_BASE}. “No effect at” is the value at which the effect is gone; a dash stands where the parameter does "
+            "nothing without the first. Ranges are those of a fit."
+        ),
+        "## Pictures",
+        _wrapped(
+            f"All are simulated with I = {_INERTIA:g} kg m², DQ = {_QUADRATIC:g} N m s²/rad², DL = {_LINEAR:g} "
+            "N m s/rad and the thrust curve of `sample_logs/rosub_tank`, without noise. The effect is larger than it "
+            "mostly is. Both thrusters get the same command, unless stated; in reverse it is the one that gives the "
+            f"torque of the forward one. The sine goes to {_SINE:g} and {_number(round(reverse(_SINE), 2))} V. Times "
+            "count from the first command."
+        ),
+        _wrapped(
+            f"The residual torque is {_RESIDUAL} of the run with the effect, T by the bench curve: above zero the base "
+            "model has too much torque. Inertia and drag are the true ones. A fit to the run would move them and so "
+            "take up a part of what is shown."
+        ),
+        "## Sizes",
+        _wrapped(
+            "“Work class” is a vehicle like ROSUB 6000: 5000 kg m², some 126 N m in use at 0.17 rad/s. A BlueROV2 has "
+            "0.3 to 0.6 kg m² and 1.5 N m at 1 rad/s. An estimate is marked as one; the rest was measured, published "
+            "or computed as stated."
+        ),
+        _wrapped(
+            "“Left out of the model” says by how much the fitted inertia and drag are wrong when a ROSUB-like vehicle "
+            "has the effect and the model does not: noise-free simulation, five forward steps of 150 s and two sines "
+            "of 40 s."
+        ),
+        "## Gallery",
+        *gallery,
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def pages() -> dict[str, str]:
+    """Text of every page by the name of its file."""
+    told = notes()
+    return {INDEX: index()} | {f"{effect.id}.md": page(effect, told[effect.id]) for effect in CATALOGUE}
+
+
+def _link(name: str) -> str:
+    return f"[{_plain(name).title}]({name}.md)"
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _cell(text: str) -> str:
+    """Text of a table's cell, where a bar would begin the next one."""
+    return text.replace("|", "\\|")
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _unit(unit: str, *, volts: bool = False) -> str:
+    known = {"1": "–", "command": "V" if volts else "command", "command/s": "V/s" if volts else "command/s"}
+    return known.get(unit, unit.replace("^0.5", "^½").replace("^2", "²").replace("^3", "³"))
+
+
+def _spaced(unit: str, *, volts: bool) -> str:
+    return "" if unit == "1" else f" {_unit(unit, volts=volts)}"
+
+
+def _number(value: float) -> str:
+    return f"{value:g}".replace("-", "−")
+
+
+def _rounded(value: float) -> str:
+    """Two significant digits."""
+    return f"{float(f'{value:.2g}'):g}"
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, _COLUMNS, break_long_words=False, break_on_hyphens=False)
+
+
+def _item(text: str) -> str:
+    return textwrap.fill(
+        text, _COLUMNS, initial_indent="* ", subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )
+
+
+def main() -> None:
+    """Write all pages and pictures."""
+    for name, text in pages().items():
+        (FOLDER / name).write_text(text, encoding="utf-8")
+    told = notes()
+    for effect in CATALOGUE:
+        (FOLDER / f"{effect.id}.png").write_bytes(png(picture(effect, told[effect.id])))
+
+
+if __name__ == "__main__":
+    main()
