@@ -311,10 +311,15 @@ def report(
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the page and plots go.")
     ] = Path("report"),
+    diagnosis: Annotated[
+        bool, typer.Option("--diagnosis/--no-diagnosis", help="Say on the page what the simulation misses, and why.")
+    ] = True,
     cutoff: Cutoff = None,
     json: Json = False,
 ) -> None:
     """Parameter file, plots (PNG and SVG) and one page that holds it all.
+
+    The diagnosis takes most of the time, and leaves the parameter file as it is.
 
     Example: rovid report
     """
@@ -322,8 +327,8 @@ def report(
 
     stored = _stored(parameters)
     study = _open(logs or _remembered(stored), cutoff)
-    with _busy("Drawing and writing the page …"):
-        page = build_report(stored, study, output)
+    with _working("Fitting drag and inertia …") as report_progress:
+        page = build_report(stored, study, output, diagnosed=diagnosis, report=report_progress)
     if json:
         _print_json({"schema": "rovid-report/1", "page": str(page), "parameters": str(parameters)})
     else:

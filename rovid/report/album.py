@@ -5,20 +5,23 @@ from __future__ import annotations
 import base64
 import math
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
 from matplotlib.figure import Figure
 
+from rovid.diagnose.diagnosis import Finding
+from rovid.diagnose.parts import parts_of
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.steady import DragFit
 from rovid.model import Model
 from rovid.output import plus_minus, write_atomic
 from rovid.report.evidence import Evidence
-from rovid.report.plots import canvas, inertia, residuals, simulations, sines, steady, thrust
-from rovid.report.residual import residuals_of
+from rovid.report.findings import name_of, worth
+from rovid.report.plots import canvas, findings, inertia, left_over, residuals, simulations, sines, steady, thrust
+from rovid.report.residual import left_by_all, residuals_of, sizes
 from rovid.report.text import number
 from rovid.simulation import TrialSimulation
 
@@ -51,7 +54,10 @@ class Picture:
 
 @dataclass(frozen=True, kw_only=True)
 class Album:
-    """All plots of a page, by the section that shows them; ``large`` in step with ``large_trials``."""
+    """All plots of a page, by the section that shows them.
+
+    ``large`` is in step with ``large_trials``, ``rivals`` by the key of the effect that was found.
+    """
 
     thrust: tuple[Picture, ...] = ()
     steady: tuple[Picture, ...] = ()
@@ -61,10 +67,14 @@ class Album:
     large_trials: tuple[TrialSimulation, ...] = ()
     large: tuple[Picture, ...] = ()
     residuals: tuple[Picture, ...] = ()
+    rivals: Mapping[str, Picture] = field(default_factory=dict)
+    compared: tuple[Picture, ...] = ()
+    left_over: tuple[Picture, ...] = ()
 
     def write(self, folder: Path) -> None:
         """Write every plot into ``folder``."""
-        for pictures in (self.thrust, self.steady, self.inertia, self.sines, self.overview, self.large, self.residuals):
+        first = (self.thrust, self.steady, self.inertia, self.sines, self.overview, self.large, self.residuals)
+        for pictures in (*first, self.rivals.values(), self.compared, self.left_over):
             for picture in pictures:
                 picture.write(folder)
 
@@ -81,6 +91,9 @@ def make_album(evidence: Evidence) -> Album:
         large_trials=large,
         large=tuple(_large(item, evidence.simulations.index(item) + 1) for item in large),
         residuals=_residuals(evidence),
+        rivals={finding.effect.key: _rivals(finding) for finding in _rivalled(evidence)},
+        compared=() if evidence.compared is None else (_compared(*evidence.compared),),
+        left_over=_left_over(evidence),
     )
 
 
@@ -179,7 +192,7 @@ def _overview(items: Sequence[TrialSimulation]) -> Iterator[Picture]:
 def _large(item: TrialSimulation, place: int) -> Picture:
     name = item.run.trial.name
     return _picture(
-        f"trial_{place:02d}_{re.sub(r'[^A-Za-z0-9]+', '_', name).strip('_')[-60:]}",
+        f"trial_{place:02d}_{_file_name(name)}",
         simulations.one_trial(item),
         caption=f"{name}: torque, measured and simulated yaw rate, and the simulation's error in rate and heading.",
         alt=f"{name}: R² {number(item.fit.r2, '.4f')}, rate off by {number(item.fit.rmse, '.2g')} rad/s.",
@@ -200,3 +213,58 @@ def _residuals(evidence: Evidence) -> tuple[Picture, ...]:
             "autocorrelation and its spectrum.",
         ),
     )
+
+
+def _rivalled(evidence: Evidence) -> list[Finding]:
+    return [] if evidence.diagnosis is None else [each for each in evidence.diagnosis.findings if each.rivals]
+
+
+def _rivals(finding: Finding) -> Picture:
+    shown = finding.rivals[: findings.RIVALS]
+    rest = "; ".join(f"{name_of(rival.effect)} {rival.gain:.0f}" for rival in shown)
+    return _picture(
+        f"rivals_{_file_name(finding.effect.key)}",
+        findings.rival_gains(finding),
+        caption="What was found and the best other causes in its place: the log-likelihood that each gains, less the "
+        "price of its parameters.",
+        alt=f"Log-likelihood gained by {name_of(finding.effect)}: {worth(finding):.0f}; in its place {rest}.",
+    )
+
+
+def _compared(base: TrialSimulation, extended: TrialSimulation) -> Picture:
+    name = base.run.trial.name
+    return _picture(
+        "diagnosis_gain",
+        findings.gain_over_time(base, extended),
+        caption=f"{name}, the trial that gains most: yaw rate measured, simulated without and with what was found, and "
+        "what either simulation misses.",
+        alt=f"{name}: what was found takes the error of the simulated yaw rate from {number(base.fit.rmse, '.2g')} to "
+        f"{number(extended.fit.rmse, '.2g')} rad/s.",
+    )
+
+
+def _left_over(evidence: Evidence) -> tuple[Picture, ...]:
+    diagnosis = evidence.diagnosis
+    if evidence.runs is None or diagnosis is None or diagnosis.base is None or diagnosis.extended is None:
+        return ()
+    if not diagnosis.extended.model.effects:
+        return ()
+    base, extended = diagnosis.base.model, diagnosis.extended.model
+    runs = parts_of(evidence.runs.items, evidence.vehicle, evidence.runs.cutoff) or evidence.runs
+    before, after = (left_by_all(runs, model, evidence.vehicle) for model in (base, extended))
+    was, now = (number(sizes(items)[0], ".3g") for items in (before, after))
+    return (
+        _picture(
+            "diagnosis_residuals",
+            left_over.left_over(before, after, runs.cutoff),
+            caption="Residual torque of the models without and with what was found: its mean against rate and torque, "
+            f"over time, its autocorrelation and its spectrum. Its root mean square goes from {was} to {now} N m.",
+            alt=f"Five panels of the residual torque: {was} N m root mean square without what was found, {now} N m "
+            "with it.",
+        ),
+    )
+
+
+def _file_name(name: str) -> str:
+    """``name`` with nothing in it that a file's name may not hold."""
+    return re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")[-60:]

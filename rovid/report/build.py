@@ -6,7 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
+from rovid.diagnose.diagnosis import Diagnosis
+from rovid.diagnose.parts import parts_of
 from rovid.errors import DataError
+from rovid.output import require_writable
 from rovid.parameters import Parameters
 from rovid.report.evidence import Evidence
 from rovid.report.page import write_report
@@ -14,12 +17,27 @@ from rovid.simulation import TrialSimulation, simulate_runs
 from rovid.study import Study
 
 _T = TypeVar("_T")
+_PATIENCE = "Diagnosing, which takes ten seconds or more (--no-diagnosis leaves it out):"
 
 
-def build_report(stored: Parameters, study: Study, folder: Path) -> Path:
+def build_report(
+    stored: Parameters,
+    study: Study,
+    folder: Path,
+    *,
+    diagnosed: bool = True,
+    report: Callable[[str], None] = lambda _: None,
+) -> Path:
     """Work the evidence out anew from the logs and write the page.
 
-    Parameters that the file does not hold yet are fitted and written to it.
+    Parameters that the file does not hold yet are fitted and written to it. Those of the diagnosis are not.
+
+    Parameters
+    ----------
+    diagnosed
+        Whether the page says what the simulation misses, which takes longer than all the rest.
+    report
+        Called with a line of text as the work goes on.
 
     Raises
     ------
@@ -39,6 +57,8 @@ def build_report(stored: Parameters, study: Study, folder: Path) -> Path:
         stored = stored.with_estimate(inertia.estimate)
     if stored is not known or not stored.path.exists():
         stored.write()
+    diagnosis, diagnosis_refusal = _diagnosis(study, folder, report) if diagnosed else (None, "")
+    report("Drawing and writing the page …")
     return write_report(
         folder,
         Evidence(
@@ -51,6 +71,9 @@ def build_report(stored: Parameters, study: Study, folder: Path) -> Path:
             inertia=inertia,
             inertia_refusal=inertia_refusal,
             simulations=_simulations(study, stored),
+            diagnosis=diagnosis,
+            diagnosis_refusal=diagnosis_refusal,
+            compared=None if diagnosis is None else most_improved(study, diagnosis),
         ),
     )
 
@@ -62,7 +85,26 @@ def _or_refusal(fit: Callable[[], _T]) -> tuple[_T | None, str]:
         return None, str(error)
 
 
+def _diagnosis(study: Study, folder: Path, report: Callable[[str], None]) -> tuple[Diagnosis | None, str]:
+    if study.runs is not None:
+        require_writable(folder / "index.html")
+    report(_PATIENCE)
+    return _or_refusal(lambda: study.diagnosis(lambda text: report(f"{_PATIENCE} {text}")))
+
+
 def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...]:
     if study.runs is None or not {"inertia", "quadratic_drag"} <= set(stored.entries):
         return ()
     return tuple(simulate_runs(study.runs.items, stored.model(), study.vehicle))
+
+
+def most_improved(study: Study, diagnosis: Diagnosis) -> tuple[TrialSimulation, TrialSimulation] | None:
+    """The trial whose simulated rate what was found improves most, without and with it; None where it does not."""
+    base, extended = diagnosis.base, diagnosis.extended
+    if study.runs is None or base is None or extended is None or not extended.model.effects:
+        return None
+    # Few trials are diagnosed in parts, and a part is simulated from its own start.
+    runs = (parts_of(study.runs.items, study.vehicle, study.runs.cutoff) or study.runs).items
+    before, after = (simulate_runs(runs, side.model, study.vehicle) for side in (base, extended))
+    pairs = [pair for pair in zip(before, after, strict=True) if pair[1].fit.rmse < pair[0].fit.rmse]
+    return max(pairs, key=lambda pair: pair[0].fit.rmse - pair[1].fit.rmse, default=None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rovid.diagnose.diagnosis import Diagnosis
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.steady import DragFit
 from rovid.parameters import Parameters
@@ -17,7 +18,9 @@ from rovid.vehicle import Vehicle
 class Evidence:
     """What the logs gave; where something is missing its refusal says why.
 
-    ``campaign`` and ``runs`` are None where tables stood in place of logs.
+    ``campaign`` and ``runs`` are None where tables stood in place of logs. ``diagnosis`` is None where there was none:
+    with a refusal it was not possible, without one it was not wanted. ``compared`` is one trial, simulated without and
+    with what it found.
     """
 
     vehicle: Vehicle
@@ -29,3 +32,6 @@ class Evidence:
     inertia: InertiaFit | None
     inertia_refusal: str
     simulations: tuple[TrialSimulation, ...]
+    diagnosis: Diagnosis | None = None
+    diagnosis_refusal: str = ""
+    compared: tuple[TrialSimulation, TrialSimulation] | None = None

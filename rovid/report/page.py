@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rovid import __version__
+from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.effects import effect_named
 from rovid.identify.inertia import METHODS
 from rovid.model import UNITS
 from rovid.output import plus_minus, write_atomic
-from rovid.report import grids
+from rovid.report import findings, grids
 from rovid.report.album import Album, make_album
 from rovid.report.evidence import Evidence
 from rovid.report.residual import residuals_of, sizes
@@ -101,6 +102,10 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "noise": _noise(evidence),
         "box": _is_box(evidence.vehicle),
         "methods": METHODS,
+        "diagnosed": evidence.diagnosis is not None or bool(evidence.diagnosis_refusal),
+        "findings": findings,
+        "decides": deciding_experiment,
+        "next_experiment": next_experiment,
         "grids": grids,
         "album": album,
         "today": f"{today:%d %B %Y}".lstrip("0"),

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import signal
 
+from rovid.effects import MOTION, Effect
+from rovid.effects.base import TERM_STATES
 from rovid.model import Model
-from rovid.rates import finite_stretches
-from rovid.runs import Run
-from rovid.trial import FloatArray
+from rovid.rates import body_angle, finite_stretches, on_grid
+from rovid.runs import Run, Runs, prepare
+from rovid.trial import Campaign, FloatArray
 from rovid.vehicle import Vehicle
 
 _SEGMENT = 1024
 _SHORTEST = 64
 _BINS = 16
+# The states of effects are stepped by this share of their shortest time constant, in so many steps a sample at most.
+_STEP_SHARE, _MOST_STEPS = 0.25, 50
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,6 +57,58 @@ def _residual(run: Run, model: Model, vehicle: Vehicle) -> Residual:
         left=np.asarray(drive - model.inertia * run.rates.acceleration - model.drag(run.rates.yaw_rate)),
         noise=model.inertia * run.rates.acceleration_noise,
     )
+
+
+def left_by_all(runs: Runs, model: Model, vehicle: Vehicle) -> list[Residual]:
+    """As ``residuals_of``, with every effect taken out: those in the equation of motion and the heading's deviation.
+
+    A wave stays in: its phase is not a parameter.
+    """
+    items = residuals_of(_as_turned(runs, model, vehicle), model, vehicle)
+    return [replace(item, left=item.left + _terms_torque(item, model)) for item in items]
+
+
+def _as_turned(runs: Runs, model: Model, vehicle: Vehicle) -> Sequence[Run]:
+    """The runs with the headings that ``model`` takes for the true ones, behind the same filter."""
+    if not any(effect.on_heading for effect in model.effects):
+        return runs.items
+    trials = [run.trial for run in runs.items]
+    true = [model.true_angle(trial, trial.heading, np.arange(len(trial.time)))[0] for trial in trials]
+    turned = tuple(replace(trial, heading=heading) for trial, heading in zip(trials, true, strict=True))
+    return prepare(Campaign(trials=turned, sources=()), vehicle, cutoff=runs.cutoff).items
+
+
+def _terms_torque(item: Residual, model: Model) -> FloatArray:
+    """(m,) torque in N m of the effects in the equation of motion, along the measured rate and angle."""
+    trial, rates, total = item.run.trial, item.run.rates, np.zeros(len(item.left))
+    angle = _bridged(on_grid(trial, body_angle(trial), rates.time))
+    course = np.column_stack([_bridged(rates.yaw_rate), angle - angle[0], _bridged(item.drive)])
+    values, kinds = model.terms()
+    for numbers, kind in zip(values, kinds, strict=True):
+        total += _term_torque(MOTION[kind], numbers, model.base(trial), course, rates.kernel.period)
+    return total
+
+
+def _term_torque(
+    effect: Effect, numbers: FloatArray, base: FloatArray, course: FloatArray, period: float
+) -> FloatArray:
+    """(m,) torque in N m of one effect along the (m, 3) ``course`` of rate, angle and drive, its states from zero."""
+    assert effect.term is not None  # noqa: S101 - that is what MOTION holds
+    torque, state, change = np.zeros(len(course)), np.zeros(TERM_STATES), np.zeros(TERM_STATES)
+    steps = min(max(math.ceil(period * base[4] / _STEP_SHARE), 1), _MOST_STEPS)
+    for k, (rate, angle, drive) in enumerate(course):
+        torque[k] = effect.term(rate, angle, drive, base, numbers, state, change)
+        for _ in range(steps):
+            effect.term(rate, angle, drive, base, numbers, state, change)
+            effect.term(rate, angle, drive, base, numbers, state + 0.5 * period / steps * change, change)
+            state += period / steps * change
+    return torque
+
+
+def _bridged(values: FloatArray) -> FloatArray:
+    """``values`` with straight lines through their gaps."""
+    known = np.flatnonzero(np.isfinite(values))
+    return np.interp(np.arange(len(values)), known, values[known]) if known.size else np.zeros(len(values))
 
 
 def sizes(items: Sequence[Residual]) -> tuple[float, float, float]:

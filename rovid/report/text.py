@@ -11,7 +11,12 @@ NOTHING = "–"
 _SIGN = " ± "
 
 PARAMETER_TITLES = {"inertia": "inertia I", "quadratic_drag": "quadratic drag DQ", "linear_drag": "linear drag DL"}
-_UNITS = {"kg m^2": "kg m²", "N m s^2/rad^2": "N m s²/rad²"}
+_UNITS = {
+    "kg m^2": "kg m²",
+    "N m s^2/rad^2": "N m s²/rad²",
+    "N m s^3/rad^3": "N m s³/rad³",
+    "(N m)^0.5 s/rad": "√(N m) s/rad",
+}
 
 
 def number(value: float | None, form: str = ".4g") -> str:
@@ -20,8 +25,8 @@ def number(value: float | None, form: str = ".4g") -> str:
 
 
 def unit(text: str) -> str:
-    """A unit with its powers raised."""
-    return _UNITS.get(text, text)
+    """A unit with its powers raised; nothing for a plain number."""
+    return "" if text == "1" else _UNITS.get(text, text)
 
 
 def title(name: str) -> str:

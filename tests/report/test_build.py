@@ -32,7 +32,7 @@ def gathered(stored: Parameters, study: Study, monkeypatch: pytest.MonkeyPatch) 
         return folder
 
     monkeypatch.setattr(build, "write_report", keep)
-    build.build_report(stored, study, Path("report"))
+    build.build_report(stored, study, Path("report"), diagnosed=False)
     return found[0]
 
 

@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from rovid.effects import effect_named
 from rovid.model import Model
+from rovid.rates import on_grid
 from rovid.report.evidence import Evidence
-from rovid.report.residual import Residual, autocorrelation, binned, residuals_of, sizes, spectrum
+from rovid.report.residual import Residual, autocorrelation, binned, left_by_all, residuals_of, sizes, spectrum
 from tests.report.conftest import INERTIA, LINEAR, PERIOD, QUADRATIC
 
 TRUTH = Model(inertia=INERTIA, quadratic_drag=QUADRATIC, linear_drag=LINEAR)
@@ -82,3 +84,31 @@ def test_short_stretches_give_no_spectrum(day: Evidence) -> None:
     item = left_over(day, np.full(40, 1.0))
     assert np.isnan(spectrum([item], 2.0)[1]).all()
     assert np.isnan(autocorrelation([item], 1.0)[1]).all()
+
+
+def test_terms_are_taken_out_of_what_is_left(day: Evidence) -> None:
+    assert day.runs is not None
+    torque, stiffness = 3.0, 0.7
+    effects = (effect_named("bias_torque"), effect_named("tether_torsion"))
+    model = replace(TRUTH, effects=effects, effect_values=(torque, stiffness))
+    plain = residuals_of(day.runs.items, TRUTH, day.vehicle)[0]
+    less = left_by_all(day.runs, model, day.vehicle)[0]
+    angle = on_grid(plain.run.trial, plain.run.trial.heading, plain.run.rates.time)
+    known = np.isfinite(plain.left)
+    expected = (torque - stiffness * (angle - angle[0]))[known]
+    np.testing.assert_allclose((less.left - plain.left)[known], expected, atol=1e-6)
+
+
+def test_a_state_follows_the_measured_rate(day: Evidence) -> None:
+    assert day.runs is not None
+    inertia, constant = 5.0, 4.0
+    effects = (effect_named("added_mass_memory"),)
+    model = replace(TRUTH, effects=effects, effect_values=(inertia, constant))
+    plain = residuals_of(day.runs.items, TRUTH, day.vehicle)[0]
+    less = left_by_all(day.runs, model, day.vehicle)[0]
+    known = np.flatnonzero(np.isfinite(plain.left))
+    rate, period = plain.run.rates.yaw_rate, plain.run.rates.kernel.period
+    # The hold's rate settles, and the water with it.
+    water = signal.lfilter([period / constant], [1.0, period / constant - 1.0], np.nan_to_num(rate, nan=0.0))
+    expected = -inertia * (rate - water) / constant
+    np.testing.assert_allclose((less.left - plain.left)[known], expected[known], atol=0.03 * np.nanmax(abs(expected)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,7 +21,7 @@ _LONGEST_LAG = 60.0  # s
 @styled
 def residuals(items: Sequence[Residual], cutoff: float) -> Figure:
     """Residual torque against rate, torque and time, its autocorrelation and its spectrum."""
-    figure, ((by_rate, by_torque), (over_time,), (memory, density)) = sheet(
+    figure, ((by_rate, by_torque), (course,), (lags, frequencies)) = sheet(
         [(2.2, 2), (1.6, 1), (1.9, 2)], top=0.4, across=0.95
     )
     left = np.concatenate([item.left for item in items])
@@ -30,9 +31,9 @@ def residuals(items: Sequence[Residual], cutoff: float) -> Figure:
     by_torque.set(xlabel="torque, N m", ylabel="residual torque, N m")
     legend = by_rate.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
     legend.get_lines()[0].set(markersize=7, alpha=1.0)
-    _over_time(over_time, items)
-    _memory(memory, items)
-    _density(density, items, cutoff)
+    over_time(course, items, (BLUE, GREY))
+    memory(lags, items, color=BLUE)
+    density(frequencies, items, cutoff, color=BLUE)
     return figure
 
 
@@ -55,29 +56,32 @@ def _against(panel: Axes, driver: FloatArray, left: FloatArray) -> None:
     panel.plot(*binned(driver, left), color=ORANGE, marker="o", markersize=4, label="mean")
 
 
-def _over_time(panel: Axes, items: Sequence[Residual]) -> None:
+def over_time(panel: Axes, items: Sequence[Residual], colours: Sequence[str]) -> None:
+    """Residual torque of all runs one after another, in these colours by turns."""
     clock, samples = 0.0, sum(len(item.left) for item in items)
     for k, item in enumerate(items):
         time = clock + item.run.rates.time - item.run.rates.time[0]
         count = max(2400 * len(item.left) // samples, 20)
-        panel.plot(*extremes(time, item.left, count), color=(BLUE, GREY)[k % 2], linewidth=0.7)
+        panel.plot(*extremes(time, item.left, count), color=colours[k % len(colours)], linewidth=0.7)
         clock = float(time[-1])
     panel.set(xlabel="time, all trials one after another, s", ylabel="residual torque, N m")
     panel.margins(x=0.01)
 
 
-def _memory(panel: Axes, items: Sequence[Residual]) -> None:
+def memory(panel: Axes, items: Sequence[Residual], **look: Any) -> None:
+    """Autocorrelation of what is left."""
     longest = min(_LONGEST_LAG, 0.5 * max(float(np.ptp(item.run.rates.time)) for item in items))
-    panel.plot(*autocorrelation(items, longest), color=BLUE)
+    panel.plot(*autocorrelation(items, longest), **look)
     panel.axhline(0.0, color=BLACK, linewidth=0.8)
     panel.set(xlabel="lag, s", ylabel="autocorrelation", xlim=(0.0, longest), ylim=(-0.6, 1.05))
 
 
-def _density(panel: Axes, items: Sequence[Residual], cutoff: float) -> None:
-    frequency, density = spectrum(items, cutoff)
-    panel.semilogy(frequency, density, color=BLUE)
+def density(panel: Axes, items: Sequence[Residual], cutoff: float, **look: Any) -> None:
+    """Spectrum of what is left, over any that was drawn before."""
+    panel.semilogy(*spectrum(items, cutoff), **look)
     panel.set(xlabel="frequency, Hz", ylabel="density, (N m)²/Hz", xlim=(0.0, cutoff))
-    wide = np.nanmax(density) > 100.0 * np.nanmin(density)
+    drawn = np.concatenate([np.asarray(line.get_ydata(), dtype=np.float64) for line in panel.get_lines()])
+    wide = np.nanmax(drawn) > 100.0 * np.nanmin(drawn)
     panel.yaxis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 3.0), numticks=7))
-    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     panel.yaxis.set_minor_locator(NullLocator())

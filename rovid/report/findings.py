@@ -1,0 +1,170 @@
+"""The diagnosis as the page words it, and its tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from rovid.diagnose.diagnosis import Diagnosis, Finding, Side, not_identifiable
+from rovid.effects import Effect
+from rovid.identify.estimate import Estimate
+from rovid.model import UNITS
+from rovid.output import plus_minus
+from rovid.report.grids import Column, Grid, degrees, numbers, words
+from rovid.report.text import NOTHING, column, number, title, unit
+from rovid.vehicle import Vehicle
+
+_INVISIBLE = {
+    "thrust_scale": "a common scale of all thrust",
+    "rate_scale": "a constant scale of the rate",
+    "thruster_imbalance": "an imbalance between thrusters",
+}
+
+
+def verdict(diagnosis: Diagnosis) -> str:
+    """The whole diagnosis in one plain sentence."""
+    if diagnosis.verdict == "found":
+        return f"The simulation misses {_listed([_cause(finding) for finding in diagnosis.findings])}."
+    if diagnosis.verdict == "nothing_found":
+        return "Nothing was found: the model explains these data."
+    if diagnosis.verdict == "unexplained":
+        return "The simulation misses something that no effect of the catalogue explains."
+    return "There is too little data for a diagnosis."
+
+
+def never_visible(vehicle: Vehicle) -> str:
+    """What yaw data cannot show at all."""
+    return _listed([_INVISIBLE[name] for name in not_identifiable(vehicle)])
+
+
+def others(finding: Finding) -> str:
+    """What ``finding`` cannot be told from; empty where it is decided."""
+    return _listed([effect.title for effect in finding.undecided], "or")
+
+
+def name_of(effect: Effect) -> str:
+    """An effect's title, with its form where it has one."""
+    return f"{effect.title} ({spaced(effect.form)})" if effect.form else effect.title
+
+
+def spaced(name: str) -> str:
+    """A form's name in words; a thruster's stays as it is."""
+    return name.replace("_", " ")
+
+
+def worth(finding: Finding) -> float:
+    """Gain less the price of the effect's parameters, as that of its rivals is."""
+    if not finding.rivals:
+        return finding.gain
+    samples = len(finding.rivals[0].fitted.likelihood.records.trial)
+    return finding.gain - 0.5 * math.log(samples) * len(finding.effect.parameters)
+
+
+def parameters_grid(finding: Finding) -> Grid:
+    """The parameters of what was found."""
+    effect, estimate = finding.effect, finding.estimate
+    names = [f"{effect.key}.{parameter.name}" for parameter in effect.parameters]
+    return Grid(
+        caption=f"Parameters of {name_of(effect)}: value ± standard error",
+        columns=(
+            words("parameter", [spaced(parameter.name) for parameter in effect.parameters]),
+            Column(title="value", cells=tuple(_value(estimate, name) for name in names)),
+            words("unit", [unit(parameter.unit) for parameter in effect.parameters]),
+        ),
+    )
+
+
+def sides_grid(base: Estimate, extended: Estimate, findings: tuple[Finding, ...]) -> Grid:
+    """Parameters without and with what was found."""
+    titles = {name: title(name) for name in UNITS}
+    units = {**UNITS}
+    for effect in (finding.effect for finding in findings):
+        for parameter in effect.parameters:
+            titles[f"{effect.key}.{parameter.name}"] = f"{effect.title}: {spaced(parameter.name)}"
+            units[f"{effect.key}.{parameter.name}"] = parameter.unit
+    names = list(dict.fromkeys((*base.names, *extended.names)))
+    return Grid(
+        caption="Parameters without and with what was found: value ± standard error",
+        columns=(
+            words("parameter", [titles.get(name, title(name)) for name in names]),
+            Column(title="without", cells=tuple(_value(base, name) for name in names)),
+            Column(title="with what was found", cells=tuple(_value(extended, name) for name in names)),
+            numbers("change", "%", [_change(base, extended, name) for name in names]),
+            words("unit", [unit(units.get(name, "")) for name in names]),
+        ),
+    )
+
+
+def gain_grid(base: Side, extended: Side, floor: float) -> Grid:
+    """How well trials that were not fitted are simulated; one column where the two sides are the same."""
+    one, other = base.held_out, extended.held_out
+    names = ["yaw rate R²", "yaw rate RMSE, rad/s"]
+    rows = [[number(one.yaw_rate_r2, ".4f"), number(other.yaw_rate_r2, ".4f"), NOTHING]]
+    rows.append(column([one.yaw_rate_rmse, other.yaw_rate_rmse, floor], 3))
+    for horizon, error in one.heading_errors.items():
+        names.append(f"heading after {horizon:.0f} s, deg")
+        rows.append([*column([degrees(error), degrees(other.heading_errors.get(horizon))], 3), NOTHING])
+    names.append("log-likelihood")
+    rows.append([number(one.log_likelihood, ".0f"), number(other.log_likelihood, ".0f"), NOTHING])
+    without, with_it, least = zip(*rows, strict=True)
+    found = bool(extended.model.effects)
+    columns = [words("quantity", names), Column(title="without" if found else "the model", cells=without)]
+    if found:
+        columns.append(Column(title="with what was found", cells=with_it))
+    return Grid(
+        caption="Trials that were not fitted, simulated freely",
+        columns=(*columns, Column(title="noise floor", cells=least)),
+    )
+
+
+def signals_grid(diagnosis: Diagnosis) -> Grid:
+    """Logged signals that drive what no effect explains."""
+    return Grid(
+        caption="Signals that what is left depends on",
+        columns=(
+            words("dependence", [signal.title for signal, _ in diagnosis.signals]),
+            numbers("log-likelihood gain", "", [number(gain, ".0f") for _, gain in diagnosis.signals]),
+        ),
+    )
+
+
+def detectable_grid(diagnosis: Diagnosis) -> Grid:
+    """The size of each effect that these data would have shown, in the catalogue's order."""
+    sizes = diagnosis.detectable
+    return Grid(
+        caption="The smallest that would have been seen",
+        columns=(
+            words("effect", [effect.title for effect, _ in sizes]),
+            words("parameter", [spaced(effect.parameters[0].name) for effect, _ in sizes]),
+            # Sizes of different units share no decimal point.
+            Column(title="departure from none", cells=tuple(column([size], 2)[0] for _, size in sizes)),
+            words("unit", [unit(effect.parameters[0].unit) for effect, _ in sizes]),
+        ),
+    )
+
+
+def _value(estimate: Estimate, name: str) -> str:
+    if name not in estimate.names:
+        return NOTHING
+    return plus_minus(estimate.value(name), estimate.standard_error(name))
+
+
+def _change(base: Estimate, extended: Estimate, name: str) -> str:
+    """In percent; nothing of what the base model lacks or cannot tell from zero."""
+    if name not in base.names or name not in extended.names or abs(base.value(name)) <= base.standard_error(name):
+        return NOTHING
+    return f"{100.0 * (extended.value(name) / base.value(name) - 1.0):+.1f}"
+
+
+def _cause(finding: Finding) -> str:
+    return " or ".join((finding.effect.title, *(effect.title for effect in finding.undecided)))
+
+
+def _listed(texts: list[str], last: str = "and") -> str:
+    return f" {last} ".join(_joined(texts))
+
+
+def _joined(texts: list[str]) -> Iterator[str]:
+    if len(texts) > 1:
+        yield ", ".join(texts[:-1])
+    yield from texts[-1:]

@@ -1,0 +1,74 @@
+"""What was found beside its rivals, and what the simulation gains by it."""
+
+from __future__ import annotations
+
+from matplotlib.figure import Figure
+
+from rovid.diagnose.diagnosis import Finding
+from rovid.diagnose.search import Rival
+from rovid.diagnose.signals import is_driver
+from rovid.report.findings import name_of, worth
+from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, PALE, extremes, sheet, shortened, styled
+from rovid.simulation import TrialSimulation
+
+RIVALS = 8
+_LABEL = -0.085  # of the axes' width
+_NAME = 40  # letters beside a bar
+_LOOKS = {
+    "found": (BLUE, ""),
+    "not ruled out": (ORANGE, "///"),
+    "ruled out": (GREY, ""),
+    "depends on a signal": (PALE, "..."),
+}
+
+
+@styled
+def rival_gains(finding: Finding) -> Figure:
+    """Gain of what was found and of the best causes in its place; those not ruled out are hatched."""
+    rivals = finding.rivals[:RIVALS]
+    names = [name_of(finding.effect), *(name_of(rival.effect) for rival in rivals)]
+    gains = [worth(finding), *(rival.gain for rival in rivals)]
+    labels = ["found", *(_standing(finding, rival) for rival in rivals)]
+    figure, ((panel,),) = sheet([(0.3 * len(gains) + 0.15, 1)], left=3.2, right=0.55)
+    for label, (colour, hatch) in _LOOKS.items():
+        rows = [row for row, each in enumerate(labels) if each == label]
+        if rows:
+            shown = [gains[row] for row in rows]
+            bars = panel.barh(rows, shown, height=0.62, color=colour, hatch=hatch, edgecolor="white", label=label)
+            panel.bar_label(bars, [f"{gain:.0f}" for gain in shown], padding=3, fontsize=9)
+    panel.set_yticks(range(len(names)), [shortened(name, _NAME) for name in names])
+    panel.set_ylim(len(names) - 0.5, -0.5)
+    panel.axvline(0.0, color=BLACK, linewidth=0.8)
+    panel.margins(x=0.08)
+    panel.set_xlabel("log-likelihood gained, less the price of the parameters")
+    panel.grid(visible=False, axis="y")
+    panel.set_axisbelow(True)
+    figure.legend(*panel.get_legend_handles_labels(), ncols=4, loc="upper right", borderaxespad=0.1)
+    return figure
+
+
+def _standing(finding: Finding, rival: Rival) -> str:
+    if is_driver(rival.effect):
+        return "depends on a signal"
+    open_ids = {effect.id for effect in finding.undecided}
+    return "not ruled out" if rival.effect.id in open_ids else "ruled out"
+
+
+@styled
+def gain_over_time(base: TrialSimulation, extended: TrialSimulation) -> Figure:
+    """Measured yaw rate, both simulations of it, and what each of them misses below."""
+    figure, ((rate,), (residual,)) = sheet([(2.4, 1), (1.5, 1)], left=1.05, down=0.16, top=0.6, share_x=True)
+    time = base.run.rates.time
+    rate.plot(*extremes(time, base.measured), color=PALE, linewidth=3.6, label="measured")
+    looks = ((base, ORANGE, "--", "without"), (extended, BLACK, "-", "with what was found"))
+    for item, colour, dashes, label in looks:
+        rate.plot(*extremes(time, item.simulated), dashes, color=colour, linewidth=1.1, label=label)
+        residual.plot(*extremes(time, item.measured - item.simulated), dashes, color=colour, linewidth=1.1)
+    for panel, label in ((rate, "yaw rate,\nrad/s"), (residual, "measured less\nsimulated, rad/s")):
+        panel.set_ylabel(label)
+        panel.yaxis.set_label_coords(_LABEL, 0.5)
+    residual.locator_params(axis="y", nbins=5)
+    residual.set_xlabel("time, s")
+    rate.set_title(shortened(base.run.trial.name, 60))
+    figure.legend(*rate.get_legend_handles_labels(), ncols=3, loc="upper right", borderaxespad=0.1)
+    return figure

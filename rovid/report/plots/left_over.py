@@ -1,0 +1,39 @@
+"""The torque that is left over without and with what the diagnosis found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rovid.report.plots.canvas import BLACK, BLUE, ORANGE, sheet, styled
+from rovid.report.plots.residuals import density, memory, over_time
+from rovid.report.residual import Residual, binned
+
+_LOOKS = (("without", ORANGE, "--", "s"), ("with what was found", BLUE, "-", "o"))
+
+
+@styled
+def left_over(before: Sequence[Residual], after: Sequence[Residual], cutoff: float) -> Figure:
+    """Mean residual torque against rate and torque, its course, its autocorrelation and its spectrum, twice each."""
+    figure, ((by_rate, by_torque), (course,), (lags, frequencies)) = sheet(
+        [(2.2, 2), (1.6, 1), (1.9, 2)], top=0.4, across=0.95
+    )
+    rate = np.concatenate([item.run.rates.yaw_rate for item in before])
+    torque = np.concatenate([item.drive for item in before])
+    for items, (label, colour, dashes, marker) in zip((before, after), _LOOKS, strict=True):
+        left = np.concatenate([item.left for item in items])
+        line: dict[str, Any] = {"color": colour, "linestyle": dashes}
+        for panel, driver in ((by_rate, rate), (by_torque, torque)):
+            panel.plot(*binned(driver, left), **line, marker=marker, markersize=4, label=label)
+        over_time(course, items, (colour,))
+        memory(lags, items, **line)
+        density(frequencies, items, cutoff, **line)
+    by_rate.set(xlabel="yaw rate, rad/s", ylabel="mean residual torque, N m")
+    by_torque.set(xlabel="torque, N m", ylabel="mean residual torque, N m")
+    for panel in (by_rate, by_torque):
+        panel.axhline(0.0, color=BLACK, linewidth=0.8)
+    by_rate.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
+    return figure
