@@ -104,7 +104,7 @@ class Study:
         """
         if self.runs is None:
             raise DataError("a table holds no time series to diagnose.", where=self.paths[0], mend="Give logs.")
-        return diagnose(self.runs.items, self.vehicle, report)
+        return diagnose(self.runs, self.vehicle, report)
 
 
 def open_study(paths: Sequence[Path], *, cutoff: float | None = None) -> Study:

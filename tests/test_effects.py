@@ -347,8 +347,7 @@ def test_algebraic_drag_falls_with_the_angle_swept() -> None:
     effect = effect_named("oscillatory_drag:algebraic")
     quadratic = BASE[1] * 0.1**2
     for swept in (0.0, 1.0, 5.0):
-        state = np.array([1.0 - 2.0 * math.exp(-swept / 2.0), 0.0])
-        found, _ = term(effect, np.array([0.5, 2.0]), 0.1, 0.0, state)
+        found, _ = term(effect, np.array([0.5, 2.0]), 0.1, 0.0, np.array([swept, 0.0]))
         assert found == pytest.approx(-0.5 / (1.0 + swept / 2.0) * quadratic)
 
 
@@ -362,8 +361,8 @@ def test_the_exponent_of_the_drag_agrees_with_the_square_at_the_reference() -> N
 def test_resistance_stops_a_coasting_vehicle() -> None:
     push = np.where(TIME < 20.0, 40.0, 0.0)
     plain = simulated(effect_named("bias_torque"), np.zeros(1), push)
-    for key in ("coulomb_resistance", "coulomb_resistance:wide", "coulomb_resistance:stiction"):
-        rate = simulated(effect_named(key), np.array([15.0]), push)
+    for key in ("coulomb_resistance", "coulomb_resistance:stiction"):
+        rate = simulated(effect_named(key), np.array([15.0, 0.005]), push)
         assert plain[-1] > 0.01
         assert abs(rate[-1]) < 1e-3
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, simulate_folds
+from rovid.diagnose.parts import FEWEST_TRIALS, SHORTEST, parts_of
 from rovid.diagnose.search import Fitted, Found, Promise, Rival, Search, key_of, worth
 from rovid.diagnose.signals import PREFIX, drivers, is_driver
 from rovid.effects import Effect, forms_for
@@ -18,7 +19,7 @@ from rovid.identify.free_run import fit_free_run, free_run_r2
 from rovid.identify.innovations import DISTURBANCE, MEMORY, Likelihood, Records
 from rovid.identify.likelihood import NAMES, canonical, covariance, fit_base, likelihood_is_white, physical
 from rovid.model import Model
-from rovid.runs import Run
+from rovid.runs import Run, Runs
 from rovid.vehicle import Vehicle
 
 # A rival is beaten by so much log-likelihood, and by such a share of what the effect gains.
@@ -32,7 +33,6 @@ _DECISIONS = 3
 _THINNED, _THINNED_SECONDS = 0.05, 0.2
 # Yaw data never show these: the same motion comes of other inertia and drag.
 NEVER_SHOWN = ("thrust_scale", "rate_scale")
-_FEWEST_TRIALS = 2
 # A null so large stands for infinity.
 _ENDLESS = 1e5
 
@@ -108,7 +108,7 @@ class Diagnosis:
     missing: str = ""
 
 
-def diagnose(runs: Sequence[Run], vehicle: Vehicle, report: Report = lambda _: None) -> Diagnosis:
+def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) -> Diagnosis:
     """Name what the simulation misses.
 
     Parameters
@@ -116,25 +116,33 @@ def diagnose(runs: Sequence[Run], vehicle: Vehicle, report: Report = lambda _: N
     report
         Called with a line of text as the work goes on.
     """
+    runs, notes = prepared.items, []
+    parts = parts_of(runs, vehicle, prepared.cutoff)
+    if parts is not None:
+        runs = parts.items
+        notes.append(
+            f"{len(prepared.items)} trials are too few to hold any out: they were cut into {len(runs)} parts, each "
+            "simulated from its own start."
+        )
     lack = _lack(runs)
     if lack:
-        return Diagnosis(verdict="too_little_data", missing=lack)
+        return Diagnosis(verdict="too_little_data", missing=lack, warnings=tuple(notes))
     try:
         start = fit_free_run(runs)
     except DataError as error:
-        return Diagnosis(verdict="too_little_data", missing=str(error))
+        return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(notes))
     report("Fitting the model without effects …")
     full = Records(runs, vehicle, start)
     quick = replace(full, interval=_interval(runs, start, full.rate))
     likelihood, x, _ = fit_base(quick, free_run_r2(runs, start))
     base = Fitted(likelihood, x, likelihood.cost(x))
     channels = set.intersection(*(set(run.trial.extras) for run in runs))
-    search = Search((*forms_for(vehicle, channels), *drivers(runs, likelihood.model(x))), report)
+    search = Search((*forms_for(vehicle, channels), *drivers(runs)), report)
     final = search.run(base)
     report("Testing what was found on trials that were not fitted …")
     work = _Work(search, full, base, final)
     work.decide()
-    warnings = work.confirm()
+    warnings = [*notes, *work.confirm()]
     return _diagnosis(work, [work.found(effect) for effect in work.final.effects], warnings)
 
 
@@ -211,10 +219,12 @@ class _Work:
 
 
 def _lack(runs: Sequence[Run]) -> str:
-    if len(runs) < _FEWEST_TRIALS:
+    if len(runs) < FEWEST_TRIALS:
+        seconds = sum(run.trial.duration for run in runs)
         return (
-            "there is one trial only: nothing can be held out to test a cause on. Record at least one more run, of "
-            "another kind (a hold the other way, a sine, a coast-down)."
+            f"there are {len(runs)} trials of {seconds:.0f} s in all: too few to hold any out and test a cause on, and "
+            f"too short to be cut into {FEWEST_TRIALS} parts of {SHORTEST:.0f} s. Record more runs, of other kinds (a "
+            "hold the other way, a sine, a coast-down)."
         )
     if not any(np.any(run.torque != 0.0) for run in runs):
         return "no thruster ever runs: there is no torque to explain the motion with. Log a run under thrust."
@@ -249,7 +259,7 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
     base, final = work.refined(work.base), work.refined(work.final)
     white = likelihood_is_white(final.likelihood, final.x)
     estimate = _estimate(final, white=white)
-    findings = [_finding(work, one, estimate) for one in found if not is_driver(one.effect)]
+    findings = [_finding(work, one, estimate, white=white) for one in found if not is_driver(one.effect)]
     signals = tuple((one.effect, one.worth) for one in found if is_driver(one.effect))
     at_limit = bool(final.x[DISTURBANCE] > final.likelihood.high[DISTURBANCE] - 1e-3)
     if at_limit:
@@ -290,11 +300,12 @@ def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
     )
 
 
-def _finding(work: _Work, found: Found, estimate: Estimate) -> Finding:
+def _finding(work: _Work, found: Found, estimate: Estimate, *, white: bool) -> Finding:
     effect = found.effect
     own = [f"{effect.key}.{parameter.name}" for parameter in effect.parameters]
     at = [estimate.names.index(name) for name in own]
-    margin = _BEATEN[0] + _BEATEN[1] * found.worth
+    # Where the model explains the data to the noise, likelihood decides; else part of any gain is that of its form.
+    margin = _BEATEN[0] + (0.0 if white else _BEATEN[1] * found.worth)
     return Finding(
         effect=effect,
         estimate=replace(

@@ -2,50 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from rovid.effects import Effect, EffectParameter
 from rovid.effects.base import Actuation, Values
-from rovid.model import Model
 from rovid.runs import Run
 from rovid.trial import FloatArray, Trial
 
 PREFIX = "signal "
-# How a signal may act: a torque in proportion to it, or drag or thrust that change with it.
-_WAYS = ("torque", "drag", "thrust")
 # A catalogued effect acts through the same channel in the same way.
 _CATALOGUED = {("supply_voltage", "thrust")}
-_PLAIN = Effect(
-    id="",
-    title="",
-    parameters=(EffectParameter(name="share", unit="1", null=0.0, low=-2.0, high=2.0, starts=(0.05,)),),
-    equation="",
-    fingerprint="residual torque that follows the signal",
-    experiment="the same run with the signal held at two values",
-)
+_SHARE = EffectParameter(name="share", unit="1", null=0.0, low=-2.0, high=2.0, starts=(0.05,))
 _TORQUE = EffectParameter(name="torque", unit="N m", null=0.0, low=-2.0, high=2.0, starts=(0.03,), scale="torque")
+# A torque's own zero is not the signal's mean; how drag divides is not what the model without the signal says.
+_PARAMETERS = {
+    "torque": (_TORQUE, replace(_TORQUE, name="level", starts=(0.001,))),
+    "drag": (replace(_TORQUE, name="quadratic"), replace(_TORQUE, name="linear", starts=(0.001,))),
+    "thrust": (_SHARE,),
+}
+_TITLES = {
+    "torque": "a torque that follows",
+    "drag": "drag that changes with",
+    "thrust": "thrust that changes with",
+}
 
 
-def drivers(runs: Sequence[Run], model: Model) -> tuple[Effect, ...]:
+def drivers(runs: Sequence[Run]) -> tuple[Effect, ...]:
     """Every logged signal as a cause, in each way in which it may act.
 
-    Signals are taken less their mean, over their standard deviation: sizes are those of one standard deviation.
-
-    Parameters
-    ----------
-    model
-        For the drag that a signal may change, at the measured rate.
+    Signals are taken less their mean, over their standard deviation: sizes are those of one standard deviation, and
+    of drag at the usual rate.
     """
-    brakes = {run.trial.name: model.drag(_rate(run)) for run in runs}
+    usual = float(np.sqrt(np.nanmean(np.concatenate([run.rates.yaw_rate for run in runs]) ** 2)))
+    rates = {run.trial.name: _rate(run) / max(usual, 1e-12) for run in runs}
     courses = {name: _standardised(runs, name) for name in signal_names(runs)}
     return tuple(
-        _driver(name, way, course, brakes)
+        _driver(name, way, course, rates)
         for name, course in courses.items()
         if course is not None
-        for way in _WAYS
+        for way in _PARAMETERS
         if (name, way) not in _CATALOGUED
     )
 
@@ -92,24 +90,23 @@ def _rate(run: Run) -> FloatArray:
     return np.interp(run.trial.time, run.rates.time[known], run.rates.yaw_rate[known])
 
 
-def _driver(name: str, way: str, course: Mapping[str, FloatArray], brakes: Mapping[str, FloatArray]) -> Effect:
-    laws: dict[str, Callable[[Actuation, FloatArray, float], FloatArray]] = {
-        "torque": lambda where, torque, size: torque + size * course[where.trial],
-        "drag": lambda where, torque, size: torque - size * course[where.trial] * brakes[where.trial],
-        "thrust": lambda where, torque, size: torque * (1.0 + size * course[where.trial]),
-    }
-    law = laws[way]
-
+def _driver(name: str, way: str, course: Mapping[str, FloatArray], rates: Mapping[str, FloatArray]) -> Effect:
     def on_torque(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
-        return law(where, torque, next(iter(values.values())))
+        signal, rate = course[where.trial], rates[where.trial]
+        size, *other = values.values()
+        if way == "torque":
+            return torque + size * signal + other[0]
+        if way == "drag":
+            return torque - signal * rate * (size * np.abs(rate) + other[0])
+        return torque * (1.0 + size * signal)
 
-    parameters = (_TORQUE,) if way == "torque" else _PLAIN.parameters
-    title = {"torque": f"a torque that follows {name}", "drag": f"drag that changes with {name}"}
-    return replace(
-        _PLAIN,
+    return Effect(
         id=PREFIX + name,
         form=way,
-        title=title.get(way, f"thrust that changes with {name}"),
-        parameters=parameters,
+        title=f"{_TITLES[way]} {name}",
+        parameters=_PARAMETERS[way],
+        equation="",
+        fingerprint="residual torque that follows the signal",
+        experiment="the same run with the signal held at two values",
         on_torque=on_torque,
     )

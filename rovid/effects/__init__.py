@@ -40,7 +40,7 @@ FORMS: tuple[Effect, ...] = (
     *thrust_curve_shape.FORMS,
     *supply_sag.FORMS,
     *thruster_lag.FORMS,
-    command_delay.EFFECT,
+    *command_delay.FORMS,
     *slew_limit.FORMS,
     *command_hysteresis.FORMS,
     *advance_speed_loss.FORMS,
@@ -82,7 +82,8 @@ def forms_for(vehicle: Vehicle, channels: Collection[str] = ()) -> tuple[Effect,
         if effect.each_thruster:
             # One thruster alone only scales the torque, which yaw data do not show.
             names = [t.name for t in vehicle.thrusters if t.curve is not None]
-            found += [thruster_imbalance.of_thruster(name) for name in names if len(names) > 1]
+            ways = ("", thruster_imbalance.BESIDE)
+            found += [thruster_imbalance.of_thruster(name + way) for name in names for way in ways if len(names) > 1]
         elif not effect.needs or effect.needs in channels:
             found.append(effect)
     return tuple(found)

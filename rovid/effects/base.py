@@ -53,8 +53,8 @@ class EffectParameter:
         Where to begin a fit, in units of the scale.
     scale
         What one unit of the search is: ``one``, ``command`` (a hundredth of the largest command in use), ``torque``
-        (that in use), ``cubic`` (torque over rate cubed), ``inertia`` (torque over rate, times a second) or
-        ``advance`` (root of torque over rate).
+        (that in use), ``rate`` (that in use), ``cubic`` (torque over rate cubed), ``inertia`` (torque over rate, times
+        a second) or ``advance`` (root of torque over rate).
     """
 
     name: str
@@ -207,6 +207,7 @@ class Scales:
             "one": 1.0,
             "command": 0.01 * self.command,
             "torque": self.torque,
+            "rate": self.rate,
             "cubic": self.torque / self.rate**3,
             "inertia": self.torque / self.rate,
             "advance": self.torque**0.5 / self.rate,

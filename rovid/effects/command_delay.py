@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from rovid.effects.base import Actuation, Effect, EffectParameter, Values
-from rovid.effects.series import delayed
+from rovid.effects.series import delayed, polled
 from rovid.trial import FloatArray
 
 
 def _on_torque(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
     return delayed(where.time, torque, values["delay"])
+
+
+def _polled(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
+    return polled(where.time, torque, 2.0 * values["delay"])
 
 
 EFFECT: Effect = Effect(
@@ -20,4 +26,15 @@ EFFECT: Effect = Effect(
     experiment="a fast pseudo-random command, 1 to 3 s a level",
     rivals=("thruster_lag", "command_hysteresis", "slew_limit"),
     on_torque=_on_torque,
+)
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="polled",
+        # Each instant of reading is a threshold: there are many places to begin.
+        parameters=(replace(EFFECT.parameters[0], starts=(0.05, 0.1, 0.2, 0.35)),),
+        equation="the drive reads its command every 2 L: a delay of L on average",
+        on_torque=_polled,
+    ),
 )

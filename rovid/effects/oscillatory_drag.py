@@ -6,27 +6,42 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from rovid.effects.base import Effect, EffectParameter, compiled
+from rovid.effects.base import Effect, EffectParameter, Values, compiled
+
+# 1/s; how fast the angle swept one way is forgotten once the vehicle turns the other way. It hardly turns meanwhile.
+_FORGETTING = 4.0
 
 
 @compiled
-def _fresh(rate: float, p: Any, x: Any, dx: Any) -> Any:
-    """exp(-theta/theta0), theta the angle swept since a reversal after a long turn."""
-    # x[0] follows the direction of turning over the swept angle: opposite to it just after a reversal.
-    way = 1.0 if rate > 0.0 else -1.0
-    dx[0] = abs(rate) * (way - x[0]) / p[1]
-    return 0.5 * (1.0 - way * x[0])
+def _swept(rate: float, x: Any, dx: Any) -> Any:
+    """Angle swept since the last reversal; x[0] holds it with the sign of the turn."""
+    if rate * x[0] < 0.0:
+        dx[0] = rate - _FORGETTING * x[0]
+        return 0.0
+    dx[0] = rate
+    return abs(x[0])
 
 
 @compiled
 def _exponential(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    return -p[0] * _fresh(rate, p, x, dx) * base[1] * abs(rate) * rate
+    return -p[0] * math.exp(-_swept(rate, x, dx) / p[1]) * base[1] * abs(rate) * rate
 
 
 @compiled
 def _algebraic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    fresh = min(max(_fresh(rate, p, x, dx), 1e-12), 1.0)
-    return -p[0] / (1.0 - math.log(fresh)) * base[1] * abs(rate) * rate
+    return -p[0] / (1.0 + _swept(rate, x, dx) / p[1]) * base[1] * abs(rate) * rate
+
+
+@compiled
+def _fading(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    # x[0] follows the direction of turning over the swept angle: opposite to it just after a reversal.
+    way = 1.0 if rate > 0.0 else -1.0
+    dx[0] = abs(rate) * (way - x[0]) / p[1]
+    return -p[0] * 0.5 * (1.0 - way * x[0]) * base[1] * abs(rate) * rate
+
+
+def _fastest(_: Values) -> float:
+    return _FORGETTING
 
 
 EFFECT: Effect = Effect(
@@ -41,6 +56,7 @@ EFFECT: Effect = Effect(
     experiment="sines of one peak rate at several periods",
     rivals=("added_mass_memory", "entrained_swirl"),
     term=_exponential,
+    fastest=_fastest,
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -49,5 +65,12 @@ FORMS: tuple[Effect, ...] = (
         form="algebraic",
         equation="quadratic drag times 1 + g/(1 + θ/θ0), θ swept since the last reversal",
         term=_algebraic,
+    ),
+    replace(
+        EFFECT,
+        form="fading",
+        equation="quadratic drag times 1 + g·f, f growing at a reversal by what was swept before, then as exp(−θ/θ0)",
+        term=_fading,
+        fastest=None,
     ),
 )

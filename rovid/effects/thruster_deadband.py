@@ -45,6 +45,8 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="jump",
+        # Commands pass the threshold one by one: there are many places to begin.
+        parameters=(replace(EFFECT.parameters[0], starts=(4.0, 9.0, 16.0, 25.0, 36.0)),),
         equation="u' = u where |u| is b or more beyond the bench's dead zone, else 0: thrust sets in at once",
         on_command=_jump,
     ),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from rovid.effects.base import Actuation, Effect, EffectParameter, Values
 from rovid.trial import FloatArray
 
@@ -20,12 +22,18 @@ EFFECT: Effect = Effect(
 )
 
 
+BESIDE = " beside others"
+
+
 def of_thruster(name: str) -> Effect:
-    """The effect on the thruster of this name."""
+    """The effect on the thruster of this name; with ``BESIDE`` after it, only while another one pushes."""
+    thruster, beside = name.removesuffix(BESIDE), name.endswith(BESIDE)
 
     def on_thrust(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
-        changed = thrust.copy()
-        changed[:, where.names.index(name)] *= values["gain"]
+        changed, at = thrust.copy(), where.names.index(thruster)
+        others = np.any(np.delete(thrust, at, axis=1) != 0.0, axis=1)
+        changed[:, at] *= np.where(others, values["gain"], 1.0) if beside else values["gain"]
         return changed
 
-    return replace(EFFECT, form=name, on_thrust=on_thrust)
+    equation = "F' = g·F of the named thruster while another one pushes" if beside else EFFECT.equation
+    return replace(EFFECT, form=name, equation=equation, on_thrust=on_thrust)

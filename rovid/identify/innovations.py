@@ -28,6 +28,7 @@ _ANGLE_NOISE_FLOOR = 1e-5  # rad; no heading is better, and one from an autopilo
 _BLOCK_SECONDS = 40.0
 # Innovations beyond so many standard deviations count in proportion, not squared (Huber 1964).
 _OUTLIER = 5.0
+_FARTHEST = 1e100
 # Steps for slopes: of the logarithms and scaled drags, and a share of an effect's parameter.
 _STEPS = (1e-5, 1e-4)
 # No step changes a logarithm by more: far from the top the slopes promise too much.
@@ -387,6 +388,7 @@ def _means(time: FloatArray, torque: FloatArray, at: NDArray[np.intp]) -> FloatA
 
 
 def _pieces(error: FloatArray, variance: FloatArray) -> FloatArray:
-    z = np.abs(error) / np.sqrt(variance)
+    # No innovation is so far out that its square could not be told from infinity.
+    z = np.minimum(np.abs(error) / np.sqrt(variance), _FARTHEST)
     square = np.where(z > _OUTLIER, _OUTLIER * (2.0 * z - _OUTLIER), z * z)
     return np.asarray(0.5 * (np.log(2.0 * np.pi * variance) + square))

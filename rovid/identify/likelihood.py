@@ -21,9 +21,10 @@ from rovid.trial import FloatArray
 from rovid.vehicle import Vehicle
 
 NAMES = ("inertia", "quadratic_drag", "linear_drag")
-# Upper limits of the disturbance, as shares of the torque in use, from loose to tight. Without a limit the
-# disturbance explains whatever the model does not, and the parameters go where they like.
-LIMITS = (0.05, 0.02, 0.01, 0.005)
+# Upper limits of the disturbance, as shares of the torque in use. Without a limit the disturbance explains whatever
+# the model does not, and the parameters go where they like: tighter ones come first. Where the model is badly wrong a
+# tight limit distorts the parameters instead, and only a loose one is left.
+LIMITS = (0.05, 0.02, 0.01, 0.005, 0.2, 1.0)
 # The free-running simulation may lose this much R^2 against the fit that looks at nothing else.
 _R2_LOSS = 0.01
 # Where the disturbance is at its limit, the fit is tried again with this many times as much.
@@ -98,7 +99,7 @@ def fit_likelihood(
 
 
 def fit_base(records: Records, base_r2: float) -> tuple[Likelihood, FloatArray, float]:
-    """Most likely coordinates without effects, under the loosest limit whose free-running R^2 is near ``base_r2``.
+    """Most likely coordinates without effects, under the first limit whose free-running R^2 is near ``base_r2``.
 
     Returns
     -------

@@ -1,0 +1,61 @@
+"""A long trial cut into parts, where there are too few trials to hold any out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from rovid.rates import highest_cutoff
+from rovid.runs import Run, Runs, prepare
+from rovid.trial import Campaign, FloatArray, Trial
+from rovid.vehicle import Vehicle
+
+FEWEST_TRIALS = 4
+_PARTS = 8
+SHORTEST = 30.0  # s; a part
+
+
+def parts_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> Runs | None:
+    """Runs of about an eighth of all time each, none shorter than half a minute; None where there are runs enough.
+
+    Each part starts anew: angles turned and water set in motion before it are forgotten.
+    """
+    if len(runs) >= FEWEST_TRIALS:
+        return None
+    total = sum(run.trial.duration for run in runs)
+    length = max(total / _PARTS, SHORTEST)
+    trials = [part for run in runs for part in _cut(run.trial, length)]
+    if len(trials) < FEWEST_TRIALS:
+        return None
+    shared = min(cutoff, highest_cutoff(trials))
+    return prepare(Campaign(trials=tuple(trials), sources=()), vehicle, cutoff=shared)
+
+
+def _cut(trial: Trial, length: float) -> list[Trial]:
+    count = max(round(trial.duration / length), 1)
+    edges = np.searchsorted(trial.time, np.linspace(0.0, trial.duration, count + 1)[1:-1])
+    bounds = [0, *(int(edge) for edge in edges), len(trial.time)]
+    pieces = [
+        _part(trial, slice(first, last), number) for number, (first, last) in enumerate(pairwise(bounds), start=1)
+    ]
+    return [piece for piece in pieces if int(piece.measured.sum()) > 1]
+
+
+def _part(trial: Trial, where: slice, number: int) -> Trial:
+    def cut(values: FloatArray | None) -> FloatArray | None:
+        return None if values is None else values[where]
+
+    return replace(
+        trial,
+        name=f"{trial.name} part {number}",
+        time=trial.time[where] - trial.time[where.start],
+        heading=trial.heading[where],
+        commands=trial.commands[where],
+        yaw_rate=cut(trial.yaw_rate),
+        roll=cut(trial.roll),
+        pitch=cut(trial.pitch),
+        extras={name: values[where] for name, values in trial.extras.items()},
+    )
