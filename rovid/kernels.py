@@ -22,7 +22,7 @@ from rovid.trial import FloatArray
 warnings.filterwarnings("ignore", category=NumbaExperimentalFeatureWarning)
 
 # A step of this share of the shortest time constant leaves fourth-order Runge-Kutta exact to about 1e-6.
-_STEP_SHARE = 0.2
+_STEP_SHARE = 0.3
 # The covariance is stepped by a transition of fourth order: good to a percent of a percent with such steps.
 _FILTER_STEP_SHARE = 0.3
 # With a wave it is of second order only.

@@ -66,6 +66,11 @@ def simulate_runs(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[T
     return [_simulate(run, model, model.torque(vehicle, run.trial)) for run in runs]
 
 
+def simulated_rate(run: Run, model: Model, torque: FloatArray) -> FloatArray:
+    """(m,) yaw rate in rad/s of the free-running ``model``, behind the filter that the measured one went through."""
+    return run.rates.smooth_samples(run.trial, model.simulate(run.trial, torque)[0])
+
+
 def overall(simulations: Sequence[TrialSimulation]) -> Fit:
     """Agreement over all trials together; the mean of SST is that of all samples."""
     return compare(

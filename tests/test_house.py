@@ -13,6 +13,7 @@ import rovid
 
 HOUSE = [
     "errors",
+    "workers",
     "trial",
     "vehicle",
     "tables",

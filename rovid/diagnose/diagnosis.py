@@ -16,10 +16,21 @@ from rovid.effects import Effect, forms_for
 from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import fit_free_run, free_run_r2
-from rovid.identify.innovations import DISTURBANCE, MEMORY, Likelihood, Records
-from rovid.identify.likelihood import NAMES, canonical, covariance, fit_base, likelihood_is_white, physical
+from rovid.identify.innovations import Records
+from rovid.identify.likelihood import (
+    NAMES,
+    TRUSTED_R2,
+    canonical,
+    covariance,
+    fit_base,
+    likelihood_is_white,
+    physical,
+    simulated_r2,
+)
+from rovid.identify.simulated import SimulatedLikelihood, SimulatedRecords
 from rovid.model import Model
 from rovid.runs import Run, Runs
+from rovid.trial import FloatArray
 from rovid.vehicle import Vehicle
 
 # A rival is beaten by so much log-likelihood, and by such a share of what the effect gains.
@@ -31,6 +42,14 @@ _CLOSE = 0.8
 _DECISIONS = 3
 # The search looks at headings this share of the vehicle's time constant apart, and no farther than so many seconds.
 _THINNED, _THINNED_SECONDS = 0.05, 0.2
+# With no worse a simulation the likelihood of each next heading is trusted though the innovations are not white.
+_EXPLAINED_R2 = 0.98
+# A search whose misfits correlate for no less time than this is the last.
+_MORE = 1.2
+_BY_SIMULATION = (
+    "The simulation misses much. The likelihood of each next heading would call that disturbance, so causes were "
+    "judged by the free-running yaw rate: gains are of its log-likelihood, with misfits that correlate counted as one."
+)
 # Yaw data never show these: the same motion comes of other inertia and drag.
 NEVER_SHOWN = ("thrust_scale", "rate_scale")
 # A null so large stands for infinity.
@@ -133,17 +152,60 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
         return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(notes))
     report("Fitting the model without effects …")
     full = Records(runs, vehicle, start)
-    quick = replace(full, interval=_interval(runs, start, full.rate))
-    likelihood, x, _ = fit_base(quick, free_run_r2(runs, start))
-    base = Fitted(likelihood, x, likelihood.cost(x))
     channels = set.intersection(*(set(run.trial.extras) for run in runs))
-    search = Search((*forms_for(vehicle, channels), *drivers(runs)), report)
-    final = search.run(base)
+    candidates = (*forms_for(vehicle, channels), *drivers(runs))
+    base_r2 = free_run_r2(runs, start)
+    work = None
+    if base_r2 >= TRUSTED_R2:
+        work = _by_innovations(full, base_r2, candidates, report)
+        if not work.explains:
+            report("The likelihood of each next heading finds no end: looking at the simulation instead …")
+            work = None
+    if work is None:
+        work = _by_simulation(full, candidates, report)
+        notes.append(_BY_SIMULATION)
     report("Testing what was found on trials that were not fitted …")
-    work = _Work(search, full, base, final)
     work.decide()
     warnings = [*notes, *work.confirm()]
     return _diagnosis(work, [work.found(effect) for effect in work.final.effects], warnings)
+
+
+def _by_innovations(full: Records, base_r2: float, candidates: Sequence[Effect], report: Report) -> _Work:
+    """Search by the likelihood of each next heading, first over some of the headings."""
+    quick = replace(full, interval=_interval(full.runs, full.start, full.rate))
+    likelihood, x, _ = fit_base(quick, base_r2)
+    base = Fitted(likelihood, x, likelihood.cost(x))
+    search = Search(candidates, report)
+    return _Work(search, full, base, search.run(base))
+
+
+def _by_simulation(full: Records, candidates: Sequence[Effect], report: Report) -> _Work:
+    """Search by the free-running yaw rate.
+
+    What is missing makes misfits correlate for long, so that little counts. With the right cause they do so for less:
+    the correlation is that which the best next cause would leave, whether that is claimed in the end or not.
+    """
+    records = SimulatedRecords.of(full, full.start)
+    base = final = _simulated((), records, SimulatedLikelihood(records).first())
+    while True:
+        # No phase of a wave is known to a simulation.
+        search = Search([effect for effect in candidates if not effect.wave], report, thorough=_is_far_off)
+        final = search.run(final)
+        best = search.best_extension(final) or final
+        closer = SimulatedRecords.of(full, best.likelihood.model(best.x))
+        if _MORE * closer.correlation_time > records.correlation_time:
+            return _Work(search, records, base, final)
+        records = closer
+        base, final = (_simulated(fitted.effects, records, fitted.x) for fitted in (base, final))
+
+
+def _simulated(effects: tuple[Effect, ...], records: SimulatedRecords, x: FloatArray) -> Fitted:
+    likelihood = SimulatedLikelihood(records, effects=effects)
+    return Fitted(likelihood, *likelihood.climb(x))
+
+
+def _is_far_off(fitted: Fitted) -> bool:
+    return simulated_r2(fitted.likelihood, fitted.x) < TRUSTED_R2
 
 
 @dataclass(eq=False)
@@ -156,6 +218,19 @@ class _Work:
     final: Fitted
     _folds: dict[frozenset[str], list[Fold]] = field(default_factory=dict)
     _refined: dict[frozenset[str], Fitted] = field(default_factory=dict)
+
+    @property
+    def by_simulation(self) -> bool:
+        """Whether the simulation misses so much that it is what is looked at."""
+        return isinstance(self.base.likelihood, SimulatedLikelihood)
+
+    @property
+    def explains(self) -> bool:
+        """Whether the final model leaves white innovations, or at least a good simulation."""
+        final = self.final
+        return simulated_r2(final.likelihood, final.x) >= _EXPLAINED_R2 or likelihood_is_white(
+            final.likelihood, final.x
+        )
 
     def decide(self) -> None:
         """Let every heading decide between an effect and a close rival: the quick look may have taken the wrong one."""
@@ -183,7 +258,7 @@ class _Work:
         """The same model fitted to every heading, once."""
         key = key_of(fitted.effects)
         if key not in self._refined:
-            likelihood = Likelihood(self.full, fitted.likelihood.limit, fitted.effects)
+            likelihood = type(fitted.likelihood)(self.full, fitted.likelihood.limit, fitted.effects)
             self._refined[key] = Fitted(likelihood, *likelihood.climb(fitted.x, tolerance=0.05))
         return self._refined[key]
 
@@ -261,14 +336,14 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
     estimate = _estimate(final, white=white)
     findings = [_finding(work, one, estimate, white=white) for one in found if not is_driver(one.effect)]
     signals = tuple((one.effect, one.worth) for one in found if is_driver(one.effect))
-    at_limit = bool(final.x[DISTURBANCE] > final.likelihood.high[DISTURBANCE] - 1e-3)
+    at_limit = final.likelihood.at_limit(final.x)
     if at_limit:
         warnings.append(
             f"What is left would be a disturbance above {100 * final.likelihood.limit:.2g} % of the torque in use: "
             "something is still missing, and it follows no logged signal."
         )
-    verdict = "found" if findings else "unexplained" if signals or at_limit else "nothing_found"
-    disturbance = math.exp(final.x[DISTURBANCE])
+    verdict = "found" if findings else "unexplained" if signals or at_limit or work.by_simulation else "nothing_found"
+    disturbance, _ = final.likelihood.disturbance(final.x)
     return Diagnosis(
         verdict=verdict,
         base=_side(work, work.base, base, _estimate(base, white=likelihood_is_white(base.likelihood, base.x))),
@@ -295,7 +370,7 @@ def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
         names=tuple(names[k] for k in at),
         values=physical(fitted.likelihood, x)[at],
         covariance=covariance(fitted.likelihood, x, sandwich=not white)[np.ix_(at, at)],
-        method="maximum likelihood of Kalman-filter innovations",
+        method=fitted.likelihood.method,
         samples=len(fitted.likelihood.records.trial),
     )
 
@@ -321,15 +396,9 @@ def _finding(work: _Work, found: Found, estimate: Estimate, *, white: bool) -> F
 
 
 def _noise_floor(fitted: Fitted) -> float:
-    """RMS yaw rate in rad/s that the disturbance drives, and what the low pass leaves of the sensor's noise.
-
-    First-order motion about the usual rate, driven by a Gauss-Markov torque.
-    """
-    records, model = fitted.likelihood.records, fitted.likelihood.model(fitted.x)
-    slope = max(2.0 * model.quadratic_drag * records.rate + model.linear_drag, 1e-12)
-    constant, memory = model.inertia / slope, math.exp(fitted.x[MEMORY])
-    driven = (math.exp(fitted.x[DISTURBANCE]) / slope) ** 2 * memory / (memory + constant)
-    return math.sqrt(driven + float(np.median([run.rates.yaw_rate_noise for run in records.runs])) ** 2)
+    """RMS yaw rate in rad/s that the disturbance drives, and what the low pass leaves of the sensor's noise."""
+    noise = float(np.median([run.rates.yaw_rate_noise for run in fitted.likelihood.records.runs]))
+    return math.hypot(fitted.likelihood.driven_rate(fitted.x), noise)
 
 
 def _detectable(work: _Work) -> tuple[tuple[Effect, float], ...]:
@@ -342,7 +411,7 @@ def _detectable(work: _Work) -> tuple[tuple[Effect, float], ...]:
     scales, sizes = work.full.scales, []
     for promise in plain.values():
         size, start = promise.effect.parameters[0], promise.effect.parameters[0].starts[0]
-        price = 0.5 * math.log(len(work.full.trial)) * len(promise.effect.parameters)
+        price = 0.5 * math.log(work.final.likelihood.count) * len(promise.effect.parameters)
         if promise.power > 0.0 and abs(size.null) < _ENDLESS:
             share = math.sqrt((work.search.threshold + price) / promise.power)
             sizes.append((promise.effect, abs(share * (start - size.null)) * scales.of(size)))

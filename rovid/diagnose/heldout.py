@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.diagnose.search import Fitted
-from rovid.identify.innovations import Likelihood
 from rovid.simulation import HORIZONS, overall, simulate_runs
 from rovid.trial import FloatArray
 
@@ -48,16 +47,18 @@ class Fold:
 
 def cross_validate(fitted: Fitted) -> list[Fold]:
     """Fit the model of ``fitted`` anew without each fourth of the trials, and predict those."""
-    records, folds = fitted.likelihood.records, []
-    for trials in _folds(len(records.runs)):
+    records, left_out, tests, fits = fitted.likelihood.records, _folds(len(fitted.likelihood.records.runs)), [], []
+    for trials in left_out:
         outside = np.isin(records.trial, trials)
-        train, test = (
-            Likelihood(records, fitted.likelihood.limit, fitted.effects, part) for part in (~outside, outside)
-        )
+        train, test = (fitted.likelihood.like(fitted.effects, part) for part in (~outside, outside))
         # All trials together are a start so good that a few steps do.
-        x, _ = train.climb(fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)
-        folds.append(Fold(trials=trials, x=x, log_likelihood=-test.cost(x)))
-    return folds
+        fits.append(train.climb(fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)[0])
+        tests.append(test)
+    fits = fitted.likelihood.calibrated(tests, fits)
+    return [
+        Fold(trials=trials, x=x, log_likelihood=-test.cost(x))
+        for trials, test, x in zip(left_out, tests, fits, strict=True)
+    ]
 
 
 def simulate_folds(fitted: Fitted, folds: Sequence[Fold]) -> HeldOut:

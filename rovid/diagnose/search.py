@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from rovid.effects import Effect
-from rovid.identify.innovations import BASE, Likelihood, Slopes, slopes
+from rovid.identify.innovations import BASE, Likelihood, Slopes
 from rovid.identify.likelihood import starts
 from rovid.trial import FloatArray
+from rovid.workers import spread
 
 # An addition has to gain so much log-likelihood beyond what its parameters and the number of causes tried would.
 MARGIN = 6.0
@@ -26,8 +26,9 @@ _FORMS_FITTED = 3
 _WORTH_A_CHANGE = 0.5
 _ITERATIONS = 25
 _FIRST_ITERATIONS = 4
+# Then those go on, for so many steps, that have this share of the best one's worth.
+_STAGES = ((0.4, 8), (0.75, _ITERATIONS))
 _TOLERANCE = 0.1
-_AHEAD = 0.4
 _MAX_EFFECTS = 6
 # A logged signal is preferred to a named effect only if it gains so much more, in all and in proportion.
 _SIGNAL_HANDICAP = (6.0, 0.05)
@@ -142,12 +143,15 @@ class Search:
         Every form that may be tried.
     report
         Called with a line of text as the search goes on.
+    thorough
+        Whether a model is so far from the truth that slopes do not tell what would help: then every cause is fitted.
     promises
         Keys of a model's effects -> what each further form promised there.
     """
 
     candidates: Sequence[Effect]
     report: Report = field(default=lambda _: None)
+    thorough: Callable[[Fitted], bool] = field(default=lambda _: False)
     promises: dict[frozenset[str], list[Promise]] = field(default_factory=dict)
     _left: set[frozenset[str]] = field(default_factory=set)
     _extensions: dict[frozenset[str], list[Fitted]] = field(default_factory=dict)
@@ -172,7 +176,7 @@ class Search:
 
     def _grown(self, current: Fitted) -> Fitted:
         while len(current.effects) < _MAX_EFFECTS:
-            better = self._best(self.extensions(current), current)
+            better = self._best(self.extensions(current, growing=True), current)
             if worth(better) - worth(current) < self.threshold:
                 break
             current = self._pruned(better)
@@ -203,7 +207,12 @@ class Search:
         gap = _SIGNAL_HANDICAP[0] + _SIGNAL_HANDICAP[1] * max(worth(named) - worth(default), 0.0)
         return signal if worth(signal) > worth(named) + gap else named
 
-    def extensions(self, current: Fitted) -> list[Fitted]:
+    def best_extension(self, current: Fitted) -> Fitted | None:
+        """The worthiest model with one effect more, whether it pays or not; None where there is none."""
+        plausible = [fit for fit in self.extensions(current) if fit.plausible]
+        return max(plausible, key=worth, default=None)
+
+    def extensions(self, current: Fitted, *, growing: bool = False) -> list[Fitted]:
         """The model with each promising effect more, in each promising form."""
         key = key_of(current.effects)
         if key not in self._extensions:
@@ -211,7 +220,12 @@ class Search:
             self.report(f"{_named(current.effects)}: trying {len(self.candidates)} forms of what else there may be …")
             promises = screen(current, [effect for effect in self.candidates if effect.id not in taken])
             self.promises[key] = promises
-            fits = _fit_all(current, _shortlist(promises, self.threshold * _NEGLIGIBLE))
+            fits = _fit_all(
+                current,
+                _best_forms(promises)
+                if growing and self.thorough(current)
+                else _shortlist(promises, self.threshold * _NEGLIGIBLE),
+            )
             self._extensions[key] = fits
             for fit in fits:
                 self._fits.setdefault(key_of(fit.effects), fit)
@@ -234,15 +248,14 @@ class Search:
         effects, x = current.without(effect)
         key = key_of(effects)
         if key not in self._fits:
-            likelihood = Likelihood(current.likelihood.records, current.likelihood.limit, effects)
+            likelihood = current.likelihood.like(effects)
             self._fits[key] = Fitted(likelihood, *likelihood.climb(x, iterations=_ITERATIONS, tolerance=_TOLERANCE))
         return self._fits[key]
 
 
 def worth(fitted: Fitted) -> float:
     """Log-likelihood less the price of the effects' parameters: half the logarithm of the samples (Schwarz 1978)."""
-    count = len(fitted.likelihood.records.trial)
-    return -fitted.cost - 0.5 * math.log(count) * len(fitted.likelihood.parameters)
+    return -fitted.cost - 0.5 * math.log(fitted.likelihood.count) * len(fitted.likelihood.parameters)
 
 
 def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
@@ -250,24 +263,23 @@ def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
     here = current.likelihood.slopes(current.x)
     past = _Complement(here)
     centre = current.likelihood.innovations(current.x)
-    with ThreadPoolExecutor() as pool:
-        return list(pool.map(lambda form: _promise(current, form, centre, here, past), forms))
+    return spread(lambda form: _promise(current, form, centre, here, past), forms)
 
 
 def _fit_all(current: Fitted, promises: Sequence[Promise]) -> list[Fitted]:
-    """Each promise kept: fitted together with all else. Those far behind after a few steps stay there."""
+    """Each promise kept: fitted together with all else. Those that fall behind stay where they are."""
 
     def begin(promise: Promise) -> Fitted:
-        effects = (*current.effects, promise.effect)
-        likelihood = Likelihood(current.likelihood.records, current.likelihood.limit, effects)
+        likelihood = current.likelihood.like((*current.effects, promise.effect))
         return _climbed(likelihood, np.concatenate((current.x, promise.start)), _FIRST_ITERATIONS)
 
-    with ThreadPoolExecutor() as pool:
-        begun = list(pool.map(begin, promises))
-        top = max((worth(fit) for fit in begun), default=0.0) - worth(current)
-        ahead = [fit for fit in begun if worth(fit) - worth(current) >= _AHEAD * top]
-        done = list(pool.map(lambda fit: _climbed(fit.likelihood, fit.x, _ITERATIONS), ahead))
-    return [*done, *(fit for fit in begun if fit not in ahead)]
+    fits = spread(begin, promises)
+    for share, iterations in _STAGES:
+        behind = share * max((worth(fit) - worth(current) for fit in fits), default=0.0)
+        ahead = [fit for fit in fits if worth(fit) - worth(current) >= max(behind, 0.0)]
+        rest = [fit for fit in fits if fit not in ahead]
+        fits = [*spread(lambda fit: _climbed(fit.likelihood, fit.x, iterations), ahead), *rest]  # noqa: B023 - used at once
+    return fits
 
 
 def _climbed(likelihood: Likelihood, x: FloatArray, iterations: int) -> Fitted:
@@ -297,10 +309,10 @@ class _Complement:
 def _promise(
     current: Fitted, form: Effect, centre: tuple[FloatArray, FloatArray], here: Slopes, past: _Complement
 ) -> Promise:
-    likelihood = Likelihood(current.likelihood.records, current.likelihood.limit, (*current.effects, form))
+    likelihood = current.likelihood.like((*current.effects, form))
     begins = starts(form)
     sides = [likelihood.innovations(np.concatenate((current.x, begin))) for begin in begins]
-    raw = slopes(*centre, sides, np.ones(len(sides))).matrix
+    raw = likelihood.slopes_between(centre, sides, np.ones(len(sides))).matrix
     if not np.isfinite(raw).all():
         return Promise(form, 0.0, begins[0], 0.0)
     directions = past(raw)
@@ -329,12 +341,22 @@ def _scaled(form: Effect, begin: FloatArray, share: float) -> FloatArray:
     return scaled
 
 
-def _shortlist(promises: Sequence[Promise], least: float) -> list[Promise]:
-    """The forms worth fitting: of the causes that promise most, the best forms of each."""
+def _ranked(promises: Sequence[Promise]) -> list[list[Promise]]:
+    """The forms of each cause, best first in both."""
     groups: dict[str, list[Promise]] = {}
     for promise in sorted(promises, key=lambda promise: -promise.gain):
         groups.setdefault(promise.effect.id, []).append(promise)
-    ranked = list(groups.values())[:_FITTED]
+    return list(groups.values())
+
+
+def _best_forms(promises: Sequence[Promise]) -> list[Promise]:
+    """The most promising forms of every cause that shows at all."""
+    return [promise for group in _ranked(promises) for promise in group[:_FORMS_FITTED] if promise.gain > 0.0]
+
+
+def _shortlist(promises: Sequence[Promise], least: float) -> list[Promise]:
+    """The forms worth fitting: of the causes that promise most, the best forms of each."""
+    ranked = _ranked(promises)[:_FITTED]
     top = ranked[0][0].gain if ranked else 0.0
     return [
         promise

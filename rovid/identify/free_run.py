@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from rovid.identify.regression import fit_regression
 from rovid.model import Model
 from rovid.runs import Run
-from rovid.simulation import compare
+from rovid.simulation import compare, simulated_rate
 from rovid.trial import FloatArray
 
 
@@ -43,16 +43,12 @@ def fit_free_run(runs: Sequence[Run]) -> Model:
 def free_run_r2(runs: Sequence[Run], model: Model) -> float:
     """R^2 of yaw rate over all runs, each simulated freely from its first sample."""
     measured = np.concatenate([run.rates.yaw_rate for run in runs])
-    return compare(measured, np.concatenate([_simulated(run, model) for run in runs])).r2
+    return compare(measured, np.concatenate([simulated_rate(run, model, run.torque) for run in runs])).r2
 
 
 def _model(values: FloatArray) -> Model:
     return Model(inertia=float(values[0]), quadratic_drag=float(values[1]), linear_drag=float(values[2]))
 
 
-def _simulated(run: Run, model: Model) -> FloatArray:
-    return run.rates.smooth_samples(run.trial, model.simulate(run.trial, run.torque)[0])
-
-
 def _misfit(runs: Sequence[Run], model: Model) -> FloatArray:
-    return np.concatenate([np.nan_to_num(run.rates.yaw_rate - _simulated(run, model)) for run in runs])
+    return np.concatenate([np.nan_to_num(run.rates.yaw_rate - simulated_rate(run, model, run.torque)) for run in runs])

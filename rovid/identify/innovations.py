@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from rovid.rates import body_angle
 from rovid.runs import Run
 from rovid.trial import FloatArray
 from rovid.vehicle import Vehicle
+from rovid.workers import spread
 
 # Coordinates before those of the effects: log I, DQ and DL over their scale, log of the disturbance's size and
 # memory, log of the heading's noise.
@@ -168,13 +169,25 @@ class Slopes:
 class Likelihood:
     """Negative log-likelihood of the innovations as a function of scaled coordinates; see ``BASE``.
 
+    Attributes
+    ----------
+    method
+        What is likely.
+    weight
+        Of each innovation; below one where neighbours tell much the same.
+
     Parameters
     ----------
     limit
         Of the disturbance, as a share of the torque in use.
+    effects
+        Their parameters are the last coordinates.
     counted
         (N,) which innovations count; all of them if None. The filter passes over the others all the same.
     """
+
+    method = "maximum likelihood of Kalman-filter innovations"
+    weight = 1.0
 
     def __init__(
         self,
@@ -206,6 +219,38 @@ class Likelihood:
             ]
         )
         self._torques: dict[tuple[float, ...], list[FloatArray]] = {}
+
+    def like(self, effects: tuple[Effect, ...], counted: NDArray[np.bool_] | None = None) -> Self:
+        """The same question asked of a model with other effects, or of other innovations."""
+        return type(self)(self.records, self.limit, effects, counted)
+
+    def calibrated(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[FloatArray]:  # noqa: ARG002 - below
+        """Coordinates ``fits`` with which ``tests`` are judged, each on what it was not fitted to."""
+        return list(fits)
+
+    def at_limit(self, x: FloatArray) -> bool:
+        """Whether the disturbance would be larger if it might."""
+        return bool(x[DISTURBANCE] > self.high[DISTURBANCE] - 1e-3)
+
+    def disturbance(self, x: FloatArray) -> tuple[float, float]:
+        """Standard deviation of the disturbance torque in N m, and its memory in s."""
+        return math.exp(x[DISTURBANCE]), math.exp(x[MEMORY])
+
+    def driven_rate(self, x: FloatArray) -> float:
+        """Standard deviation of the yaw rate in rad/s that the disturbance drives, about the usual rate."""
+        torque, memory = self.disturbance(x)
+        slope, constant = self._slope(x)
+        return torque / slope * math.sqrt(memory / (memory + constant))
+
+    def heading_noise(self, x: FloatArray) -> float:
+        """Standard deviation of the heading's noise in rad."""
+        return math.exp(x[NOISE])
+
+    def _slope(self, x: FloatArray) -> tuple[float, float]:
+        """Of the drag at the usual rate in N m s/rad, and the time constant there in s."""
+        model = self.model(x)
+        slope = max(2.0 * model.quadratic_drag * self.records.rate + model.linear_drag, 1e-12)
+        return slope, model.inertia / slope
 
     def first(self) -> FloatArray:
         """Coordinates to start from, each effect at the first of its starts."""
@@ -269,9 +314,14 @@ class Likelihood:
         error, variance = np.concatenate(errors), np.concatenate(variances)
         return (error, variance) if self.counted is None else (error[self.counted], variance[self.counted])
 
+    @property
+    def count(self) -> float:
+        """How many independent innovations there are."""
+        return self.weight * len(self.records.trial)
+
     def pieces(self, x: FloatArray) -> FloatArray:
         """(N,) contribution of each innovation to the cost."""
-        return _pieces(*self.innovations(x))
+        return self.weight * _pieces(*self.innovations(x))
 
     def cost(self, x: FloatArray) -> float:
         """Negative log-likelihood."""
@@ -295,10 +345,40 @@ class Likelihood:
         """Slopes at ``x`` by forward differences, backward at an upper bound; on all cores at once."""
         step = self._steps(x)
         step = np.where(x + step > self.high, -step, step)
-        error, variance = self.innovations(x)
-        with ThreadPoolExecutor() as pool:
-            sides = list(pool.map(self.innovations, (x + row for row in np.diag(step))))
-        return slopes(error, variance, sides, step)
+        centre = self.innovations(x)
+        sides = spread(lambda k: self._aside(x, centre, k, float(step[k])), range(len(x)))
+        return self.slopes_between(centre, sides, step)
+
+    def _aside(
+        self, x: FloatArray, centre: tuple[FloatArray, FloatArray], coordinate: int, step: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Innovations and variances one ``step`` aside along a coordinate; ``centre`` are those at ``x``."""
+        if self.low[coordinate] == self.high[coordinate]:
+            return centre
+        moved = x.copy()
+        moved[coordinate] += step
+        return self.innovations(moved)
+
+    def slopes_between(
+        self,
+        centre: tuple[FloatArray, FloatArray],
+        sides: Sequence[tuple[FloatArray, FloatArray]],
+        step: FloatArray,
+    ) -> Slopes:
+        """Slopes from innovations and variances at a point and one ``step`` aside along each coordinate."""
+        error, variance = centre
+        root = np.sqrt(variance)
+        z = error / root
+        # So that squares have the weights.
+        share = math.sqrt(self.weight)
+        weight = share * np.sqrt(np.minimum(1.0, _OUTLIER / np.maximum(np.abs(z), 1e-300)))
+        matrix = np.empty((2 * len(z), len(sides)))
+        for k, (side, scatter) in enumerate(sides):
+            matrix[: len(z), k] = weight * (side - error) / (step[k] * root)
+            matrix[len(z) :, k] = share * (scatter - variance) / (step[k] * math.sqrt(2.0) * variance)
+        residual = np.concatenate((weight * z, (share - (weight * z) ** 2 / share) / math.sqrt(2.0)))
+        cost = self.weight * float(np.sum(_pieces(error, variance)))
+        return Slopes(cost if math.isfinite(cost) else _WORST, residual, matrix)
 
     def climb(self, start: FloatArray, *, iterations: int = 60, tolerance: float = 0.01) -> tuple[FloatArray, float]:
         """Most likely coordinates from ``start`` and their cost, by Fisher scoring within the bounds.
@@ -356,22 +436,6 @@ class Likelihood:
                 break
             free &= ~out
         return step
-
-
-def slopes(
-    error: FloatArray, variance: FloatArray, sides: Sequence[tuple[FloatArray, FloatArray]], step: FloatArray
-) -> Slopes:
-    """Slopes from innovations and variances here and one ``step`` aside along each coordinate."""
-    root = np.sqrt(variance)
-    z = error / root
-    weight = np.sqrt(np.minimum(1.0, _OUTLIER / np.maximum(np.abs(z), 1e-300)))
-    matrix = np.empty((2 * len(z), len(sides)))
-    for k, (side, spread) in enumerate(sides):
-        matrix[: len(z), k] = weight * (side - error) / (step[k] * root)
-        matrix[len(z) :, k] = (spread - variance) / (step[k] * math.sqrt(2.0) * variance)
-    residual = np.concatenate((weight * z, (1.0 - (weight * z) ** 2) / math.sqrt(2.0)))
-    cost = float(np.sum(_pieces(error, variance)))
-    return Slopes(cost if math.isfinite(cost) else _WORST, residual, matrix)
 
 
 def _spaced(time: FloatArray, known: NDArray[np.intp], interval: float) -> NDArray[np.intp]:

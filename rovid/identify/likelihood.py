@@ -13,18 +13,21 @@ from scipy import special
 from rovid.effects import Effect
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import fit_free_run, free_run_r2
-from rovid.identify.innovations import BASE, DISTURBANCE, MEMORY, NOISE, Likelihood, Records
+from rovid.identify.innovations import BASE, Likelihood, Records
+from rovid.identify.simulated import SimulatedLikelihood, SimulatedRecords
 from rovid.model import Model
 from rovid.runs import Run
-from rovid.simulation import compare
+from rovid.simulation import compare, simulated_rate
 from rovid.trial import FloatArray
 from rovid.vehicle import Vehicle
 
 NAMES = ("inertia", "quadratic_drag", "linear_drag")
 # Upper limits of the disturbance, as shares of the torque in use. Without a limit the disturbance explains whatever
-# the model does not, and the parameters go where they like: tighter ones come first. Where the model is badly wrong a
-# tight limit distorts the parameters instead, and only a loose one is left.
-LIMITS = (0.05, 0.02, 0.01, 0.005, 0.2, 1.0)
+# the model does not, and the parameters go where they like.
+LIMITS = (0.05, 0.02, 0.01, 0.005)
+# Where the free-running simulation of the plain model is worse than this, the model misses so much that no limit of
+# the disturbance is right: the simulation itself is then what is fitted.
+TRUSTED_R2 = 0.93
 # The free-running simulation may lose this much R^2 against the fit that looks at nothing else.
 _R2_LOSS = 0.01
 # Where the disturbance is at its limit, the fit is tried again with this many times as much.
@@ -91,7 +94,7 @@ def fit_likelihood(
     """
     records = Records(runs, vehicle, fit_free_run(runs))
     base_r2 = free_run_r2(runs, records.start)
-    likelihood, x, r2 = fit_base(records, base_r2)
+    likelihood, x, r2 = fit_base(records, base_r2) if base_r2 >= TRUSTED_R2 else fit_simulated(records)
     if effects:
         likelihood, x = with_effects(likelihood, x, effects)
         r2 = simulated_r2(likelihood, x)
@@ -119,9 +122,16 @@ def fit_base(records: Records, base_r2: float) -> tuple[Likelihood, FloatArray, 
     return best
 
 
+def fit_simulated(records: Records) -> tuple[SimulatedLikelihood, FloatArray, float]:
+    """As `fit_base`, by the free-running yaw rate alone."""
+    likelihood = SimulatedLikelihood(SimulatedRecords.of(records, records.start))
+    x, _ = likelihood.climb(likelihood.first())
+    return likelihood, x, simulated_r2(likelihood, x)
+
+
 def with_effects(bare: Likelihood, x: FloatArray, effects: tuple[Effect, ...]) -> tuple[Likelihood, FloatArray]:
     """Continue from the fit without effects: the likeliest of all starts."""
-    likelihood = Likelihood(bare.records, bare.limit, effects, bare.counted)
+    likelihood = bare.like(effects, bare.counted)
     tries = [
         likelihood.climb(np.concatenate((x[:BASE], *chosen)), iterations=_TRIAL_ITERATIONS)
         for chosen in itertools.product(*(starts(effect) for effect in effects))
@@ -145,8 +155,7 @@ def simulated_r2(likelihood: Likelihood, x: FloatArray) -> float:
     model, runs = likelihood.model(x), likelihood.records.runs
     vehicle = likelihood.records.vehicle
     torques = [run.torque if vehicle is None else model.torque(vehicle, run.trial) for run in runs]
-    pairs = zip(runs, torques, strict=True)
-    simulated = [run.rates.smooth_samples(run.trial, model.simulate(run.trial, torque)[0]) for run, torque in pairs]
+    simulated = [simulated_rate(run, model, torque) for run, torque in zip(runs, torques, strict=True)]
     return compare(np.concatenate([run.rates.yaw_rate for run in runs]), np.concatenate(simulated)).r2
 
 
@@ -173,7 +182,7 @@ def physical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
 def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float) -> LikelihoodFit:
     x = canonical(likelihood, x)
     white = likelihood_is_white(likelihood, x)
-    at_limit = bool(x[DISTURBANCE] > likelihood.high[DISTURBANCE] - 1e-3)
+    at_limit = likelihood.at_limit(x)
     found = covariance(likelihood, x, sandwich=not white)
     if at_limit:
         # The limit is a choice; what a looser one would change is part of the uncertainty.
@@ -181,20 +190,21 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
         shift = physical(looser, looser.climb(x)[0]) - physical(likelihood, x)
         found = found + np.outer(shift, shift)
     model = likelihood.model(x)
+    disturbance, memory = likelihood.disturbance(x)
     estimate = Estimate(
         names=(*NAMES, *(f"{effect.key}.{p.name}" for effect in model.effects for p in effect.parameters)),
         values=physical(likelihood, x),
         covariance=found,
-        method="maximum likelihood of Kalman-filter innovations",
+        method=likelihood.method,
         samples=sum(int(run.trial.measured.sum()) for run in likelihood.records.runs),
         warnings=tuple(_warnings(likelihood, model, white=white, at_limit=at_limit)),
     )
     return LikelihoodFit(
         estimate=estimate,
         log_likelihood=-likelihood.cost(x),
-        disturbance=math.exp(x[DISTURBANCE]),
-        correlation_time=math.exp(x[MEMORY]),
-        heading_noise=math.exp(x[NOISE]),
+        disturbance=disturbance,
+        correlation_time=memory,
+        heading_noise=likelihood.heading_noise(x),
         limit=likelihood.limit,
         at_limit=at_limit,
         white=white,
@@ -221,6 +231,11 @@ def _warnings(likelihood: Likelihood, model: Model, *, white: bool, at_limit: bo
             f"({likelihood.limit * likelihood.records.torque:.3g} N m): the model misses something that these data "
             f"show. The standard errors include what a limit {_LOOSER:g} times as high would change."
         )
+    if isinstance(likelihood, SimulatedLikelihood):
+        texts.append(
+            "The simulation misses too much for the likelihood of each next heading, which would call it disturbance: "
+            "the parameters are those of the best free-running yaw rate."
+        )
     if not white:
         texts.append(
             "The innovations are not white: the standard errors come from the scatter between stretches of the "
@@ -241,7 +256,8 @@ def likelihood_is_white(likelihood: Likelihood, x: FloatArray) -> bool:
 
 def _inverse(information: FloatArray) -> FloatArray:
     """Inverse of the information; a direction in which the likelihood is flat gets a large variance."""
-    size = np.sqrt(np.diag(information)).clip(1e-150)
+    power = np.diag(information)
+    size = np.sqrt(np.where(power > 0.0, power, 1.0))
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
     return np.asarray((vectors / np.maximum(values, 1e-9)) @ vectors.T / np.outer(size, size))
 
