@@ -50,6 +50,10 @@ _BY_SIMULATION = (
     "The simulation misses much. The likelihood of each next heading would call that disturbance, so causes were "
     "judged by the free-running yaw rate: gains are of its log-likelihood, with misfits that correlate counted as one."
 )
+_CUT_SHORT = (
+    "The search was ended before nothing more could be found: each addition asked for another. What was found is "
+    "likely to stand for something else."
+)
 # Yaw data never show these: the same motion comes of other inertia and drag.
 NEVER_SHOWN = ("thrust_scale", "rate_scale")
 # A null so large stands for infinity.
@@ -166,7 +170,7 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
         notes.append(_BY_SIMULATION)
     report("Testing what was found on trials that were not fitted …")
     work.decide()
-    warnings = [*notes, *work.confirm()]
+    warnings = [*notes, *([_CUT_SHORT] if work.search.cut_short else []), *work.confirm()]
     return _diagnosis(work, [work.found(effect) for effect in work.final.effects], warnings)
 
 
@@ -277,7 +281,7 @@ class _Work:
 
     def confirm(self) -> list[str]:
         """Drop what does not hold on trials not fitted, or is no larger than its uncertainty; say so."""
-        warnings: list[str] = []
+        warnings = self._remainder()
         while True:
             doubts = ((effect, self._doubt(effect)) for effect in self.final.effects)
             effect, doubt = next(((effect, doubt) for effect, doubt in doubts if doubt), (None, ""))
@@ -285,6 +289,18 @@ class _Work:
                 return warnings
             warnings.append(f"{effect.title} {doubt}: it is not claimed.")
             self.final = self.search.without(self.final, effect)
+
+    def _remainder(self) -> list[str]:
+        """What would be added, were not so much explained already that it may be the form of that."""
+        following = self.search.best_extension(self.final)
+        if following is None or worth(following) - worth(self.final) < self.search.threshold:
+            return []
+        effect, gain = following.effects[-1], self.final.cost - following.cost
+        text = (
+            f"{effect.title} would gain a log-likelihood of {gain:.0f}, little beside what was found: nature's form of "
+            "that is never quite the equation's, and this may be no more than the difference. It is not claimed."
+        )
+        return [text]
 
     def _doubt(self, effect: Effect) -> str:
         gain, size = self.held_out_gain(effect), _significance(self.final, effect)

@@ -24,12 +24,16 @@ _FITTED = 7
 _FORMS_FITTED = 3
 # Nor is an effect exchanged for another for less.
 _WORTH_A_CHANGE = 0.5
+# What one more effect has to add: this share of what was gained, but no more than so much.
+_REMAINDER = (0.04, 100.0)
 _ITERATIONS = 25
 _FIRST_ITERATIONS = 4
 # Then those go on, for so many steps, that have this share of the best one's worth.
-_STAGES = ((0.4, 8), (0.75, _ITERATIONS))
+_STAGES = ((0.2, 8), (0.7, _ITERATIONS))
 _TOLERANCE = 0.1
 _MAX_EFFECTS = 6
+# A single cause takes two looks at what else there may be, three causes seven or so.
+_MOST_LOOKS = 12
 # A logged signal is preferred to a named effect only if it gains so much more, in all and in proportion.
 _SIGNAL_HANDICAP = (6.0, 0.05)
 # A size that is null only at infinity cannot be scaled from its start.
@@ -158,9 +162,22 @@ class Search:
     _fits: dict[frozenset[str], Fitted] = field(default_factory=dict)
 
     @property
+    def cut_short(self) -> bool:
+        """Whether so many models were looked at that the search ended before it was done."""
+        return len(self._extensions) >= _MOST_LOOKS
+
+    @property
     def threshold(self) -> float:
         """Worth that an effect has to add: the more causes were tried, the more."""
         return MARGIN + math.log(max(len({effect.id for effect in self.candidates}), 1))
+
+    def bar(self, current: Fitted) -> float:
+        """Worth that one more effect has to add to ``current``: the more, the more was explained already.
+
+        Nature's form of an effect is never quite the equation's, and another effect may gain by the difference.
+        """
+        earned = worth(current) - worth(self.without_any(current))
+        return max(self.threshold, min(_REMAINDER[0] * earned, _REMAINDER[1]))
 
     def run(self, base: Fitted) -> Fitted:
         """Add what pays and drop what no longer does; then exchange what another explains better, and go on."""
@@ -168,16 +185,16 @@ class Search:
         current = base
         for _ in range(_MAX_EFFECTS):
             current = self._grown(current)
-            exchanged = self._exchanged(current)
+            exchanged = None if self.cut_short else self._exchanged(current)
             if exchanged is None:
                 break
             current = exchanged
         return current
 
     def _grown(self, current: Fitted) -> Fitted:
-        while len(current.effects) < _MAX_EFFECTS:
+        while len(current.effects) < _MAX_EFFECTS and not self.cut_short:
             better = self._best(self.extensions(current, growing=True), current)
-            if worth(better) - worth(current) < self.threshold:
+            if worth(better) - worth(current) < self.bar(current):
                 break
             current = self._pruned(better)
         return current
@@ -186,7 +203,7 @@ class Search:
         """Without what is no longer needed: one effect may have stood in for another that came later."""
         for effect in current.effects[:-1]:
             rest = self.without(current, effect)
-            if worth(current) - worth(rest) < self.threshold:
+            if worth(current) - worth(rest) < self.bar(rest):
                 return self._pruned(rest)
         return current
 
@@ -242,6 +259,12 @@ class Search:
                 best[last.id] = Rival(last, gain, fit)
         ranked = tuple(sorted(best.values(), key=lambda rival: -rival.gain))
         return Found(effect, rest.cost - current.cost, worth(current) - worth(rest), ranked)
+
+    def without_any(self, current: Fitted) -> Fitted:
+        """The model without any effect."""
+        for effect in current.effects:
+            current = self.without(current, effect)
+        return current
 
     def without(self, current: Fitted, effect: Effect) -> Fitted:
         """The model without ``effect``, all else fitted again."""
@@ -321,6 +344,11 @@ def _promise(
     one_sided = form.parameters[0].low >= form.parameters[0].null or form.parameters[0].high <= form.parameters[0].null
     share = np.where(power > 1e-9, pull / np.maximum(power, 1e-9), 0.0)
     gains = np.where((share > 0.0) | (not one_sided), 0.5 * share * pull, 0.0)
+    # Where slopes mislead, as at a threshold, what is gained there without any fit may tell more.
+    outright = here.cost - np.array([likelihood.cost_of(*side) for side in sides])
+    if outright.max() > gains.max():
+        best = int(np.argmax(outright))
+        return Promise(form, float(outright[best]), begins[best], 0.5 * float(power.max()))
     best = int(np.argmax(gains))
     if gains[best] <= 0.0:
         return Promise(form, 0.0, begins[best], 0.5 * float(power.max()))

@@ -42,6 +42,8 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="schmitt",
+        # Commands pass the threshold one by one: there are many places to begin.
+        parameters=(replace(EFFECT.parameters[0], starts=(2.0, 4.0, 6.0, 8.0, 11.0, 14.0, 18.0, 22.0, 27.0, 33.0)),),
         equation="u' = u from when |u| is b beyond the bench's dead zone until it is back in it, else 0",
         on_command=_latch,
     ),

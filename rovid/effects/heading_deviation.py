@@ -52,7 +52,8 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="mixed",
-        parameters=_FIRST + _pair("second_", 0.005, (0.0,)),
+        # Each of the two phases may be anywhere beside the other.
+        parameters=_pair("", 0.01, (0.0, 1.57, 0.0, 1.57)) + _pair("second_", 0.005, (0.0, 0.0, 1.57, 1.57)),
         equation="ψ measured = ψ + a·sin(ψ + φ) + a2·sin(2ψ + φ2)",
         on_heading=_mixed,
     ),

@@ -26,6 +26,9 @@ def _jump(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
     return where.from_beyond(on * excess)
 
 
+# Commands pass the threshold one by one: there are many places to begin.
+_JUMPS = (4.0, 6.0, 8.0, 11.0, 14.0, 18.0, 22.0, 27.0, 33.0, 40.0)
+
 EFFECT: Effect = Effect(
     id="thruster_deadband",
     title="thruster dead band",
@@ -45,8 +48,7 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="jump",
-        # Commands pass the threshold one by one: there are many places to begin.
-        parameters=(replace(EFFECT.parameters[0], starts=(4.0, 9.0, 16.0, 25.0, 36.0)),),
+        parameters=(replace(EFFECT.parameters[0], starts=_JUMPS),),
         equation="u' = u where |u| is b or more beyond the bench's dead zone, else 0: thrust sets in at once",
         on_command=_jump,
     ),

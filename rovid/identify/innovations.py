@@ -325,7 +325,11 @@ class Likelihood:
 
     def cost(self, x: FloatArray) -> float:
         """Negative log-likelihood."""
-        total = float(np.sum(self.pieces(x)))
+        return self.cost_of(*self.innovations(x))
+
+    def cost_of(self, error: FloatArray, variance: FloatArray) -> float:
+        """Negative log-likelihood of innovations of these variances."""
+        total = self.weight * float(np.sum(_pieces(error, variance)))
         return total if math.isfinite(total) else _WORST
 
     def block_scores(self, here: Slopes) -> FloatArray:
@@ -377,8 +381,7 @@ class Likelihood:
             matrix[: len(z), k] = weight * (side - error) / (step[k] * root)
             matrix[len(z) :, k] = share * (scatter - variance) / (step[k] * math.sqrt(2.0) * variance)
         residual = np.concatenate((weight * z, (share - (weight * z) ** 2 / share) / math.sqrt(2.0)))
-        cost = self.weight * float(np.sum(_pieces(error, variance)))
-        return Slopes(cost if math.isfinite(cost) else _WORST, residual, matrix)
+        return Slopes(self.cost_of(error, variance), residual, matrix)
 
     def climb(self, start: FloatArray, *, iterations: int = 60, tolerance: float = 0.01) -> tuple[FloatArray, float]:
         """Most likely coordinates from ``start`` and their cost, by Fisher scoring within the bounds.

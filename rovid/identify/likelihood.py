@@ -32,7 +32,7 @@ TRUSTED_R2 = 0.93
 _R2_LOSS = 0.01
 # Where the disturbance is at its limit, the fit is tried again with this many times as much.
 _LOOSER = 2.5
-_TRIAL_ITERATIONS = 4
+_TRIALS, _TRIAL_ITERATIONS = 8, 4
 _WHITE_LAGS = 20
 _WHITE_P = 1e-3
 _KURTOSIS = 1.0
@@ -132,12 +132,10 @@ def fit_simulated(records: Records) -> tuple[SimulatedLikelihood, FloatArray, fl
 def with_effects(bare: Likelihood, x: FloatArray, effects: tuple[Effect, ...]) -> tuple[Likelihood, FloatArray]:
     """Continue from the fit without effects: the likeliest of all starts."""
     likelihood = bare.like(effects, bare.counted)
-    tries = [
-        likelihood.climb(np.concatenate((x[:BASE], *chosen)), iterations=_TRIAL_ITERATIONS)
-        for chosen in itertools.product(*(starts(effect) for effect in effects))
-    ]
-    # A few steps tell which start leads lower.
-    best, _ = min(tries, key=lambda pair: pair[1])
+    begins = [np.concatenate((x[:BASE], *chosen)) for chosen in itertools.product(*(starts(one) for one in effects))]
+    # A few steps tell which of the better starts leads lowest.
+    better = sorted(begins, key=likelihood.cost)[:_TRIALS]
+    best, _ = min((likelihood.climb(begin, iterations=_TRIAL_ITERATIONS) for begin in better), key=lambda pair: pair[1])
     return likelihood, likelihood.climb(best)[0]
 
 
