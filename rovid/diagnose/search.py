@@ -75,12 +75,10 @@ class Fitted:
     def plausible(self) -> bool:
         """Whether the last effect is of a size that there is, none of its parameters at the edge."""
         effect = self.effects[-1]
-        for number, (value, parameter) in enumerate(zip(self.own(effect), effect.parameters, strict=True)):
-            if value >= parameter.high and parameter.high != parameter.null:
-                return False
-            if number == 0 and value <= parameter.low and parameter.low != parameter.null:
-                return False
-        return True
+        return not any(
+            (value >= parameter.high != parameter.null) or (value <= parameter.low != parameter.null)
+            for value, parameter in zip(self.own(effect), effect.parameters, strict=True)
+        )
 
     def without(self, effect: Effect) -> tuple[tuple[Effect, ...], FloatArray]:
         """The other effects, and the coordinates that are left."""

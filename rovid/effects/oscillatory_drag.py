@@ -6,18 +6,14 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from rovid.effects.base import Effect, EffectParameter, Values, compiled
-
-# 1/s; how fast the angle swept one way is forgotten once the vehicle turns the other way. It hardly turns meanwhile.
-_FORGETTING = 4.0
+from rovid.effects.base import Effect, EffectParameter, compiled
 
 
 @compiled
 def _swept(rate: float, x: Any, dx: Any) -> Any:
     """Angle swept since the last reversal; x[0] holds it with the sign of the turn."""
     if rate * x[0] < 0.0:
-        dx[0] = rate - _FORGETTING * x[0]
-        return 0.0
+        x[0] = 0.0
     dx[0] = rate
     return abs(x[0])
 
@@ -40,10 +36,6 @@ def _fading(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, d
     return -p[0] * 0.5 * (1.0 - way * x[0]) * base[1] * abs(rate) * rate
 
 
-def _fastest(_: Values) -> float:
-    return _FORGETTING
-
-
 EFFECT: Effect = Effect(
     id="oscillatory_drag",
     title="oscillatory drag",
@@ -56,7 +48,6 @@ EFFECT: Effect = Effect(
     experiment="sines of one peak rate at several periods",
     rivals=("added_mass_memory", "entrained_swirl"),
     term=_exponential,
-    fastest=_fastest,
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -71,6 +62,5 @@ FORMS: tuple[Effect, ...] = (
         form="fading",
         equation="quadratic drag times 1 + g·f, f growing at a reversal by what was swept before, then as exp(−θ/θ0)",
         term=_fading,
-        fastest=None,
     ),
 )
