@@ -22,7 +22,9 @@ from rovid.trial import FloatArray
 warnings.filterwarnings("ignore", category=NumbaExperimentalFeatureWarning)
 
 # A step of this share of the shortest time constant leaves fourth-order Runge-Kutta exact to about 1e-6.
-_STEP_SHARE = 0.3
+_STEP_SHARE = 0.2
+# With effects, whose equations are not known so well, 1e-4 will do.
+_EFFECTS_STEP_SHARE = 0.5
 # The covariance is stepped by a transition of fourth order: good to a percent of a percent with such steps.
 _FILTER_STEP_SHARE = 0.3
 # With a wave it is of second order only.
@@ -208,7 +210,7 @@ def simulate_effects(
         if base[2] > 0.0:
             balance = min(balance, abs(torque[k]) / base[2]) if base[1] > 0.0 else 0.0
         stiffness = max(stiffness, (2.0 * base[1] * max(abs(r), balance) + base[2]) / base[0])
-        wanted = interval * stiffness / _STEP_SHARE
+        wanted = interval * stiffness / _EFFECTS_STEP_SHARE
         steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
         h = interval / steps
         stiffness = base[4]

@@ -27,7 +27,7 @@ EFFECT: Effect = Effect(
     parameters=(
         EffectParameter(name="torque", unit="N m", null=0.0, low=0.0, high=1.0, starts=(0.03,), scale="torque"),
         # Nothing turns its sign at once: the rate over which this does.
-        EffectParameter(name="rate", unit="rad/s", null=0.02, low=0.02, high=0.5, starts=(0.03, 0.12), scale="rate"),
+        EffectParameter(name="rate", unit="rad/s", null=0.03, low=0.03, high=0.5, starts=(0.03, 0.12), scale="rate"),
     ),
     equation="− c·tanh(r/r0)",
     fingerprint="a coast-down that stops at a finite time; torque that does not vanish with the rate",
