@@ -138,7 +138,7 @@ class Parameters:
             quadratic_drag=self.entries["quadratic_drag"].value,
             linear_drag=0.0 if linear is None else linear.value,
             effects=effects,
-            effect_values=tuple(self.entries[f"{e.id}.{p.name}"].value for e in effects for p in e.parameters),
+            effect_values=tuple(self.entries[f"{e.key}.{p.name}"].value for e in effects for p in e.parameters),
         )
 
     @property

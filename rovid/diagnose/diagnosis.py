@@ -33,8 +33,8 @@ from rovid.runs import Run, Runs
 from rovid.trial import FloatArray
 from rovid.vehicle import Vehicle
 
-# A rival is beaten by so much log-likelihood, and by such a share of what the effect gains.
-_BEATEN = (6.0, 0.03)
+# A rival is beaten by so much log-likelihood, and by such a share of what the effect gains, up to so much more.
+_BEATEN = (6.0, 0.03, 40.0)
 # An effect that differs from nothing by fewer standard errors, as printed, is not claimed.
 _SIGNIFICANT = 3.5
 # A rival with this share of an effect's gain is compared with it over every heading.
@@ -396,7 +396,7 @@ def _finding(work: _Work, found: Found, estimate: Estimate, *, white: bool) -> F
     own = [f"{effect.key}.{parameter.name}" for parameter in effect.parameters]
     at = [estimate.names.index(name) for name in own]
     # Where the model explains the data to the noise, likelihood decides; else part of any gain is that of its form.
-    margin = _BEATEN[0] + (0.0 if white else _BEATEN[1] * found.worth)
+    margin = _BEATEN[0] + (0.0 if white else min(_BEATEN[1] * found.worth, _BEATEN[2]))
     return Finding(
         effect=effect,
         estimate=replace(

@@ -25,7 +25,7 @@ _FORMS_FITTED = 3
 # Nor is an effect exchanged for another for less.
 _WORTH_A_CHANGE = 0.5
 # What one more effect has to add: this share of what was gained, but no more than so much.
-_REMAINDER = (0.04, 100.0)
+_REMAINDER = (0.04, 250.0)
 _ITERATIONS = 25
 _FIRST_ITERATIONS = 4
 # Then those go on, for so many steps, that have this share of the best one's worth.

@@ -1,0 +1,172 @@
+"""Causes hidden in logs by an independent simulator are found by name, through files and the command line."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.conftest import SAMPLES, Rovid
+from tools.cases import Case, all_cases, groups, truth_of
+from tools.channels import EXTRA
+from tools.trial_day import write_trial_day
+from tools.truth import VEHICLES, Truth
+
+VEHICLE: Mapping[str, Truth] = dict(zip(("rosub", "observation", "small"), VEHICLES, strict=True))
+# Weak and strong, on vehicles of all three sizes, in the catalogue's own form and in others.
+SINGLE = [
+    ("rosub", "thruster_lag-quadratic-strong"),
+    ("rosub", "entrained_swirl-annulus-weak"),
+    ("rosub", "coulomb_resistance-smooth-weak"),
+    ("observation", "thruster_deadband-shift-weak"),
+    ("observation", "heading_deviation-two_cycles-weak"),
+    ("observation", "oscillatory_drag-exponential-strong"),
+    ("small", "bias_torque-constant-strong"),
+    ("small", "wave_torque-narrow_band-strong"),
+]
+OUTSIDE = [("rosub", "outside-surge-strong"), ("small", "outside-tension-strong")]
+# Fresh campaigns on each run, so that nothing is tuned to a seed; ROVID_SEED repeats them.
+SEED = int(os.environ.get("ROVID_SEED", secrets.randbelow(10**6)))
+# A fresh parameter may be so many standard errors off: that of a campaign's disturbance is known to ten percent or so.
+SIGMAS = 5.0
+
+
+def case_of(vehicle: str, name: str) -> Case:
+    return next(case for case in all_cases(VEHICLE[vehicle]) if case.name == name)
+
+
+def named(document: Mapping[str, Any]) -> list[set[str]]:
+    """Each finding as the set of the causes that it leaves open."""
+    return [{finding["effect"], *finding["cannot_be_told_from"]} for finding in document["findings"]]
+
+
+def assert_parameters(document: Mapping[str, Any], case: Case) -> None:
+    """Those of the contract's own form are within what is stated of them; another form has its own."""
+    if document["findings"][0]["form"] is not None:
+        return
+    found = document["findings"][0]["parameters"]
+    for name, value in (case.expected_parameters or {}).items():
+        if name in found:
+            assert abs(found[name]["value"] - value) < SIGMAS * found[name]["standard_error"], name
+
+
+def assert_better(document: Mapping[str, Any]) -> None:
+    """Trials that were not fitted are predicted better, freely and heading by heading."""
+    gain = document["held_out_gain"]
+    assert gain["log_likelihood"]["extended"] > gain["log_likelihood"]["base"]
+    assert gain["yaw_rate_rmse"]["extended"] < 1.02 * gain["yaw_rate_rmse"]["base"]
+
+
+@pytest.mark.parametrize(("vehicle", "name"), SINGLE)
+def test_a_hidden_effect_is_named_alone(vehicle: str, name: str, tmp_path: Path, rovid: Rovid) -> None:
+    case = case_of(vehicle, name)
+    truth = write_trial_day(tmp_path / "day", seed=17, truth=case.of(VEHICLE[vehicle]))
+    document = rovid("diagnose", "day", "--json").document
+    assert document["verdict"] == "found"
+    assert named(document) == [{case.expected_effect}]
+    assert_parameters(document, case)
+    assert_better(document)
+    extended, base = document["extended"]["parameters"], document["base"]["parameters"]
+    for key in ("inertia", "quadratic_drag", "linear_drag"):
+        off = abs(extended[key]["value"] - getattr(truth.dynamics, key))
+        assert off < max(0.03 * getattr(truth.dynamics, key), SIGMAS * extended[key]["standard_error"])
+        assert base[key]["standard_error"] > 0.0
+    finding = document["findings"][0]
+    if finding["runner_up"] is not None:
+        assert finding["log_likelihood_gain"] > finding["runner_up"]["gain"]
+    # What was found is remembered, and simulated from then on.
+    assert rovid("simulate", "--json").document["effects"]
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_a_new_campaign_gives_its_cause(number: int, tmp_path: Path, rovid: Rovid) -> None:
+    rng = np.random.default_rng((SEED, number))
+    vehicle = list(VEHICLE)[number]
+    cases = [case for case in all_cases(VEHICLE[vehicle]) if case.expected_effect and case.name.endswith("strong")]
+    # A dead zone at either thruster's side of a pair, and a drive that polls, are told from others only as a class.
+    known = [case for case in cases if not any(form in case.name for form in ("interaction", "polled", "open_water"))]
+    case = known[int(rng.integers(len(known)))]
+    print(f"ROVID_SEED={SEED}: {vehicle} {case.name}")
+    write_trial_day(tmp_path / "day", seed=int(rng.integers(10**6)), truth=case.of(VEHICLE[vehicle]))
+    document = rovid("diagnose", "day", "--json").document
+    assert document["verdict"] == "found"
+    assert case.expected_effect in named(document)[0]
+    assert_better(document)
+
+
+@pytest.mark.parametrize("decoys", [False, True])
+def test_nothing_is_found_where_nothing_is(decoys: bool, tmp_path: Path, rovid: Rovid) -> None:
+    vehicle = VEHICLE["observation" if decoys else "rosub"]
+    print(f"ROVID_SEED={SEED}")
+    write_trial_day(tmp_path / "day", seed=SEED, truth=replace(vehicle, channels=EXTRA) if decoys else vehicle)
+    document = rovid("diagnose", "day", "--json").document
+    assert document["verdict"] == "nothing_found"
+    assert document["findings"] == []
+    assert document["unexplained"]["depends_on"] == []
+    lag = document["detectable"]["thruster_lag.time_constant"]
+    assert 0.0 < lag["value"] < vehicle.dynamics.inertia / vehicle.dynamics.linear_drag
+
+
+@pytest.mark.parametrize(("vehicle", "name"), OUTSIDE)
+def test_a_cause_outside_the_catalogue_gets_no_name(vehicle: str, name: str, tmp_path: Path, rovid: Rovid) -> None:
+    case = case_of(vehicle, name)
+    write_trial_day(tmp_path / "day", seed=19, truth=case.of(VEHICLE[vehicle]))
+    document = rovid("diagnose", "day", "--json").document
+    assert document["verdict"] == "unexplained"
+    assert document["findings"] == []
+    assert document["unexplained"]["depends_on"][0] == case.driver
+
+
+def test_two_effects_at_once(tmp_path: Path, rovid: Rovid) -> None:
+    names = ("thruster_lag-first_order-strong", "thrust_asymmetry-gain-strong")
+    pair = tuple(case_of("rosub", name) for name in names)
+    write_trial_day(tmp_path / "day", seed=23, truth=truth_of(VEHICLE["rosub"], pair))
+    document = rovid("diagnose", "day", "--json").document
+    assert {finding["effect"] for finding in document["findings"]} == {case.expected_effect for case in pair}
+    assert_better(document)
+
+
+def test_two_effects_that_were_not_chosen(tmp_path: Path, rovid: Rovid) -> None:
+    (pair,) = groups(VEHICLE["small"], together=2, count=1, seed=SEED)
+    print(f"ROVID_SEED={SEED}: {[case.name for case in pair]}")
+    write_trial_day(tmp_path / "day", seed=SEED, truth=truth_of(VEHICLE["small"], pair))
+    document = rovid("diagnose", "day", "--json").document
+    # One in eight pairs holds a surprise: one of the two is in any case among the names.
+    assert {case.expected_effect for case in pair} & set().union(*named(document))
+    assert_better(document)
+
+
+def test_a_dead_band_is_found_in_a_real_dive(tmp_path: Path, rovid: Rovid) -> None:
+    dive = tmp_path / "dive"
+    dive.mkdir()
+    for name in ("rovid.toml", "dive.csv"):
+        (dive / name).write_bytes((SAMPLES / "bluerov2_pier59" / name).read_bytes())
+    # Thrust taken linear in the command: the real one has a dead band of some 30 us, and bends.
+    (dive / "t200_16V_curve.csv").write_text("command,thrust_N\n1100,-45\n1500,0\n1900,45\n")
+    document = rovid("diagnose", "dive", "--json").document
+    finding = document["findings"][0]
+    assert finding["effect"] == "thruster_deadband"
+    assert 25.0 < finding["parameters"]["deadband"]["value"] < 55.0
+    assert document["base"]["held_out"]["yaw_rate_r2"] < 0.5
+    assert document["extended"]["held_out"]["yaw_rate_r2"] > 0.8
+
+
+def test_a_delay_put_into_a_real_dive_is_found(tmp_path: Path, rovid: Rovid) -> None:
+    dive = tmp_path / "dive"
+    dive.mkdir()
+    for name in ("rovid.toml", "t200_16V_curve.csv"):
+        (dive / name).write_bytes((SAMPLES / "bluerov2_pier59" / name).read_bytes())
+    table = pd.read_csv(SAMPLES / "bluerov2_pier59" / "dive.csv")
+    # Commands logged 0.5 s before they act: the vehicle moves as it did.
+    commands = [name for name in table.columns if name.startswith("pwm")]
+    table[commands] = table[commands].shift(-5).ffill()
+    table.to_csv(dive / "dive.csv", index=False)
+    document = rovid("diagnose", "dive", "--json").document
+    assert {"command_delay", "thruster_lag"} & set().union(*named(document))
