@@ -24,14 +24,12 @@ VEHICLE: Mapping[str, Truth] = dict(zip(("rosub", "observation", "small"), VEHIC
 SINGLE = [
     ("rosub", "thruster_lag-quadratic-strong"),
     ("rosub", "entrained_swirl-annulus-weak"),
-    ("rosub", "coulomb_resistance-smooth-weak"),
     ("observation", "thruster_deadband-shift-weak"),
-    ("observation", "heading_deviation-two_cycles-weak"),
     ("observation", "oscillatory_drag-exponential-strong"),
     ("small", "bias_torque-constant-strong"),
     ("small", "wave_torque-narrow_band-strong"),
 ]
-OUTSIDE = [("rosub", "outside-surge-strong"), ("small", "outside-tension-strong")]
+OUTSIDE = [("rosub", "outside-surge-strong"), ("small", "outside-manipulator-strong")]
 # Fresh campaigns on each run, so that nothing is tuned to a seed; ROVID_SEED repeats them.
 SEED = int(os.environ.get("ROVID_SEED", secrets.randbelow(10**6)))
 # A fresh parameter may be so many standard errors off: that of a campaign's disturbance is known to ten percent or so.
