@@ -16,17 +16,20 @@ from rovid.vehicle import Vehicle
 FEWEST_TRIALS = 4
 _PARTS = 8
 SHORTEST = 30.0  # s; a part
+_CUTOFF_PERIODS = 8.0  # the filter takes two and a half of them
 
 
 def parts_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> Runs | None:
-    """Runs of about an eighth of all time each, none shorter than half a minute; None where there are runs enough.
+    """Runs of about an eighth of all time each, none shorter than half a minute or than the filter wants.
+
+    None where there are runs enough, or too little time.
 
     Each part starts anew: angles turned and water set in motion before it are forgotten.
     """
     if len(runs) >= FEWEST_TRIALS:
         return None
     total = sum(run.trial.duration for run in runs)
-    length = max(total / _PARTS, SHORTEST)
+    length = max(total / _PARTS, SHORTEST, _CUTOFF_PERIODS / cutoff)
     trials = [part for run in runs for part in _cut(run.trial, length)]
     if len(trials) < FEWEST_TRIALS:
         return None

@@ -25,7 +25,7 @@ _FORMS_FITTED = 3
 # Nor is an effect exchanged for another for less.
 _WORTH_A_CHANGE = 0.5
 # What one more effect has to add: this share of what was gained, but no more than so much.
-_REMAINDER = (0.04, 250.0)
+_REMAINDER = (0.04, 100.0)
 _ITERATIONS = 25
 _FIRST_ITERATIONS = 4
 # Then those go on, for so many steps, that have this share of the best one's worth.
@@ -175,7 +175,9 @@ class Search:
         Nature's form of an effect is never quite the equation's, and another effect may gain by the difference.
         """
         earned = worth(current) - worth(self.without_any(current))
-        return max(self.threshold, min(_REMAINDER[0] * earned, _REMAINDER[1]))
+        # How something depends on a mere signal is known even less.
+        most = _REMAINDER[1] if all(effect.equation for effect in current.effects) else math.inf
+        return max(self.threshold, min(_REMAINDER[0] * earned, most))
 
     def run(self, base: Fitted) -> Fitted:
         """Add what pays and drop what no longer does; then exchange what another explains better, and go on."""
