@@ -92,5 +92,10 @@ def _show_gain(console: Console, base: Side, extended: Side, floor: float) -> No
 def _show_detectable(console: Console, diagnosis: Diagnosis) -> None:
     rows = table("The smallest that would have been seen", "effect", "parameter", "size", "unit", left=2)
     for effect, size in diagnosis.detectable:
-        rows.add_row(effect.title, effect.parameters[0].name, number(size, ".2g"), effect.parameters[0].unit)
+        rows.add_row(
+            effect.title,
+            effect.parameters[0].name,
+            number(size, ".2g") if math.isfinite(size) else "not visible",
+            effect.parameters[0].unit,
+        )
     console.print(rows)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -156,7 +157,10 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
         },
         "not_identifiable": list(not_identifiable(study.vehicle)),
         "detectable": {
-            f"{effect.id}.{effect.parameters[0].name}": {"value": size, "unit": effect.parameters[0].unit}
+            f"{effect.id}.{effect.parameters[0].name}": {
+                "value": size if math.isfinite(size) else None,
+                "unit": effect.parameters[0].unit,
+            }
             for effect, size in diagnosis.detectable
         },
         "next_experiment": next_experiment(diagnosis),

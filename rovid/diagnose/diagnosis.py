@@ -116,7 +116,8 @@ class Diagnosis:
     noise_floor
         rad/s; what a perfect model would miss of the yaw rate.
     detectable
-        Each effect that was not found, and the size of its first parameter that would have been seen, in its unit.
+        Each effect that was not found, and the size of its first parameter that would have been seen, in its unit;
+        infinite where none would.
     """
 
     verdict: str
@@ -430,7 +431,10 @@ def _detectable(work: _Work) -> tuple[tuple[Effect, float], ...]:
         price = 0.5 * math.log(work.final.likelihood.count) * len(promise.effect.parameters)
         if promise.power > 0.0 and abs(size.null) < _ENDLESS:
             share = math.sqrt((work.search.threshold + price) / promise.power)
-            sizes.append((promise.effect, abs(share * (start - size.null)) * scales.of(size)))
+            seen = abs(share * (start - size.null))
+            # What would have to be larger than there is would not be seen at all.
+            real = seen <= max(size.high - size.null, size.null - size.low)
+            sizes.append((promise.effect, seen * scales.of(size) if real else math.inf))
     return tuple(sizes)
 
 

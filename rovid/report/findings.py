@@ -137,10 +137,14 @@ def detectable_grid(diagnosis: Diagnosis) -> Grid:
             words("effect", [effect.title for effect, _ in sizes]),
             words("parameter", [spaced(effect.parameters[0].name) for effect, _ in sizes]),
             # Sizes of different units share no decimal point.
-            Column(title="departure from none", cells=tuple(column([size], 2)[0] for _, size in sizes)),
+            Column(title="departure from none", cells=tuple(_seen(size) for _, size in sizes)),
             words("unit", [unit(effect.parameters[0].unit) for effect, _ in sizes]),
         ),
     )
+
+
+def _seen(size: float) -> str:
+    return column([size], 2)[0] if math.isfinite(size) else "not visible"
 
 
 def _value(estimate: Estimate, name: str) -> str:
