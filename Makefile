@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 JOBS   ?= auto
 
-.PHONY: demo test lint bench sweep clean
+.PHONY: demo test test-slow lint bench sweep clean
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -22,6 +22,9 @@ demo: $(VENV)/installed  ## identify the sample trial day and write its page
 
 test: $(VENV)/installed lint  ## all tests; fails when none ran
 	$(BIN)/python -m pytest -n $(JOBS)
+
+test-slow: $(VENV)/installed  ## the tests that take minutes each
+	$(BIN)/python -m pytest -n $(JOBS) -m slow
 
 lint: $(VENV)/installed
 	$(BIN)/ruff format --check .

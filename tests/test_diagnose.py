@@ -141,19 +141,34 @@ def test_two_effects_that_were_not_chosen(tmp_path: Path, rovid: Rovid) -> None:
     assert_better(document)
 
 
-def test_a_dead_band_is_found_in_a_real_dive(tmp_path: Path, rovid: Rovid) -> None:
-    dive = tmp_path / "dive"
-    dive.mkdir()
+def with_linear_thrust(folder: Path) -> Path:
+    """The dive with thrust taken linear in the command: the real one has a dead band of some 30 us, and bends."""
+    folder.mkdir()
     for name in ("rovid.toml", "dive.csv"):
-        (dive / name).write_bytes((SAMPLES / "bluerov2_pier59" / name).read_bytes())
-    # Thrust taken linear in the command: the real one has a dead band of some 30 us, and bends.
-    (dive / "t200_16V_curve.csv").write_text("command,thrust_N\n1100,-45\n1500,0\n1900,45\n")
-    document = rovid("diagnose", "dive", "--json").document
+        (folder / name).write_bytes((SAMPLES / "bluerov2_pier59" / name).read_bytes())
+    (folder / "t200_16V_curve.csv").write_text("command,thrust_N\n1100,-45\n1500,0\n1900,45\n")
+    return folder
+
+
+@pytest.mark.slow
+def test_a_dead_band_is_found_in_a_real_dive(tmp_path: Path, rovid: Rovid) -> None:
+    document = rovid("diagnose", with_linear_thrust(tmp_path / "dive"), "--json").document
     finding = document["findings"][0]
     assert finding["effect"] == "thruster_deadband"
     assert 25.0 < finding["parameters"]["deadband"]["value"] < 55.0
     assert document["base"]["held_out"]["yaw_rate_r2"] < 0.5
     assert document["extended"]["held_out"]["yaw_rate_r2"] > 0.8
+
+
+def test_a_dead_band_explains_a_real_dive(tmp_path: Path, rovid: Rovid) -> None:
+    dive = with_linear_thrust(tmp_path / "dive")
+    plain = rovid("fit", dive, "--json").document
+    found = rovid("fit", dive, "--effect", "thruster_deadband", "--json").document
+    assert plain["free_run_r2"]["this_fit"] < 0.5
+    assert found["free_run_r2"]["this_fit"] > 0.8
+    deadband = found["parameters"]["thruster_deadband.deadband"]
+    assert 25.0 < deadband["value"] < 55.0
+    assert deadband["standard_error"] < 15.0
 
 
 def test_a_delay_put_into_a_real_dive_is_found(tmp_path: Path, rovid: Rovid) -> None:

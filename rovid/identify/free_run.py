@@ -22,7 +22,8 @@ def fit_free_run(runs: Sequence[Run]) -> Model:
     DataError
         The vehicle was not excited enough to start from.
     """
-    start = fit_regression(runs).estimate.values
+    # Where the model misses much the regression is uncertain, and good enough to start from.
+    start = fit_regression(runs, certainty=2.0).estimate.values
     # A drag at its bound still needs a scale to move by.
     rate = max(float(np.sqrt(np.nanmean(np.concatenate([run.rates.yaw_rate for run in runs]) ** 2))), 1e-9)
     drag = start[1] * rate + start[2]

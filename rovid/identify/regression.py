@@ -33,7 +33,7 @@ class Regression:
     r_squared: float
 
 
-def fit_regression(runs: Sequence[Run]) -> Regression:
+def fit_regression(runs: Sequence[Run], *, certainty: float = 3.0) -> Regression:
     """Fit T = I rdot + DQ |r| r + DL r, all signals through the same filter.
 
     Sensor noise and the disturbance torque are in the regressors, which biases least squares. The
@@ -41,6 +41,11 @@ def fit_regression(runs: Sequence[Run]) -> Regression:
     each estimate (the refined instrumental variable method, Young 2011; Ljung 1999, section 7.6): they know
     the torque but not the noise. Drag is kept from turning negative. The covariance is a jackknife
     over blocks of 40 s (shorter where the logs are), within which the residuals may be correlated.
+
+    Parameters
+    ----------
+    certainty
+        Standard errors by which the inertia has to differ from zero.
 
     Raises
     ------
@@ -76,7 +81,7 @@ def fit_regression(runs: Sequence[Run]) -> Regression:
             if not kept
         ),
     )
-    if estimate.value("inertia") < 3.0 * estimate.standard_error("inertia"):
+    if estimate.value("inertia") < certainty * estimate.standard_error("inertia"):
         raise _not_excited(
             f"the inertia is {estimate.value('inertia'):.3g} ± {estimate.standard_error('inertia'):.2g} kg m^2"
         )
