@@ -20,16 +20,25 @@ from tools.trial_day import write_trial_day
 from tools.truth import VEHICLES, Truth
 
 VEHICLE: Mapping[str, Truth] = dict(zip(("rosub", "observation", "small"), VEHICLES, strict=True))
+
+
+def slow(*values: Any) -> Any:
+    """A case for `make test-slow` alone."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
 # Weak and strong, on vehicles of all three sizes, in the catalogue's own form and in others.
 SINGLE = [
     ("rosub", "thruster_lag-quadratic-strong"),
-    ("rosub", "entrained_swirl-annulus-weak"),
     ("observation", "thruster_deadband-shift-weak"),
-    ("observation", "oscillatory_drag-exponential-strong"),
     ("small", "bias_torque-constant-strong"),
-    ("small", "wave_torque-narrow_band-strong"),
+    slow("rosub", "entrained_swirl-annulus-weak"),
+    slow("rosub", "coulomb_resistance-smooth-weak"),
+    slow("observation", "oscillatory_drag-exponential-strong"),
+    slow("observation", "heading_deviation-two_cycles-weak"),
+    slow("small", "wave_torque-narrow_band-strong"),
 ]
-OUTSIDE = [("rosub", "outside-surge-strong"), ("small", "outside-manipulator-strong")]
+OUTSIDE = [("rosub", "outside-surge-strong"), slow("small", "outside-manipulator-strong")]
 # Fresh campaigns on each run, so that nothing is tuned to a seed; ROVID_SEED repeats them.
 SEED = int(os.environ.get("ROVID_SEED", secrets.randbelow(10**6)))
 # A fresh parameter may be so many standard errors off: that of a campaign's disturbance is known to ten percent or so.
@@ -83,7 +92,7 @@ def test_a_hidden_effect_is_named_alone(vehicle: str, name: str, tmp_path: Path,
     assert rovid("simulate", "--json").document["effects"]
 
 
-@pytest.mark.parametrize("number", range(3))
+@pytest.mark.parametrize("number", [0, slow(1), 2])
 def test_a_new_campaign_gives_its_cause(number: int, tmp_path: Path, rovid: Rovid) -> None:
     rng = np.random.default_rng((SEED, number))
     vehicle = list(VEHICLE)[number]
@@ -131,6 +140,7 @@ def test_two_effects_at_once(tmp_path: Path, rovid: Rovid) -> None:
     assert_better(document)
 
 
+@pytest.mark.slow
 def test_two_effects_that_were_not_chosen(tmp_path: Path, rovid: Rovid) -> None:
     (pair,) = groups(VEHICLE["small"], together=2, count=1, seed=SEED)
     print(f"ROVID_SEED={SEED}: {[case.name for case in pair]}")
@@ -171,6 +181,7 @@ def test_a_dead_band_explains_a_real_dive(tmp_path: Path, rovid: Rovid) -> None:
     assert deadband["standard_error"] < 15.0
 
 
+@pytest.mark.slow
 def test_a_delay_put_into_a_real_dive_is_found(tmp_path: Path, rovid: Rovid) -> None:
     dive = tmp_path / "dive"
     dive.mkdir()
