@@ -293,6 +293,7 @@ def simulate(
     study = _open(logs or _remembered(stored), cutoff)
     if study.campaign is None or study.runs is None:
         raise DataError("are tables; only logs can be simulated.", where="LOGS", mend="Give LOGS.")
+    study.require(model.effects)
     with _busy("Simulating …"):
         simulations = simulate_runs(study.runs.items, model, study.vehicle)
     warnings = [*study.remarks(), *stored.changed_sources(study.campaign)]

@@ -21,6 +21,7 @@ _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 
 # Missing headings shorter than this are bridged for the filter; longer ones stay a gap.
 _BRIDGE_SAMPLES = 5
 _BRIDGE_SECONDS = 0.5
+_FEWEST_BENDS = 32  # second differences in a row that tell noise from motion
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -291,14 +292,19 @@ def _acceleration_spectrum(trials: Sequence[Trial], period: float) -> tuple[Floa
         second = np.diff(heading, n=2)
         for start, stop in finite_stretches(second):
             part = second[start:stop]
-            if len(part) < 32:
+            if len(part) < _FEWEST_BENDS:
                 continue
             size = min(length, len(part))
             _, density = signal.welch(part, fs=1.0 / period, nperseg=size, nfft=length, detrend=False)
             total += np.asarray(density) * len(part)
             weight += len(part)
     if not weight:
-        raise DataError("no stretch of heading is long enough to find its noise.", where=trials[0].name)
+        raise DataError(
+            f"no stretch of heading is long enough to find its noise: {_FEWEST_BENDS + 2} headings without a gap "
+            "between them were expected.",
+            where=trials[0].name if len(trials) == 1 else f"{trials[0].name} and {len(trials) - 1} more",
+            mend="Record longer runs.",
+        )
     return frequency, total / weight
 
 

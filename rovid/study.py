@@ -8,14 +8,14 @@ from pathlib import Path
 
 from rovid.config import find_config, load_config, vehicle_of_tables
 from rovid.diagnose.diagnosis import Diagnosis, diagnose
-from rovid.effects import Effect
-from rovid.errors import DataError
+from rovid.effects import Effect, forms_for
+from rovid.errors import ConfigError, DataError, nearest
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit, fit_inertia, fit_inertia_table
 from rovid.identify.likelihood import LikelihoodFit, fit_likelihood
 from rovid.identify.steady import DragFit, fit_drag, points_from_table, steady_points
 from rovid.readers import read_campaign
-from rovid.runs import Runs, prepare
+from rovid.runs import Runs, channels, prepare
 from rovid.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_table
 from rovid.trial import Campaign
 from rovid.vehicle import Vehicle
@@ -82,6 +82,21 @@ class Study:
             raise DataError(f"there is no table of sine trials (columns {', '.join(SINE_COLUMNS)}).")
         return fit_inertia_table(read_table(self.sine), drag=drag, rigid_body=rigid_body)
 
+    def require(self, effects: Sequence[Effect]) -> None:
+        """Refuse effects on a thruster that this vehicle lacks, or on its only one, which yaw data do not show.
+
+        Raises
+        ------
+        ConfigError
+            There is such an effect; those of this vehicle are offered.
+        """
+        known = [form.key for form in forms_for(self.vehicle) if form.each_thruster]
+        for effect in effects:
+            if effect.each_thruster and effect.key not in known:
+                raise ConfigError(
+                    f"does not suit the thrusters of this vehicle. {nearest(effect.key, known)}", where=effect.key
+                )
+
     def likelihood(self, effects: tuple[Effect, ...] = ()) -> LikelihoodFit:
         """All parameters at once by maximum likelihood, those of ``effects`` included.
 
@@ -89,9 +104,20 @@ class Study:
         ------
         DataError
             There are no logs, or the vehicle was not excited enough.
+        ConfigError
+            An effect acts on a thruster or through a signal that is not there.
         """
         if self.runs is None:
             raise DataError("a table holds no time series to fit.", where=self.paths[0], mend="Give logs.")
+        self.require(effects)
+        logged = channels(self.runs.items)
+        for effect in effects:
+            if effect.needs and effect.needs not in logged:
+                raise ConfigError(
+                    f"needs {effect.needs}, which these logs do not all hold.",
+                    where=effect.key,
+                    mend=f"Map {effect.needs} in [signals] of rovid.toml, or leave the effect out.",
+                )
         return fit_likelihood(self.runs.items, self.vehicle, effects)
 
     def diagnosis(self, report: Callable[[str], None] = lambda _: None) -> Diagnosis:

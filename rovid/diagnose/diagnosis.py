@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, simulate_folds
-from rovid.diagnose.parts import FEWEST_TRIALS, SHORTEST, parts_of
+from rovid.diagnose.parts import FEWEST_TRIALS, parts_of, shortest_part
 from rovid.diagnose.search import Fitted, Found, Promise, Rival, Search, key_of, worth
 from rovid.diagnose.signals import PREFIX, drivers, is_driver
 from rovid.effects import Effect, forms_for
@@ -18,6 +18,7 @@ from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import fit_free_run, free_run_r2
 from rovid.identify.innovations import Records
 from rovid.identify.likelihood import (
+    CERTAINTY,
     NAMES,
     TRUSTED_R2,
     canonical,
@@ -27,9 +28,10 @@ from rovid.identify.likelihood import (
     physical,
     simulated_r2,
 )
+from rovid.identify.regression import require_inertia
 from rovid.identify.simulated import SimulatedLikelihood, SimulatedRecords
 from rovid.model import Model
-from rovid.runs import Run, Runs
+from rovid.runs import Run, Runs, channels
 from rovid.trial import FloatArray
 from rovid.vehicle import Vehicle
 
@@ -56,6 +58,8 @@ _CUT_SHORT = (
 )
 # Yaw data never show these: the same motion comes of other inertia and drag.
 NEVER_SHOWN = ("thrust_scale", "rate_scale")
+# A yaw rate below so many times its noise is no motion.
+_MOTION = 2.0
 # A null so large stands for infinity.
 _ENDLESS = 1e5
 
@@ -145,10 +149,10 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     if parts is not None:
         runs = parts.items
         notes.append(
-            f"{len(prepared.items)} trials are too few to hold any out: they were cut into {len(runs)} parts, each "
-            "simulated from its own start."
+            f"There are too few trials ({len(prepared.items)}) to hold any out: they were cut into {len(runs)} parts, "
+            "each simulated from its own start."
         )
-    lack = _lack(runs)
+    lack = _lack(runs, shortest_part(prepared.cutoff))
     if lack:
         return Diagnosis(verdict="too_little_data", missing=lack, warnings=tuple(notes))
     try:
@@ -157,8 +161,7 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
         return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(notes))
     report("Fitting the model without effects …")
     full = Records(runs, vehicle, start)
-    channels = set.intersection(*(set(run.trial.extras) for run in runs))
-    candidates = (*forms_for(vehicle, channels), *drivers(runs))
+    candidates = (*forms_for(vehicle, channels(runs)), *drivers(runs))
     base_r2 = free_run_r2(runs, start)
     work = None
     if base_r2 >= TRUSTED_R2:
@@ -172,7 +175,10 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     report("Testing what was found on trials that were not fitted …")
     work.decide()
     warnings = [*notes, *([_CUT_SHORT] if work.search.cut_short else []), *work.confirm()]
-    return _diagnosis(work, [work.found(effect) for effect in work.final.effects], warnings)
+    try:
+        return _diagnosis(work, [work.found(effect) for effect in work.final.effects], warnings)
+    except DataError as error:
+        return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(warnings))
 
 
 def _by_innovations(full: Records, base_r2: float, candidates: Sequence[Effect], report: Report) -> _Work:
@@ -310,17 +316,28 @@ class _Work:
         return f"is only {size:.1f} standard errors away from nothing" if size < _SIGNIFICANT else ""
 
 
-def _lack(runs: Sequence[Run]) -> str:
+def _lack(runs: Sequence[Run], part: float) -> str:
+    """What is missing for a diagnosis, and what to run; ``part`` in s is the shortest that a trial is cut into."""
     if len(runs) < FEWEST_TRIALS:
         seconds = sum(run.trial.duration for run in runs)
         return (
-            f"there are {len(runs)} trials of {seconds:.0f} s in all: too few to hold any out and test a cause on, and "
-            f"too short to be cut into {FEWEST_TRIALS} parts of {SHORTEST:.0f} s. Record more runs, of other kinds (a "
-            "hold the other way, a sine, a coast-down)."
+            f"there are too few trials ({len(runs)}, {seconds:.0f} s in all) to hold any out and test a cause on, and "
+            f"they are too short to be cut into {FEWEST_TRIALS} parts of {part:.0f} s. Record more runs, of other "
+            "kinds (a hold the other way, a sine, a coast-down)."
         )
     if not any(np.any(run.torque != 0.0) for run in runs):
         return "no thruster ever runs: there is no torque to explain the motion with. Log a run under thrust."
+    if not any(_moves(run) for run in runs):
+        return (
+            "the vehicle never turns: its yaw rate is no larger than the heading's noise makes it. Check that heading "
+            "in rovid.toml is the vehicle's, and run sines, steps or a pseudo-random command that turn it."
+        )
     return ""
+
+
+def _moves(run: Run) -> bool:
+    rate = run.rates.yaw_rate[np.isfinite(run.rates.yaw_rate)]
+    return bool(np.linalg.norm(rate) > _MOTION * run.rates.yaw_rate_noise * math.sqrt(len(rate)))
 
 
 def _interval(runs: Sequence[Run], start: Model, rate: float) -> float:
@@ -351,6 +368,9 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
     base, final = work.refined(work.base), work.refined(work.final)
     white = likelihood_is_white(final.likelihood, final.x)
     estimate = _estimate(final, white=white)
+    base_estimate = _estimate(base, white=likelihood_is_white(base.likelihood, base.x))
+    # What is missing makes one of them uncertain; where both are, the vehicle was not excited.
+    require_inertia(min(base_estimate, estimate, key=_uncertainty), CERTAINTY)
     findings = [_finding(work, one, estimate, white=white) for one in found if not is_driver(one.effect)]
     signals = tuple((one.effect, one.worth) for one in found if is_driver(one.effect))
     at_limit = final.likelihood.at_limit(final.x)
@@ -363,7 +383,7 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
     disturbance, _ = final.likelihood.disturbance(final.x)
     return Diagnosis(
         verdict=verdict,
-        base=_side(work, work.base, base, _estimate(base, white=likelihood_is_white(base.likelihood, base.x))),
+        base=_side(work, work.base, base, base_estimate),
         extended=_side(work, work.final, final, estimate),
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
         signals=signals,
@@ -390,6 +410,10 @@ def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
         method=fitted.likelihood.method,
         samples=len(fitted.likelihood.records.trial),
     )
+
+
+def _uncertainty(estimate: Estimate) -> float:
+    return estimate.standard_error("inertia") / estimate.value("inertia")
 
 
 def _finding(work: _Work, found: Found, estimate: Estimate, *, white: bool) -> Finding:

@@ -42,7 +42,7 @@ def next_experiment(diagnosis: Diagnosis) -> dict[str, Any]:
     if diagnosis.missing:
         return {
             "run": "holds of several levels both ways, sines of 20 to 80 s, and coast-downs to rest",
-            "reason": diagnosis.missing,
+            "reason": "they excite all that a diagnosis looks at",
         }
     if diagnosis.verdict == "unexplained":
         signal = diagnosis.signals[0][0].id.removeprefix("signal ") if diagnosis.signals else ""

@@ -15,8 +15,9 @@ from rovid.vehicle import Vehicle
 
 FEWEST_TRIALS = 4
 _PARTS = 8
-SHORTEST = 30.0  # s; a part
+_SHORTEST = 30.0  # s; a part
 _CUTOFF_PERIODS = 8.0  # the filter takes two and a half of them
+_FEWEST_HEADINGS = 10  # in a part, as in a log
 
 
 def parts_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> Runs | None:
@@ -29,7 +30,7 @@ def parts_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> Runs | Non
     if len(runs) >= FEWEST_TRIALS:
         return None
     total = sum(run.trial.duration for run in runs)
-    length = max(total / _PARTS, SHORTEST, _CUTOFF_PERIODS / cutoff)
+    length = max(total / _PARTS, shortest_part(cutoff))
     trials = [part for run in runs for part in _cut(run.trial, length)]
     if len(trials) < FEWEST_TRIALS:
         return None
@@ -37,14 +38,22 @@ def parts_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> Runs | Non
     return prepare(Campaign(trials=tuple(trials), sources=()), vehicle, cutoff=shared)
 
 
+def shortest_part(cutoff: float) -> float:
+    """Length in s that a part has at least, for a low pass with this ``cutoff`` in Hz."""
+    return max(_SHORTEST, _CUTOFF_PERIODS / cutoff)
+
+
 def _cut(trial: Trial, length: float) -> list[Trial]:
+    """Parts that begin and end with a measured heading, as logs do; those that fall into a gap are left out."""
     count = max(round(trial.duration / length), 1)
     edges = np.searchsorted(trial.time, np.linspace(0.0, trial.duration, count + 1)[1:-1])
     bounds = [0, *(int(edge) for edge in edges), len(trial.time)]
-    pieces = [
-        _part(trial, slice(first, last), number) for number, (first, last) in enumerate(pairwise(bounds), start=1)
+    pieces = [first + np.flatnonzero(trial.measured[first:last]) for first, last in pairwise(bounds)]
+    return [
+        _part(trial, slice(int(piece[0]), int(piece[-1]) + 1), number)
+        for number, piece in enumerate(pieces, start=1)
+        if len(piece) >= _FEWEST_HEADINGS
     ]
-    return [piece for piece in pieces if int(piece.measured.sum()) > 1]
 
 
 def _part(trial: Trial, where: slice, number: int) -> Trial:

@@ -14,6 +14,7 @@ from rovid.effects import Effect
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import fit_free_run, free_run_r2
 from rovid.identify.innovations import BASE, Likelihood, Records
+from rovid.identify.regression import require_inertia
 from rovid.identify.simulated import SimulatedLikelihood, SimulatedRecords
 from rovid.model import Model
 from rovid.runs import Run
@@ -32,6 +33,8 @@ TRUSTED_R2 = 0.93
 _R2_LOSS = 0.01
 # Where the disturbance is at its limit, the fit is tried again with this many times as much.
 _LOOSER = 2.5
+# An inertia nearer to nothing, in standard errors, is none: steady holds fit any.
+CERTAINTY = 2.0
 _TRIALS, _TRIAL_ITERATIONS = 8, 4
 _WHITE_LAGS = 20
 _WHITE_P = 1e-3
@@ -197,6 +200,7 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
         samples=sum(int(run.trial.measured.sum()) for run in likelihood.records.runs),
         warnings=tuple(_warnings(likelihood, model, white=white, at_limit=at_limit)),
     )
+    require_inertia(estimate, CERTAINTY)
     return LikelihoodFit(
         estimate=estimate,
         log_likelihood=-likelihood.cost(x),

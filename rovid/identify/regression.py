@@ -81,12 +81,22 @@ def fit_regression(runs: Sequence[Run], *, certainty: float = 3.0) -> Regression
             if not kept
         ),
     )
-    if estimate.value("inertia") < certainty * estimate.standard_error("inertia"):
-        raise _not_excited(
-            f"the inertia is {estimate.value('inertia'):.3g} ± {estimate.standard_error('inertia'):.2g} kg m^2"
-        )
+    require_inertia(estimate, certainty)
     spread = float(np.sum((torque - torque.mean()) ** 2))
     return Regression(estimate=estimate, least_squares=plain, r_squared=1.0 - float(residuals @ residuals) / spread)
+
+
+def require_inertia(estimate: Estimate, certainty: float) -> None:
+    """Refuse an inertia that is less than ``certainty`` standard errors away from nothing.
+
+    Raises
+    ------
+    DataError
+        It is.
+    """
+    value, error = estimate.value("inertia"), estimate.standard_error("inertia")
+    if value < certainty * error:
+        raise _not_excited(f"the inertia is {value:.3g} ± {error:.2g} kg m^2")
 
 
 def _torque(runs: Sequence[Run]) -> tuple[FloatArray, NDArray[np.intp]]:

@@ -74,7 +74,7 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
         time=base.time - base.time[0],
         heading=psi,
         commands=np.column_stack([base.held(command) for command in commands]),
-        extras={key: base.held(series[key]) for key in plain},
+        extras={key: _extra(work, key, series[key], base) for key in plain},
         remarks=tuple(work.remarks),
         yaw_rate=continuous.get("yaw_rate"),
         roll=continuous.get("roll"),
@@ -206,6 +206,13 @@ def _continuous(work: _Builder, name: str, logged: Series, base: Base) -> FloatA
     """(n,) on the time base; None if it is nowhere known."""
     _say_missing(work, name, logged)
     return base.interpolated(logged, angle=name in _ANGLES) if logged.known.size else None
+
+
+def _extra(work: _Builder, name: str, logged: Series, base: Base) -> FloatArray:
+    """(n,) held on the time base; a channel may be silent for long, but one without any reading is a mistake."""
+    if not logged.known.size:
+        work.remark("missing", logged.missing, f"{work.raw.channels[name].source} ({name}) holds no number.")
+    return base.held(logged)
 
 
 def _check_units(work: _Builder, base: FloatArray, psi: FloatArray, yaw_rate: FloatArray | None) -> None:

@@ -95,7 +95,9 @@ def _diagnosis(study: Study, folder: Path, report: Callable[[str], None]) -> tup
 def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...]:
     if study.runs is None or not {"inertia", "quadratic_drag"} <= set(stored.entries):
         return ()
-    return tuple(simulate_runs(study.runs.items, stored.model(), study.vehicle))
+    model = stored.model()
+    study.require(model.effects)
+    return tuple(simulate_runs(study.runs.items, model, study.vehicle))
 
 
 def most_improved(study: Study, diagnosis: Diagnosis) -> tuple[TrialSimulation, TrialSimulation] | None:
