@@ -7,8 +7,10 @@ import math
 from rich.console import Console
 from rich.markup import escape
 
+from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.diagnosis import Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
+from rovid.identify.inertia import METHODS
 from rovid.output import plus_minus
 from rovid.terminal import number, show_parameters, table
 from rovid.vehicle import Vehicle
@@ -31,6 +33,8 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
     console.print(f"[bold]{_VERDICTS[diagnosis.verdict]}[/bold]", highlight=False)
     if diagnosis.missing:
         console.print(escape(diagnosis.missing), highlight=False)
+    if diagnosis.amplitudes is not None:
+        _show_amplitudes(console, diagnosis.amplitudes)
     for finding in diagnosis.findings:
         _show_finding(console, finding)
     for signal, gain in diagnosis.signals:
@@ -49,6 +53,33 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
     console.print(f"never visible in yaw data: {invisible}", highlight=False)
     run = next_experiment(diagnosis)
     console.print(f"[bold]Next:[/bold] {escape(run['run'])} ({escape(run['reason'])})", highlight=False)
+
+
+def _show_amplitudes(console: Console, amplitudes: Amplitudes) -> None:
+    title = "Peak yaw rate of the sine trials, rad/s"
+    rows = table(title, "trial", "inertia by", "kg m²", "measured", "predicted", "%", left=2)
+    for each in amplitudes.predictions:
+        change = 100.0 * (each.predicted / each.measured - 1.0)
+        rows.add_row(
+            each.trial,
+            METHODS[each.method],
+            number(each.inertia, ".0f"),
+            number(each.measured, ".3g"),
+            number(each.predicted, ".3f"),
+            number(change, "+.0f"),
+        )
+    console.print(rows)
+    rows = table("Each would explain it alone", "effect", "with", "run that would tell", "inertia kg m²", left=3)
+    for cause in amplitudes.causes:
+        effect = cause.model.effects[0]
+        sizes = ", ".join(
+            f"{name} {value:.3g} {unit}".removesuffix(" 1") for name, (value, unit) in cause.sizes.items()
+        )
+        rows.add_row(effect.title, sizes, effect.experiment, number(cause.model.inertia, ".0f"))
+    if amplitudes.causes:
+        console.print(rows)
+    ruled_out = ", ".join(effect.title for effect in amplitudes.ruled_out)
+    console.print(f"would not, alone: {ruled_out}", highlight=False)
 
 
 def _show_finding(console: Console, finding: Finding) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.diagnosis import Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.diagnose.signals import signal_of
@@ -165,7 +166,35 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
         },
         "next_experiment": next_experiment(diagnosis),
         "missing": diagnosis.missing or None,
+        **({} if diagnosis.amplitudes is None else {"tables": _tables(diagnosis.amplitudes)}),
         "warnings": [*study.remarks(), *diagnosis.warnings],
+    }
+
+
+def _tables(amplitudes: Amplitudes) -> Document:
+    return {
+        "predictions": [
+            {
+                "trial": each.trial,
+                "inertia": each.inertia,
+                "inertia_method": each.method,
+                "peak_yaw_rate": {"measured": each.measured, "predicted": each.predicted, "unit": "rad/s"},
+            }
+            for each in amplitudes.predictions
+        ],
+        "plain_model_explains": amplitudes.plain.explains,
+        "would_explain": [
+            {
+                "effect": (effect := cause.model.effects[0]).id,
+                "form": effect.form or None,
+                "parameters": {name: {"value": value, "unit": unit} for name, (value, unit) in cause.sizes.items()},
+                "inertia": cause.model.inertia,
+                "chance_of_the_misfit": None if math.isnan(cause.chance) else cause.chance,
+                "deciding_experiment": effect.experiment,
+            }
+            for cause in amplitudes.causes
+        ],
+        "would_not_explain": [effect.id for effect in amplitudes.ruled_out],
     }
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rovid.config import find_config, load_config, vehicle_of_tables
+from rovid.diagnose.amplitudes import Amplitudes, explain
 from rovid.diagnose.diagnosis import Diagnosis, diagnose
 from rovid.effects import Effect, forms_for
 from rovid.errors import ConfigError, DataError, nearest
@@ -120,16 +121,32 @@ class Study:
                 )
         return fit_likelihood(self.runs.items, self.vehicle, effects)
 
+    def amplitudes(self) -> Amplitudes:
+        """What would make one model agree with all rows of the tables.
+
+        Raises
+        ------
+        DataError
+            There is no table of sine trials.
+        """
+        if self.sine is None:
+            raise DataError("a table of steady turns fits any inertia.", where=self.paths[0], mend="Give logs.")
+        steady = None if self.steady is None else read_table(self.steady)
+        drag = None if steady is None else self.drag().estimate
+        rigid_body = self.vehicle.rigid_body_inertia
+        return explain(read_table(self.sine), steady, drag, self.inertia(drag), rigid_body)
+
     def diagnosis(self, report: Callable[[str], None] = lambda _: None) -> Diagnosis:
         """What the simulation gets wrong and why; ``report`` is told how far it is.
 
         Raises
         ------
         DataError
-            There are no logs.
+            There are neither logs nor a table of sine trials.
         """
         if self.runs is None:
-            raise DataError("a table holds no time series to diagnose.", where=self.paths[0], mend="Give logs.")
+            amplitudes = self.amplitudes()
+            return Diagnosis(verdict="too_little_data", missing=amplitudes.missing, amplitudes=amplitudes)
         return diagnose(self.runs, self.vehicle, report)
 
 

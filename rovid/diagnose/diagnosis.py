@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, simulate_folds
 from rovid.diagnose.parts import FEWEST_TRIALS, parts_of, shortest_part
 from rovid.diagnose.search import Fitted, Found, Promise, Rival, Search, key_of, worth
@@ -122,6 +123,10 @@ class Diagnosis:
     detectable
         Each effect that was not found, and the size of its first parameter that would have been seen, in its unit;
         infinite where none would.
+    missing
+        What there is too little of.
+    amplitudes
+        What tables show, where there are no logs.
     """
 
     verdict: str
@@ -134,6 +139,7 @@ class Diagnosis:
     detectable: tuple[tuple[Effect, float], ...] = ()
     warnings: tuple[str, ...] = ()
     missing: str = ""
+    amplitudes: Amplitudes | None = None
 
 
 def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) -> Diagnosis:

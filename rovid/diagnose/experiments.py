@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from rovid.diagnose.diagnosis import Diagnosis, Finding
-from rovid.effects import CATALOGUE
+from rovid.effects import CATALOGUE, Effect
 
 # Runs that separate two causes best (EFFECTS.md 3.1); where none stands here, the run that reveals either.
 _PAIRS = {
@@ -28,9 +28,11 @@ def deciding_experiment(finding: Finding) -> dict[str, Any] | None:
     """The run that would tell ``finding`` from what it cannot be told from; None where it is decided."""
     if not finding.undecided:
         return None
-    other = finding.undecided[0]
-    run = _PAIRS.get(frozenset({finding.effect.id, other.id}), finding.effect.experiment)
-    return {"run": run, "separates": [finding.effect.id, other.id]}
+    return _separating(finding.effect, finding.undecided[0])
+
+
+def _separating(one: Effect, other: Effect) -> dict[str, Any]:
+    return {"run": _PAIRS.get(frozenset({one.id, other.id}), one.experiment), "separates": [one.id, other.id]}
 
 
 def next_experiment(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -39,6 +41,10 @@ def next_experiment(diagnosis: Diagnosis) -> dict[str, Any]:
         decides = deciding_experiment(finding)
         if decides is not None:
             return decides | {"reason": "two causes explain these data equally well"}
+    causes = () if diagnosis.amplitudes is None else diagnosis.amplitudes.causes
+    if len(causes) > 1:
+        first, second = (cause.model.effects[0] for cause in causes[:2])
+        return _separating(first, second) | {"reason": "the tables allow either"}
     if diagnosis.missing:
         return {
             "run": "holds of several levels both ways, sines of 20 to 80 s, and coast-downs to rest",

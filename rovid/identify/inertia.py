@@ -261,7 +261,7 @@ def fit_inertia_table(table: Table, *, drag: Estimate | None, rigid_body: float 
     """
     omega = 2.0 * np.pi / table.numbers("period_s")
     torque, rate = table.numbers("torque_amplitude_Nm"), table.numbers("peak_yaw_rate_rad_s")
-    quadratic, linear = _table_drag(table, drag)
+    quadratic, linear = table_drag(table, drag)
     values = _from_amplitudes(table, torque, rate, omega, quadratic, linear)
     half = table.resolution("peak_yaw_rate_rad_s") / 2.0
     ends = [
@@ -312,7 +312,14 @@ def fit_inertia_table(table: Table, *, drag: Estimate | None, rigid_body: float 
     )
 
 
-def _table_drag(table: Table, drag: Estimate | None) -> tuple[FloatArray, FloatArray]:
+def table_drag(table: Table, drag: Estimate | None) -> tuple[FloatArray, FloatArray]:
+    """(n,) quadratic and linear drag for each row: of its own columns, or ``drag``.
+
+    Raises
+    ------
+    RovidError
+        There is neither, or a cell is no number.
+    """
     columns = []
     for name in ("quadratic_drag", "linear_drag"):
         if name in table.header:

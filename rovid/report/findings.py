@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from rovid.diagnose.amplitudes import Amplitudes, Explanation
 from rovid.diagnose.diagnosis import Diagnosis, Finding, Side, not_identifiable
 from rovid.effects import Effect
 from rovid.identify.estimate import Estimate
+from rovid.identify.inertia import METHODS
 from rovid.model import UNITS
 from rovid.output import plus_minus
 from rovid.report.grids import Column, Grid, degrees, numbers, words
@@ -141,6 +143,46 @@ def detectable_grid(diagnosis: Diagnosis) -> Grid:
             words("unit", [unit(effect.parameters[0].unit) for effect, _ in sizes]),
         ),
     )
+
+
+def predictions_grid(amplitudes: Amplitudes) -> Grid:
+    """The sine trials of a table as measured, and as simulated with the inertia of each method."""
+    rows = amplitudes.predictions
+    return Grid(
+        caption="Peak yaw rate of the sine trials",
+        columns=(
+            words("trial", [row.trial for row in rows]),
+            words("inertia by", [METHODS[row.method] for row in rows]),
+            numbers("inertia", unit("kg m^2"), [number(row.inertia, ".0f") for row in rows]),
+            numbers("measured", "rad/s", [number(row.measured, ".3g") for row in rows]),
+            numbers("simulated", "rad/s", [number(row.predicted, ".3f") for row in rows]),
+            numbers("too high by", "%", [f"{100.0 * (row.predicted / row.measured - 1.0):+.0f}" for row in rows]),
+        ),
+    )
+
+
+def causes_grid(amplitudes: Amplitudes) -> Grid:
+    """What would make one model agree with the tables, and the run that would tell."""
+    causes = amplitudes.causes
+    return Grid(
+        caption="Each of these, alone, would explain the tables",
+        columns=(
+            words("effect", [name_of(cause.model.effects[0]) for cause in causes]),
+            words("with", [", ".join(_sizes(cause)) for cause in causes]),
+            numbers("inertia then", unit("kg m^2"), [number(cause.model.inertia, ".0f") for cause in causes]),
+            words("run that would tell", [cause.model.effects[0].experiment for cause in causes]),
+        ),
+    )
+
+
+def ruled_out(amplitudes: Amplitudes) -> str:
+    """What would not."""
+    return _listed([effect.title for effect in amplitudes.ruled_out], "or")
+
+
+def _sizes(cause: Explanation) -> Iterator[str]:
+    for name, (value, its_unit) in cause.sizes.items():
+        yield f"{spaced(name)} {value:.3g} {unit(its_unit)}".strip()
 
 
 def _seen(size: float) -> str:
