@@ -20,7 +20,7 @@ from rovid.config import load_config
 from rovid.diagnose.experiments import _PAIRS
 from rovid.effects import CATALOGUE, FORMS, Effect, EffectParameter
 from rovid.effects.thruster_imbalance import BESIDE, of_thruster
-from rovid.model import Model
+from rovid.model import Drive, Model
 from rovid.report.plots.canvas import BLACK, BLUE, ORANGE, PALE, png, sheet, styled
 from rovid.trial import FloatArray, Trial
 from rovid.vehicle import Vehicle
@@ -155,15 +155,16 @@ def _course(vehicle: Vehicle, effect: Effect, note: Note, commands: FloatArray) 
     time: FloatArray = np.arange(len(commands), dtype=np.float64) * _STEP
     trial = Trial(name="run", path=Path("run"), time=time, heading=np.zeros(len(time)), commands=commands)
     base = Model(inertia=_INERTIA, quadratic_drag=_QUADRATIC, linear_drag=_LINEAR)
-    torque = base.torque(vehicle, trial)
+    drive = base.drive(vehicle, trial)
+    torque = drive.torque
     if effect.wave:
-        model, push = base, torque + note.values["amplitude"] * np.sin(note.values["frequency"] * time)
+        model, push = base, Drive.plain(torque + note.values["amplitude"] * np.sin(note.values["frequency"] * time))
     else:
         numbers = tuple(note.values.values())
         model = Model(
             inertia=_INERTIA, quadratic_drag=_QUADRATIC, linear_drag=_LINEAR, effects=(effect,), effect_values=numbers
         )
-        push = model.torque(vehicle, trial)
+        push = model.drive(vehicle, trial)
     rate, heading = model.simulate(trial, push)
     drag = base.drag(rate)
     left = torque[:-1] - _INERTIA * np.diff(rate) / _STEP - 0.5 * (drag[1:] + drag[:-1])
@@ -173,7 +174,7 @@ def _course(vehicle: Vehicle, effect: Effect, note: Note, commands: FloatArray) 
         torque=torque,
         rate=rate,
         heading=heading,
-        plain=base.simulate(trial, torque)[0],
+        plain=base.simulate(trial, drive)[0],
         left=np.append(left, left[-1]),
     )
 

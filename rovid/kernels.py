@@ -181,7 +181,13 @@ def _advance(state: Any, change: Any, h: float, out: Any) -> None:
 
 @_compiled
 def simulate_effects(
-    time: FloatArray, torque: FloatArray, base: FloatArray, terms: FloatArray, kinds: Any, start: tuple[float, float]
+    time: FloatArray,
+    torque: FloatArray,
+    race: FloatArray,
+    base: FloatArray,
+    terms: FloatArray,
+    kinds: Any,
+    start: tuple[float, float],
 ) -> tuple[FloatArray, FloatArray]:
     """As ``simulate``, with effects in the equation of motion.
 
@@ -189,9 +195,11 @@ def simulate_effects(
     ----------
     torque
         (n,) N m; each value the mean until the next instant.
+    race
+        (n,) N^0.5 m^2, see `rovid.model.Drive`.
     base
-        Inertia, quadratic and linear drag, the heading in rad at the first instant, and the fastest rate of the
-        effects' own states in 1/s.
+        Inertia, quadratic and linear drag, the heading in rad at the first instant, the fastest rate of the effects'
+        own states in 1/s, and room for the race of the moment.
     terms, kinds
         (m, 4) parameters of each effect in the equation of motion; (m,) its index in ``rovid.effects.MOTION``.
     start
@@ -205,6 +213,7 @@ def simulate_effects(
     middle, change = np.zeros_like(state), np.zeros_like(state)
     stiffness = max(base[2] / base[0], base[4])
     for k in range(n - 1):
+        base[5] = race[k]
         interval = time[k + 1] - time[k]
         balance = math.sqrt(abs(torque[k]) / base[1]) if base[1] > 0.0 else 0.0
         if base[2] > 0.0:
@@ -267,6 +276,7 @@ def _pushed(t: float, a: float, b: float, inertia: float) -> tuple[float, float]
 def innovations(  # noqa: PLR0915 - the covariance is written out term by term, without arrays
     time: FloatArray,
     torque: FloatArray,
+    race: FloatArray,
     angle: FloatArray,
     rate: FloatArray,
     base: FloatArray,
@@ -283,8 +293,8 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
 
     Parameters
     ----------
-    time, torque
-        (n,) s and N m held to the next instant.
+    time, torque, race
+        (n,) s and N m held to the next instant, and as for ``simulate_effects``.
     angle, rate
         (n,) measured angle in rad and rate in rad/s; NaN where not measured.
     base, terms, kinds
@@ -316,6 +326,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
         if k > 0:
             interval = time[k] - time[k - 1]
             push = torque[k - 1]
+            base[5] = race[k - 1]
             # How fast it may turn before the interval is over, or where drag balances the torque.
             soon = min(abs(r) + interval * abs(push) / inertia, max(abs(r), math.sqrt(abs(push) / (base[1] + _TINY))))
             stiffness = max(damping, (2.0 * base[1] * soon + base[2]) / inertia, base[4]) + 1.0 / tau
@@ -404,6 +415,7 @@ def _wave_transition(frequency: float, damping: float, h: float) -> tuple[float,
 def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
     time: FloatArray,
     torque: FloatArray,
+    race: FloatArray,
     angle: FloatArray,
     base: FloatArray,
     terms: FloatArray,
@@ -436,6 +448,7 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
     h = 0.0
     for k in range(n):
         if k > 0:
+            base[5] = race[k - 1]
             interval = time[k] - time[k - 1]
             stiffness = max(drag, (2.0 * base[1] * abs(r) + base[2]) / inertia, base[4]) + 1.0 / tau + wave[1]
             wanted = interval * stiffness / _WAVE_STEP_SHARE

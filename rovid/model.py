@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,32 @@ def effect_ids(names: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(name.rpartition(".")[0] for name in names if "." in name))
 
 
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What drives one trial, held from each instant to the next.
+
+    Attributes
+    ----------
+    torque
+        (n,) N m.
+    race
+        (n,) N^0.5 m^2; sum over the thrusters of the root of their thrust times their arm squared, of which a loss
+        with the speed of advance is made. Zeros where no effect asks for it.
+    """
+
+    torque: FloatArray
+    race: FloatArray
+
+    @classmethod
+    def plain(cls, torque: FloatArray) -> Self:
+        """Of a torque alone."""
+        return cls(torque, np.zeros(len(torque)))
+
+    def mapped(self, function: Callable[[FloatArray], FloatArray]) -> Self:
+        """With ``function`` of both series."""
+        return type(self)(function(self.torque), function(self.race))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Model:
     """``inertia*rdot + quadratic_drag*|r|*r + linear_drag*r = torque``, psidot = r."""
@@ -56,10 +83,10 @@ class Model:
     effect_values: tuple[float, ...] = ()
 
     def base(self, trial: Trial) -> FloatArray:
-        """(5,) inertia, drags, first heading and the fastest state of the effects, as the kernels take them."""
+        """(6,) inertia, drags, first heading, the fastest state of the effects and room, as the kernels take them."""
         first = int(np.argmax(trial.measured))
         fastest = max((e.fastest(e.values(numbers)) for e, numbers in self._each() if e.fastest), default=0.0)
-        return np.array([self.inertia, self.quadratic_drag, self.linear_drag, trial.heading[first], fastest])
+        return np.array([self.inertia, self.quadratic_drag, self.linear_drag, trial.heading[first], fastest, 0.0])
 
     def terms(self) -> tuple[FloatArray, NDArray[np.int64]]:
         """(m, 4) parameters of each term of the equation of motion; (m,) its index in ``MOTION``."""
@@ -111,10 +138,15 @@ class Model:
         numbers = np.array(self.effect_values)
         return [(effect, numbers[a:b]) for effect, a, b in zip(self.effects, widths[:-1], widths[1:], strict=True)]
 
-    def torque(self, vehicle: Vehicle, trial: Trial) -> FloatArray:
-        """(n,) torque in N m after every effect between command and torque; the mean until the next instant."""
-        if not any(effect.actuates for effect in self.effects):
-            return vehicle.torque(trial)
+    @property
+    def acts_on_drive(self) -> bool:
+        """Whether any effect needs more of the commands than the torque that the bench curve makes of them."""
+        return any(effect.actuates or effect.races for effect in self.effects)
+
+    def drive(self, vehicle: Vehicle, trial: Trial) -> Drive:
+        """After every effect between command and torque; each value the mean until the next instant."""
+        if not self.acts_on_drive:
+            return Drive.plain(vehicle.torque(trial))
         where = actuation(vehicle, trial)
         command = trial.commands
         for effect, numbers in self._each():
@@ -128,37 +160,32 @@ class Model:
         for effect, numbers in self._each():
             if effect.on_torque is not None:
                 torque = effect.on_torque(where, torque, effect.values(numbers))
-        return torque
+        return Drive(torque, np.sqrt(np.abs(thrust)) @ where.arms**2)
 
     def drag(self, rate: FloatArray) -> FloatArray:
         """Drag torque in N m at ``rate`` in rad/s."""
         return self.quadratic_drag * np.abs(rate) * rate + self.linear_drag * rate
 
-    def turned(self, trial: Trial, time: FloatArray, torque: FloatArray, start: tuple[float, float]) -> float:
-        """Angle in rad turned over the (n,) instants ``time`` under a held torque.
+    def turned(self, trial: Trial, time: FloatArray, drive: Drive, start: tuple[float, float]) -> float:
+        """Angle in rad turned over the (n,) instants ``time``.
 
         ``start`` is the rate in rad/s and the angle since the start of the trial in rad at the first of them.
         """
-        return float(self._integrate(trial, time, torque, start)[1][-1] - start[1])
+        return float(self._integrate(trial, time, drive, start)[1][-1] - start[1])
 
     def _integrate(
-        self, trial: Trial, time: FloatArray, torque: FloatArray, start: tuple[float, float]
+        self, trial: Trial, time: FloatArray, drive: Drive, start: tuple[float, float]
     ) -> tuple[FloatArray, FloatArray]:
         from rovid.kernels import simulate, simulate_effects
 
         if any(effect.term is not None for effect in self.effects):
-            rate, angle = simulate_effects(time, torque, self.base(trial), *self.terms(), start)
+            rate, angle = simulate_effects(time, drive.torque, drive.race, self.base(trial), *self.terms(), start)
             return rate, angle
-        rate, angle = simulate(time, torque, self.inertia, self.quadratic_drag, self.linear_drag, start[0])
+        rate, angle = simulate(time, drive.torque, self.inertia, self.quadratic_drag, self.linear_drag, start[0])
         return rate, angle + start[1]
 
-    def simulate(self, trial: Trial, torque: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Simulate freely from the first sample.
-
-        Parameters
-        ----------
-        torque
-            (n,) N m, held, at the instants of ``trial``.
+    def simulate(self, trial: Trial, drive: Drive) -> tuple[FloatArray, FloatArray]:
+        """Simulate freely from the first sample, under ``drive`` at the instants of ``trial``.
 
         Returns
         -------
@@ -167,7 +194,7 @@ class Model:
             The heading starts at the first one measured. Where roll and pitch are logged the body rate turns into
             the heading's by psidot = (r + thetadot sin(phi)) / (cos(phi) cos(theta)) (Fossen 2011, eq. 2.28).
         """
-        rate, angle = self._integrate(trial, trial.time, torque, (initial_rate(trial), 0.0))
+        rate, angle = self._integrate(trial, trial.time, drive, (initial_rate(trial), 0.0))
         if trial.roll is not None and trial.pitch is not None:
             angle = _euler_heading(trial, rate)
         first = int(np.argmax(trial.measured))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.model import Model
+from rovid.model import Drive, Model
 from rovid.rates import body_angle, on_grid
 from rovid.runs import Run
 from rovid.trial import FloatArray
@@ -63,12 +63,12 @@ class TrialSimulation:
 
 def simulate_runs(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[TrialSimulation]:
     """Simulate every run and compare; the effects of ``model`` act on the commands of ``vehicle`` too."""
-    return [_simulate(run, model, model.torque(vehicle, run.trial)) for run in runs]
+    return [_simulate(run, model, model.drive(vehicle, run.trial)) for run in runs]
 
 
-def simulated_rate(run: Run, model: Model, torque: FloatArray) -> FloatArray:
+def simulated_rate(run: Run, model: Model, drive: Drive) -> FloatArray:
     """(m,) yaw rate in rad/s of the free-running ``model``, behind the filter that the measured one went through."""
-    return run.rates.smooth_samples(run.trial, model.simulate(run.trial, torque)[0])
+    return run.rates.smooth_samples(run.trial, model.simulate(run.trial, drive)[0])
 
 
 def overall(simulations: Sequence[TrialSimulation]) -> Fit:
@@ -95,8 +95,8 @@ def compare(measured: FloatArray, simulated: FloatArray) -> Fit:
     )
 
 
-def _simulate(run: Run, model: Model, torque: FloatArray) -> TrialSimulation:
-    rate, heading = model.simulate(run.trial, torque)
+def _simulate(run: Run, model: Model, drive: Drive) -> TrialSimulation:
+    rate, heading = model.simulate(run.trial, drive)
     simulated = run.rates.smooth_samples(run.trial, rate)
     return TrialSimulation(
         run=run,
@@ -104,15 +104,16 @@ def _simulate(run: Run, model: Model, torque: FloatArray) -> TrialSimulation:
         measured=run.rates.yaw_rate,
         simulated=simulated,
         heading=heading,
-        heading_errors={horizon: _heading_error(run, model, torque, horizon) for horizon in HORIZONS},
+        heading_errors={horizon: _heading_error(run, model, drive, horizon) for horizon in HORIZONS},
     )
 
 
-def _heading_error(run: Run, model: Model, torque: FloatArray, horizon: float) -> float | None:
+def _heading_error(run: Run, model: Model, drive: Drive, horizon: float) -> float | None:
     rates, trial = run.rates, run.trial
     # About the body's own axis: the heading itself, but for what a logged tilt adds to it.
     angle = on_grid(trial, body_angle(trial), rates.time)
-    held = torque[np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1]
+    at_grid = np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1
+    held = drive.mapped(lambda series: series[at_grid])
     length = round(horizon / rates.kernel.period)
     errors = []
     for start in range(0, len(rates.time) - length, length):
@@ -128,6 +129,6 @@ def _heading_error(run: Run, model: Model, torque: FloatArray, horizon: float) -
             continue
         part = slice(at, end + 1)
         begin = (float(rates.yaw_rate[at]), float(angle[at] - angle[np.isfinite(angle)][0]))
-        simulated = model.turned(trial, rates.time[part], held[part], begin)
+        simulated = model.turned(trial, rates.time[part], Drive(held.torque[part], held.race[part]), begin)
         errors.append(simulated - (angle[end] - angle[at]))
     return float(np.sqrt(np.mean(np.square(errors)))) if errors else None

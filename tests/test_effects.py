@@ -41,7 +41,7 @@ IDS = [
     "heading_deviation",
 ]
 BASE = np.array([5057.0, 3532.0, 132.0, 0.4])
-SCALES = Scales(command=2.0, torque=120.0, rate=0.15)
+SCALES = Scales(command=2.0, torque=120.0, rate=0.15, race=math.sqrt(120.0))
 TIME = np.arange(0.0, 60.0, 0.05)
 CURVE = ThrustCurve(command=np.array([-5.0, -0.3, 0.3, 5.0]), thrust=np.array([-800.0, 0.0, 0.0, 1200.0]))
 VEHICLE = Vehicle(
@@ -90,7 +90,8 @@ def torque(effect: Effect, values: FloatArray, command: FloatArray = COMMAND, wh
 def term(effect: Effect, values: FloatArray, rate: float, push: float, state: FloatArray) -> tuple[float, FloatArray]:
     assert effect.term is not None
     change = np.zeros(TERM_STATES)
-    return float(effect.term(rate, 3.0, push, BASE, values, state, change)), change
+    base = np.array([*BASE, 0.0, math.sqrt(abs(push))])
+    return float(effect.term(rate, 3.0, push, base, values, state, change)), change
 
 
 def simulated(effect: Effect, values: FloatArray, torque: FloatArray, time: FloatArray = TIME) -> FloatArray:
@@ -99,8 +100,10 @@ def simulated(effect: Effect, values: FloatArray, torque: FloatArray, time: Floa
     terms = np.zeros((1, TERM_PARAMETERS))
     terms[0, : len(values)] = values
     fastest = 0.0 if effect.fastest is None else effect.fastest(effect.values(values))
-    base = np.array([*BASE, fastest])
-    rate, _ = simulate_effects(time, torque, base, terms, np.array([MOTION.index(effect)]), (0.0, 0.0))
+    base = np.array([*BASE, fastest, 0.0])
+    rate, _ = simulate_effects(
+        time, torque, np.sqrt(np.abs(torque)), base, terms, np.array([MOTION.index(effect)]), (0.0, 0.0)
+    )
     return np.asarray(rate)
 
 

@@ -100,9 +100,10 @@ def test_without_disturbance_innovations_are_the_output_error() -> None:
     error, variance = innovations(
         time,
         torque,
+        np.zeros(len(time)),
         measured,
         missing,
-        np.array([5057.0, 3532.0, 132.0, 0.0, 0.0]),
+        np.array([5057.0, 3532.0, 132.0, 0.0, 0.0, 0.0]),
         *NO_EFFECTS,
         np.array([1e-6, 4.0, 1e-3, 1.0]),
         np.array([0.02, 1e-9]),
@@ -120,12 +121,16 @@ def test_filter_variance_against_a_fine_grid() -> None:
     at = np.searchsorted(fine, time)
     held = torque[np.clip(np.searchsorted(time, fine, side="right") - 1, 0, len(time) - 1)]
     _, angle = simulate(time, torque, 2.5, 1.5, 5.0, 0.0)
-    model = (np.array([2.5, 1.5, 5.0, 0.0, 0.0]), *NO_EFFECTS)
+    model = (np.array([2.5, 1.5, 5.0, 0.0, 0.0, 0.0]), *NO_EFFECTS)
     noise, start = np.array([5.0, 1.0, 1e-3, 1.0]), np.array([0.0, 0.1])
     sparse = np.full(len(fine), np.nan)
     sparse[at] = angle
-    coarse, coarse_variance = innovations(time, torque, angle, np.full(len(time), np.nan), *model, noise, start)
-    exact, exact_variance = innovations(fine, held, sparse, np.full(len(fine), np.nan), *model, noise, start)
+    coarse, coarse_variance = innovations(
+        time, torque, 0.0 * time, angle, np.full(len(time), np.nan), *model, noise, start
+    )
+    exact, exact_variance = innovations(
+        fine, held, 0.0 * fine, sparse, np.full(len(fine), np.nan), *model, noise, start
+    )
     # Sub-steps of a twentieth of the shortest time constant leave the second-order transition a few percent off.
     assert coarse_variance[1:, 0] == pytest.approx(exact_variance[at, 0][1:], rel=0.05)
     assert coarse[1:, 0] == pytest.approx(exact[at, 0][1:], abs=0.05 * float(np.sqrt(exact_variance[at, 0].max())))

@@ -64,7 +64,6 @@ CONTRACT_FORMS: Mapping[str, tuple[str, ...]] = {
 OPEN: Mapping[str, frozenset[str]] = {
     "supply_sag": frozenset({"sag", "thrust"}),
     "thrust_curve_shape": frozenset({"thrust"}),
-    "advance_speed_loss": frozenset({"coefficient"}),
     "drag_curvature": frozenset({"rate"}),
     "coulomb_resistance": frozenset({"rate"}),
     "heading_dependent_torque": frozenset({"phase"}),

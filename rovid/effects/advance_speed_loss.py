@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -14,14 +13,15 @@ _AGAINST = -0.5
 
 @compiled
 def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    # Loss goes as rotor speed times speed of advance; the rotor's speed as the root of thrust.
-    return -p[0] * math.sqrt(abs(push)) * rate
+    # Of each thruster as rotor speed times speed of advance; the rotor's speed as the root of thrust.
+    return -p[0] * base[5] * rate
 
 
 @compiled
 def _open_water(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
     along = rate if push >= 0.0 else -rate
-    advance = max(p[0] * along / (math.sqrt(abs(push)) + 1e-9), _AGAINST)
+    # The mean of the thrusters, each at its speed over the root of its thrust.
+    advance = max(p[0] * along * base[5] / (abs(push) + 1e-9), _AGAINST)
     if advance <= 0.0:
         return -push * advance
     # Minerva's KT = 0.24 − 0.25 J − 0.66 J² + 0.5 J³ over its value at J = 0, with j = 1.04 J; no thrust from J = 0.53.
@@ -34,21 +34,22 @@ EFFECT: Effect = Effect(
     title="loss of thrust with speed of advance",
     parameters=(
         EffectParameter(
-            name="coefficient", unit="(N m)^0.5 s/rad", null=0.0, low=0.0, high=2.0, starts=(0.05,), scale="advance"
+            name="coefficient", unit="N^0.5 s/m", null=0.0, low=0.0, high=2.0, starts=(0.05,), scale="advance"
         ),
     ),
-    equation="− a·√|T|·r",
+    equation="each thrust less a·√|F|·l·r, l its yaw arm",
     fingerprint="more damping with thrust on than coasting",
     experiment="coast-downs beside holds at the same rates",
     rivals=("drag_curvature", "supply_sag"),
     term=_term,
+    races=True,
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
     replace(
         EFFECT,
         form="open_water",
-        equation="− T·(j + 2.5 j² − 1.8 j³), j = a·r·sign(T)/√|T|: a bent open-water curve",
+        equation="− T·(j + 2.5 j² − 1.8 j³), j = a·l·r·sign(T)/√|F|: a bent open-water curve",
         term=_open_water,
     ),
 )

@@ -54,7 +54,7 @@ class EffectParameter:
     scale
         What one unit of the search is: ``one``, ``command`` (a hundredth of the largest command in use), ``torque``
         (that in use), ``rate`` (that in use), ``cubic`` (torque over rate cubed), ``inertia`` (torque over rate, times
-        a second) or ``advance`` (root of torque over rate).
+        a second) or ``advance`` (torque over race and rate).
     """
 
     name: str
@@ -141,14 +141,16 @@ class Effect:
         (n,) torque in N m -> torque, each value the mean until the next instant.
     term
         Compiled; torque in N m from (rate, angle since the start, push, base, p, x, dx), with ``base`` the inertia,
-        quadratic and linear drag, ``p`` the effect's parameters in their order, ``x`` its states and ``dx`` their
-        rates of change to be filled in.
+        quadratic and linear drag, the first heading, the fastest state and the thrusters' race, ``p`` the effect's
+        parameters in their order, ``x`` its states and ``dx`` their rates of change to be filled in.
     fastest
         (parameters) -> the fastest rate of the term's states in 1/s, for the step of the integration.
     on_heading
         (n,) true headings in rad -> deviation of the measured heading in rad.
     wave
         Whether it is a torque at random phase: the parameters are amplitude, frequency and damping.
+    races
+        Whether its term asks for the thrusters' race, ``base[5]``.
     form
         Which of the effect's forms this is; empty for the plain one.
     needs
@@ -174,6 +176,7 @@ class Effect:
     fastest: Callable[[Values], float] | None = None
     on_heading: Callable[[FloatArray, Values], FloatArray] | None = None
     wave: bool = False
+    races: bool = False
     needs: str = ""
     each_thruster: bool = False
     canonical: Callable[[FloatArray], FloatArray] | None = None
@@ -200,6 +203,7 @@ class Scales:
     command: float
     torque: float
     rate: float
+    race: float
 
     def of(self, parameter: EffectParameter) -> float:
         """Size of one unit of ``parameter``."""
@@ -210,7 +214,7 @@ class Scales:
             "rate": self.rate,
             "cubic": self.torque / self.rate**3,
             "inertia": self.torque / self.rate,
-            "advance": self.torque**0.5 / self.rate,
+            "advance": self.torque / (self.race * self.rate),
         }
         return float(sizes[parameter.scale])
 
@@ -229,6 +233,12 @@ def actuation(vehicle: Vehicle, trial: Trial) -> Actuation:
         arms=np.array([thruster.yaw_arm for thruster in vehicle.thrusters]),
         full_thrust=np.array([1.0 if c is None else float(np.max(np.abs(c.thrust))) for c in curves]),
     )
+
+
+def race_of(vehicle: Vehicle, trial: Trial) -> FloatArray:
+    """(n,) N^0.5 m^2; sum over the thrusters of the root of the bench's thrust times their arm squared."""
+    arms = np.array([thruster.yaw_arm for thruster in vehicle.thrusters])
+    return np.asarray(np.sqrt(np.abs(vehicle.thrust(trial.commands))) @ arms**2)
 
 
 def neutral_commands(vehicle: Vehicle) -> FloatArray:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rovid.effects import Effect
-from rovid.effects.base import Scales, neutral_commands
-from rovid.model import Model, initial_rate
+from rovid.effects.base import Scales, neutral_commands, race_of
+from rovid.model import Drive, Model, initial_rate
 from rovid.rates import body_angle
 from rovid.runs import Run
 from rovid.trial import FloatArray
@@ -72,19 +72,26 @@ class Records:
         """(n,) measured angle about the body's axis at the instants, rad."""
         return [body_angle(run.trial)[at] for run, at in zip(self.runs, self.instants, strict=True)]
 
-    def held(self, torques: Sequence[FloatArray]) -> list[FloatArray]:
-        """Mean of each run's torque from each of its instants to the next."""
+    def drives(self, model: Model) -> list[Drive]:
+        """What drives each run."""
+        vehicle = self.vehicle
+        if vehicle is None or not model.acts_on_drive:
+            return [Drive.plain(run.torque) for run in self.runs]
+        return [model.drive(vehicle, run.trial) for run in self.runs]
+
+    def held(self, drives: Sequence[Drive]) -> list[Drive]:
+        """Means of each run's drive from each of its instants to the next."""
         if self.interval <= 0.0:
-            return list(torques)
+            return list(drives)
         return [
-            _means(run.trial.time, torque, at)
-            for run, torque, at in zip(self.runs, torques, self.instants, strict=True)
+            drive.mapped(partial(_means, run.trial.time, at))
+            for run, drive, at in zip(self.runs, drives, self.instants, strict=True)
         ]
 
     @cached_property
-    def torques(self) -> list[FloatArray]:
-        """(n,) torque of the bench curve, held from each instant to the next, N m."""
-        return self.held([run.torque for run in self.runs])
+    def plain(self) -> list[Drive]:
+        """The torque of the bench curve alone, held from each instant to the next."""
+        return self.held([Drive.plain(run.torque) for run in self.runs])
 
     @cached_property
     def missing(self) -> list[FloatArray]:
@@ -138,7 +145,15 @@ class Records:
         """Of the effects' parameters."""
         neutral = 0.0 if self.vehicle is None else neutral_commands(self.vehicle)
         command = max(float(np.max(np.abs(run.trial.commands - neutral))) for run in self.runs)
-        return Scales(command=command, torque=self.torque, rate=self.rate)
+        return Scales(command=command, torque=self.torque, rate=self.rate, race=self._race)
+
+    @cached_property
+    def _race(self) -> float:
+        """Root mean square of the race in use, N^0.5 m^2."""
+        if self.vehicle is None:
+            return math.sqrt(self.torque)
+        race = np.concatenate([race_of(self.vehicle, run.trial) for run in self.runs])
+        return float(np.sqrt(np.mean(race[race > 0.0] ** 2)))
 
     @cached_property
     def heading_noise(self) -> float:
@@ -218,7 +233,7 @@ class Likelihood:
                 *(p.high for p in self.parameters),
             ]
         )
-        self._torques: dict[tuple[float, ...], list[FloatArray]] = {}
+        self._drives: dict[tuple[float, ...], list[Drive]] = {}
 
     def like(self, effects: tuple[Effect, ...], counted: NDArray[np.bool_] | None = None) -> Self:
         """The same question asked of a model with other effects, or of other innovations."""
@@ -276,16 +291,16 @@ class Likelihood:
             effect_values=tuple(float(value) for value in x[BASE:] * self.units),
         )
 
-    def torques(self, model: Model) -> list[FloatArray]:
-        """(n,) torque of each run after the effects between command and torque, held between the instants."""
-        if self.records.vehicle is None or not any(effect.actuates for effect in self.effects):
-            return self.records.torques
+    def drives(self, model: Model) -> list[Drive]:
+        """What drives each run after the effects between command and torque, held between the instants."""
+        if not model.acts_on_drive:
+            return self.records.plain
         key = model.effect_values
-        found = self._torques.get(key)
+        found = self._drives.get(key)
         if found is None:
-            found = self.records.held([model.torque(self.records.vehicle, run.trial) for run in self.records.runs])
+            found = self.records.held(self.records.drives(model))
             # The slopes of all other parameters ask for the same again.
-            self._torques = {key: found}
+            self._drives = {key: found}
         return found
 
     def innovations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -297,16 +312,16 @@ class Likelihood:
         wave = model.wave()
         noise = np.array([*np.exp(x[DISTURBANCE:BASE]), 1.0])
         errors, variances = [], []
-        parts = zip(records.runs, self.torques(model), records.angles, records.missing, strict=True)
-        for number, (run, torque, angle, missing) in enumerate(parts):
+        parts = zip(records.runs, self.drives(model), records.angles, records.missing, strict=True)
+        for number, (run, drive, angle, missing) in enumerate(parts):
             start = np.array([records.initial_rates[number], _RATE_ERROR * records.rate])
             true, gain = model.true_angle(run.trial, angle, records.instants[number])
             time = records.times[number]
             motion = (model.base(run.trial), terms, active, noise)
             if wave is None:
-                error, variance = innovations(time, torque, true, missing, *motion, start)
+                error, variance = innovations(time, drive.torque, drive.race, true, missing, *motion, start)
             else:
-                error, variance = innovations_wave(time, torque, true, *motion, wave, start)
+                error, variance = innovations_wave(time, drive.torque, drive.race, true, *motion, wave, start)
             known = records.known[number]
             # The density is that of the measured heading, whatever it deviates by.
             errors.append(error[known, 0] * gain[known])
@@ -449,9 +464,9 @@ def _spaced(time: FloatArray, known: NDArray[np.intp], interval: float) -> NDArr
     return np.asarray(known[first])
 
 
-def _means(time: FloatArray, torque: FloatArray, at: NDArray[np.intp]) -> FloatArray:
-    area = np.concatenate(([0.0], np.cumsum(torque[:-1] * np.diff(time))))[at]
-    return np.append(np.diff(area) / np.diff(time[at]), torque[at[-1]])
+def _means(time: FloatArray, at: NDArray[np.intp], held: FloatArray) -> FloatArray:
+    area = np.concatenate(([0.0], np.cumsum(held[:-1] * np.diff(time))))[at]
+    return np.append(np.diff(area) / np.diff(time[at]), held[at[-1]])
 
 
 def _pieces(error: FloatArray, variance: FloatArray) -> FloatArray:

@@ -154,9 +154,8 @@ def starts(effect: Effect) -> list[FloatArray]:
 def simulated_r2(likelihood: Likelihood, x: FloatArray) -> float:
     """R^2 of the free-running yaw rate at ``x``."""
     model, runs = likelihood.model(x), likelihood.records.runs
-    vehicle = likelihood.records.vehicle
-    torques = [run.torque if vehicle is None else model.torque(vehicle, run.trial) for run in runs]
-    simulated = [simulated_rate(run, model, torque) for run, torque in zip(runs, torques, strict=True)]
+    pairs = zip(runs, likelihood.records.drives(model), strict=True)
+    simulated = [simulated_rate(run, model, drive) for run, drive in pairs]
     return compare(np.concatenate([run.rates.yaw_rate for run in runs]), np.concatenate(simulated)).r2
 
 

@@ -40,11 +40,8 @@ class SimulatedRecords(Records):
     @classmethod
     def of(cls, records: Records, model: Model) -> Self:
         """With the misfits of ``model``."""
-        torques = [
-            run.torque if records.vehicle is None else model.torque(records.vehicle, run.trial) for run in records.runs
-        ]
-        pairs = zip(records.runs, torques, strict=True)
-        misfits = [np.nan_to_num(run.rates.yaw_rate - simulated_rate(run, model, torque)) for run, torque in pairs]
+        pairs = zip(records.runs, records.drives(model), strict=True)
+        misfits = [np.nan_to_num(run.rates.yaw_rate - simulated_rate(run, model, drive)) for run, drive in pairs]
         return cls(
             runs=records.runs,
             vehicle=records.vehicle,
@@ -141,8 +138,8 @@ class SimulatedLikelihood(Likelihood):
         """(N,) misfits in rad/s and their variances; those not counted are left out."""
         model = self.model(x)
         errors = []
-        for run, torque, known in zip(self.records.runs, self.torques(model), self.records.known, strict=True):
-            misfit = run.rates.yaw_rate - simulated_rate(run, model, torque)
+        for run, drive, known in zip(self.records.runs, self.drives(model), self.records.known, strict=True):
+            misfit = run.rates.yaw_rate - simulated_rate(run, model, drive)
             errors.append(misfit[known])
         error = np.concatenate(errors)
         error = error if self.counted is None else error[self.counted]

@@ -32,6 +32,8 @@ class Residual:
     ----------
     drive
         The thrusters', after every effect between command and torque.
+    race
+        Theirs, as in `rovid.model.Drive`.
     left
         T - I rdot - DQ |r| r - DL r. Effects in the equation of motion are still in it.
     noise
@@ -40,6 +42,7 @@ class Residual:
 
     run: Run
     drive: FloatArray
+    race: FloatArray
     left: FloatArray
     noise: float
 
@@ -50,10 +53,12 @@ def residuals_of(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[Re
 
 
 def _residual(run: Run, model: Model, vehicle: Vehicle) -> Residual:
-    drive = run.rates.held(run.trial, model.torque(vehicle, run.trial)) if model.effects else run.drive
+    held = model.drive(vehicle, run.trial).mapped(lambda series: run.rates.held(run.trial, series))
+    drive = held.torque if model.effects else run.drive
     return Residual(
         run=run,
         drive=drive,
+        race=held.race,
         left=np.asarray(drive - model.inertia * run.rates.acceleration - model.drag(run.rates.yaw_rate)),
         noise=model.inertia * run.rates.acceleration_noise,
     )
@@ -82,7 +87,7 @@ def _terms_torque(item: Residual, model: Model) -> FloatArray:
     """(m,) torque in N m of the effects in the equation of motion, along the measured rate and angle."""
     trial, rates, total = item.run.trial, item.run.rates, np.zeros(len(item.left))
     angle = _bridged(on_grid(trial, body_angle(trial), rates.time))
-    course = np.column_stack([_bridged(rates.yaw_rate), angle - angle[0], _bridged(item.drive)])
+    course = np.column_stack([_bridged(rates.yaw_rate), angle - angle[0], _bridged(item.drive), item.race])
     values, kinds = model.terms()
     for numbers, kind in zip(values, kinds, strict=True):
         total += _term_torque(MOTION[kind], numbers, model.base(trial), course, rates.kernel.period)
@@ -92,11 +97,11 @@ def _terms_torque(item: Residual, model: Model) -> FloatArray:
 def _term_torque(
     effect: Effect, numbers: FloatArray, base: FloatArray, course: FloatArray, period: float
 ) -> FloatArray:
-    """(m,) torque in N m of one effect along the (m, 3) ``course`` of rate, angle and drive, its states from zero."""
+    """(m,) torque in N m of one effect along the (m, 4) ``course`` of rate, angle, torque and race."""
     assert effect.term is not None  # noqa: S101 - that is what MOTION holds
     torque, state, change = np.zeros(len(course)), np.zeros(TERM_STATES), np.zeros(TERM_STATES)
     steps = min(max(math.ceil(period * base[4] / _STEP_SHARE), 1), _MOST_STEPS)
-    for k, (rate, angle, drive) in enumerate(course):
+    for k, (rate, angle, drive, base[5]) in enumerate(course):
         torque[k] = effect.term(rate, angle, drive, base, numbers, state, change)
         for _ in range(steps):
             effect.term(rate, angle, drive, base, numbers, state, change)
