@@ -95,7 +95,9 @@ class Promise:
     gain
         Of log-likelihood, over all starts of the form together.
     start
-        Coordinates of the form's parameters from which to fit.
+        Coordinates of the form's parameters from which to fit, of the size that the slopes ask for.
+    unscaled
+        Those of its starts that gains most as it stands.
     power
         Gain that the effect would have at its first start, were it there.
     """
@@ -103,6 +105,7 @@ class Promise:
     effect: Effect
     gain: float
     start: FloatArray
+    unscaled: FloatArray
     power: float
 
 
@@ -271,9 +274,19 @@ class Search:
         effects, x = current.without(effect)
         key = key_of(effects)
         if key not in self._fits:
-            likelihood = current.likelihood.like(effects)
-            self._fits[key] = Fitted(likelihood, *likelihood.climb(x, iterations=_ITERATIONS, tolerance=_TOLERANCE))
+            self._fits[key] = self._restored(_climbed(current.likelihood.like(effects), x, _ITERATIONS))
         return self._fits[key]
+
+    def _restored(self, fitted: Fitted) -> Fitted:
+        """``fitted``, or if a model with one effect less was fitted better, that with the effect put in anew."""
+        for effect in fitted.effects:
+            effects, _ = fitted.without(effect)
+            less = self._fits.get(key_of(effects))
+            if less is not None and less.cost < fitted.cost:
+                likelihood = fitted.likelihood.like((*effects, effect))
+                begins = [np.concatenate((less.x, start)) for start in starts(effect)]
+                return _climbed(likelihood, min(begins, key=likelihood.cost), _ITERATIONS)
+        return fitted
 
 
 def worth(fitted: Fitted) -> float:
@@ -294,7 +307,8 @@ def _fit_all(current: Fitted, promises: Sequence[Promise]) -> list[Fitted]:
 
     def begin(promise: Promise) -> Fitted:
         likelihood = current.likelihood.like((*current.effects, promise.effect))
-        return _climbed(likelihood, np.concatenate((current.x, promise.start)), _FIRST_ITERATIONS)
+        begins = [np.concatenate((current.x, start)) for start in (promise.start, promise.unscaled)]
+        return _climbed(likelihood, min(begins, key=likelihood.cost), _FIRST_ITERATIONS)
 
     fits = spread(begin, promises)
     for share, iterations in _STAGES:
@@ -337,7 +351,7 @@ def _promise(
     sides = [likelihood.innovations(np.concatenate((current.x, begin))) for begin in begins]
     raw = likelihood.slopes_between(centre, sides, np.ones(len(sides))).matrix
     if not np.isfinite(raw).all():
-        return Promise(form, 0.0, begins[0], 0.0)
+        return Promise(form, 0.0, begins[0], begins[0], 0.0)
     directions = past(raw)
     pull = -(directions.T @ here.residual)
     power = np.sum(directions**2, axis=0)
@@ -346,16 +360,16 @@ def _promise(
     gains = np.where((share > 0.0) | (not one_sided), 0.5 * share * pull, 0.0)
     # Where slopes mislead, as at a threshold, what is gained there without any fit may tell more.
     outright = here.cost - np.array([likelihood.cost_of(*side) for side in sides])
+    unscaled = begins[int(np.argmax(outright))]
     if outright.max() > gains.max():
-        best = int(np.argmax(outright))
-        return Promise(form, float(outright[best]), begins[best], 0.5 * float(power.max()))
+        return Promise(form, float(outright.max()), unscaled, unscaled, 0.5 * float(power.max()))
     best = int(np.argmax(gains))
     if gains[best] <= 0.0:
-        return Promise(form, 0.0, begins[best], 0.5 * float(power.max()))
+        return Promise(form, 0.0, begins[best], unscaled, 0.5 * float(power.max()))
     information = directions.T @ directions
     together = 0.5 * float(pull @ np.linalg.pinv(information, rcond=1e-6) @ pull)
     start = _scaled(form, begins[best], float(share[best]))
-    return Promise(form, max(together, float(gains[best])), start, 0.5 * float(power.max()))
+    return Promise(form, max(together, float(gains[best])), start, unscaled, 0.5 * float(power.max()))
 
 
 def _scaled(form: Effect, begin: FloatArray, share: float) -> FloatArray:
