@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from rovid.effects.base import Actuation, Effect, EffectParameter, Values
 from rovid.effects.series import delayed, polled
 from rovid.trial import FloatArray
+
+# Shares of the mean delay, evenly over what a command may wait.
+_WAITS = (0.2, 0.6, 1.0, 1.4, 1.8)
 
 
 def _on_torque(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
@@ -15,6 +20,11 @@ def _on_torque(where: Actuation, torque: FloatArray, values: Values) -> FloatArr
 
 def _polled(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
     return polled(where.time, torque, 2.0 * values["delay"])
+
+
+def _scattered(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
+    waits = [delayed(where.time, torque, share * values["delay"]) for share in _WAITS]
+    return np.asarray(np.mean(waits, axis=0))
 
 
 EFFECT: Effect = Effect(
@@ -36,5 +46,12 @@ FORMS: tuple[Effect, ...] = (
         parameters=(replace(EFFECT.parameters[0], starts=(0.05, 0.1, 0.2, 0.35)),),
         equation="the drive reads its command every 2 L: a delay of L on average",
         on_torque=_polled,
+    ),
+    replace(
+        EFFECT,
+        form="scattered",
+        # A drive that reads by a clock of its own: nobody knows when, and the mean over all waits is what there is.
+        equation="each command waits between nothing and 2 L: a delay of L on average",
+        on_torque=_scattered,
     ),
 )
