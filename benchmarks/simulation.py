@@ -42,10 +42,15 @@ PARAMETERS = (5057.0, 3532.0, 132.0, 0.0)
 REPEATS = 15
 
 
-def c_loop(folder: Path) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    (folder / "loop.c").write_text(SOURCE)
+def compiled(source: str, folder: Path) -> ctypes.CDLL:
+    """C ``source`` as a library."""
+    (folder / "loop.c").write_text(source)
     subprocess.run(["cc", "-O2", "-shared", "-fPIC", "-o", "loop.so", "loop.c", "-lm"], cwd=folder, check=True)
-    function = ctypes.CDLL(str(folder / "loop.so")).simulate
+    return ctypes.CDLL(str(folder / "loop.so"))
+
+
+def c_loop(folder: Path) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    function = compiled(SOURCE, folder).simulate
     array = np.ctypeslib.ndpointer(dtype=np.float64, flags="C")
     function.argtypes = [ctypes.c_long, array, array, *[ctypes.c_double] * 4, array, array]
     function.restype = None
