@@ -163,6 +163,9 @@ def fit(
         list[str] | None,
         typer.Option(metavar="ID", help="Include this effect in the model; may be given again.", show_default=False),
     ] = None,
+    gyro: Annotated[
+        bool, typer.Option("--gyro", help="Fit logged yaw rates too; not where one filter made them and the heading.")
+    ] = False,
     parameters: ParameterFile = DEFAULT_PARAMETERS,
     cutoff: Cutoff = None,
     json: Json = False,
@@ -179,7 +182,7 @@ def fit(
     stored = _stored(parameters)
     study = _open(logs or _remembered(stored), cutoff)
     with _busy("Maximising the likelihood …"):
-        result = study.likelihood(effects)
+        result = study.likelihood(effects, gyro=gyro)
     if logs:
         stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
     stored = stored.with_estimate(result.estimate)

@@ -98,8 +98,8 @@ class Study:
                     f"does not suit the thrusters of this vehicle. {nearest(effect.key, known)}", where=effect.key
                 )
 
-    def likelihood(self, effects: tuple[Effect, ...] = ()) -> LikelihoodFit:
-        """All parameters at once by maximum likelihood, those of ``effects`` included.
+    def likelihood(self, effects: tuple[Effect, ...] = (), *, gyro: bool = False) -> LikelihoodFit:
+        """All parameters at once by maximum likelihood, those of ``effects`` included; see `fit_likelihood`.
 
         Raises
         ------
@@ -119,7 +119,7 @@ class Study:
                     where=effect.key,
                     mend=f"Map {effect.needs} in [signals] of rovid.toml, or leave the effect out.",
                 )
-        return fit_likelihood(self.runs.items, self.vehicle, effects)
+        return fit_likelihood(self.runs.items, self.vehicle, effects, gyro=gyro)
 
     def amplitudes(self) -> Amplitudes:
         """What would make one model agree with all rows of the tables.

@@ -11,11 +11,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rovid.identify.likelihood import innovations_are_white
+from rovid.identify.likelihood import fit_likelihood, innovations_are_white
 from rovid.kernels import innovations, simulate
 from rovid.model import Model
+from rovid.rates import yaw_rates
+from rovid.runs import Run
 from rovid.trial import FloatArray
 from tests.conftest import SAMPLES, Rovid
+from tests.synthetic import clock, gauss_markov, trial
 from tools.programme import CAMPAIGN
 from tools.trial_day import write_trial_day
 from tools.truth import ROSUB
@@ -210,3 +213,30 @@ def test_an_unknown_effect_is_offered_its_neighbours(csv_day: Path, rovid: Rovid
     done = rovid("fit", csv_day, "--effect", "thruster_leg")
     assert done.code == 2
     assert "'thruster_lag'" in done.err
+
+
+@pytest.mark.parametrize("bias", [0.0, 0.004])
+def test_a_gyro_narrows_what_a_poor_compass_leaves_open(bias: float) -> None:
+    """A heading of 2 deg alone, and with a gyro of 0.002 rad/s that may be off by a constant."""
+    rng = np.random.default_rng()
+    time = clock(240.0, 10.0)
+    runs = []
+    for period, push in ((15.0, 150.0), (30.0, 200.0), (60.0, 120.0)):
+        torque = push * np.sign(np.sin(2.0 * np.pi * time / period))
+        wind = gauss_markov(len(time), 0.1, 3.0, 4.0, rng)
+        rate, angle = simulate(time, torque + wind, 5057.0, 3532.0, 132.0, 0.0)
+        gyro = rate + bias + rng.normal(0.0, 0.002, len(time))
+        log = trial(time, torque, angle + rng.normal(0.0, np.deg2rad(2.0), len(time)), yaw_rate=gyro)
+        rates = yaw_rates(log, cutoff=0.5)
+        runs.append(Run(trial=log, torque=torque, rates=rates, drive=rates.held(log, torque)))
+    alone, both = (fit_likelihood(runs, gyro=use).estimate for use in (False, True))
+    for name, truth in TRUTH.items():
+        # Four standard errors: three numbers, passed by chance once in 5000 runs.
+        assert abs(both.value(name) - truth) < 4.0 * both.standard_error(name), name
+    assert both.standard_error("inertia") < 0.9 * alone.standard_error("inertia")
+
+
+def test_a_gyro_that_is_not_logged_is_asked_for(rovid: Rovid) -> None:
+    done = rovid("fit", SAMPLES / "rosub_tank", "--gyro")
+    assert done.code == 2
+    assert "Map yaw_rate" in done.err

@@ -26,6 +26,7 @@ BASE = 6
 DISTURBANCE, MEMORY, NOISE = 3, 4, 5
 _RATE_ERROR = 0.2  # of the rate's root mean square: how well the first rate of a trial is known
 _ANGLE_NOISE_FLOOR = 1e-5  # rad; no heading is better, and one from an autopilot's filter would claim to be
+_RATE_NOISE_FLOOR = 1e-5  # rad/s; likewise
 _BLOCK_SECONDS = 40.0
 # Innovations beyond so many standard deviations count in proportion, not squared (Huber 1964).
 _OUTLIER = 5.0
@@ -48,12 +49,15 @@ class Records:
         A model to start from and to take scales from.
     interval
         Headings nearer to each other, in s, are passed over; 0 for none. A quick look needs no more.
+    gyro
+        Whether logged yaw rates are looked at besides the headings.
     """
 
     runs: Sequence[Run]
     vehicle: Vehicle | None
     start: Model
     interval: float = 0.0
+    gyro: bool = False
 
     @cached_property
     def instants(self) -> list[NDArray[np.intp]]:
@@ -94,14 +98,38 @@ class Records:
         return self.held([Drive.plain(run.torque) for run in self.runs])
 
     @cached_property
-    def missing(self) -> list[FloatArray]:
-        """In the place of measured rates."""
-        return [np.full(len(time), np.nan) for time in self.times]
+    def gyro_rates(self) -> list[FloatArray]:
+        """(n,) measured rate less the gyro's offset from the heading's, rad/s; NaN where none is looked at."""
+        return [
+            np.full(len(at), np.nan)
+            if run.trial.yaw_rate is None or not self.gyro
+            else run.trial.yaw_rate[at] - np.nan_to_num(run.rates.gyro_offset)
+            for run, at in zip(self.runs, self.instants, strict=True)
+        ]
+
+    @cached_property
+    def gyro_noise(self) -> float:
+        """Standard deviation of the gyro's white noise, rad/s, from its differences; 1 where there is none."""
+        bends = np.concatenate([np.diff(rates, n=2) for rates in self.gyro_rates])
+        if not np.isfinite(bends).any():
+            return 1.0
+        # The second difference of white noise has six times its variance.
+        return max(float(np.sqrt(np.nanmean(bends**2) / 6.0)), _RATE_NOISE_FLOOR)
 
     @cached_property
     def known(self) -> list[NDArray[np.intp]]:
         """Where each run has a heading; the first is where the filter starts."""
         return [np.flatnonzero(np.isfinite(angle))[1:] for angle in self.angles]
+
+    @cached_property
+    def known_rates(self) -> list[NDArray[np.intp]]:
+        """Where each run has a rate that is looked at."""
+        return [np.flatnonzero(np.isfinite(rate)) for rate in self.gyro_rates]
+
+    @cached_property
+    def looked_at(self) -> list[NDArray[np.intp]]:
+        """Instant of each innovation of each run: of the headings, then of the rates."""
+        return [np.concatenate(pair) for pair in zip(self.known, self.known_rates, strict=True)]
 
     @cached_property
     def initial_rates(self) -> list[float]:
@@ -111,13 +139,13 @@ class Records:
     @cached_property
     def trial(self) -> NDArray[np.intp]:
         """(N,) index of the run of each innovation."""
-        return np.repeat(np.arange(len(self.runs)), [len(known) for known in self.known])
+        return np.repeat(np.arange(len(self.runs)), [len(at) for at in self.looked_at])
 
     @cached_property
     def block(self) -> NDArray[np.intp]:
         """(N,) number of the stretch of time, 40 s of a run, of each innovation."""
         pieces = [
-            (time[known] / _BLOCK_SECONDS).astype(np.intp) for time, known in zip(self.times, self.known, strict=True)
+            (time[at] / _BLOCK_SECONDS).astype(np.intp) for time, at in zip(self.times, self.looked_at, strict=True)
         ]
         offsets = np.cumsum([0, *(int(piece.max(initial=0)) + 1 for piece in pieces)])[:-1]
         return np.concatenate([piece + offset for piece, offset in zip(pieces, offsets, strict=True)])
@@ -310,22 +338,25 @@ class Likelihood:
         records, model = self.records, self.model(x)
         terms, active = model.terms()
         wave = model.wave()
-        noise = np.array([*np.exp(x[DISTURBANCE:BASE]), 1.0])
+        noise = np.array([*np.exp(x[DISTURBANCE:BASE]), records.gyro_noise])
         errors, variances = [], []
-        parts = zip(records.runs, self.drives(model), records.angles, records.missing, strict=True)
-        for number, (run, drive, angle, missing) in enumerate(parts):
+        parts = zip(records.runs, self.drives(model), records.angles, records.gyro_rates, strict=True)
+        for number, (run, drive, angle, gyro) in enumerate(parts):
             start = np.array([records.initial_rates[number], _RATE_ERROR * records.rate])
             true, gain = model.true_angle(run.trial, angle, records.instants[number])
             time = records.times[number]
             motion = (model.base(run.trial), terms, active, noise)
             if wave is None:
-                error, variance = innovations(time, drive.torque, drive.race, true, missing, *motion, start)
+                error, variance = innovations(time, drive.torque, drive.race, true, gyro, *motion, start)
             else:
                 error, variance = innovations_wave(time, drive.torque, drive.race, true, *motion, wave, start)
             known = records.known[number]
             # The density is that of the measured heading, whatever it deviates by.
             errors.append(error[known, 0] * gain[known])
             variances.append(variance[known, 0] * gain[known] ** 2)
+            if wave is None:
+                errors.append(error[records.known_rates[number], 1])
+                variances.append(variance[records.known_rates[number], 1])
         error, variance = np.concatenate(errors), np.concatenate(variances)
         return (error, variance) if self.counted is None else (error[self.counted], variance[self.counted])
 

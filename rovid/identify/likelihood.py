@@ -11,6 +11,7 @@ import numpy as np
 from scipy import special
 
 from rovid.effects import Effect
+from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import fit_free_run, free_run_r2
 from rovid.identify.innovations import BASE, Likelihood, Records
@@ -76,7 +77,7 @@ class LikelihoodFit:
 
 
 def fit_likelihood(
-    runs: Sequence[Run], vehicle: Vehicle | None = None, effects: tuple[Effect, ...] = ()
+    runs: Sequence[Run], vehicle: Vehicle | None = None, effects: tuple[Effect, ...] = (), *, gyro: bool = False
 ) -> LikelihoodFit:
     """Estimate inertia, drag, effects, disturbance and heading noise together by the prediction-error method.
 
@@ -89,13 +90,20 @@ def fit_likelihood(
     ----------
     vehicle
         Needed by effects that act between command and torque.
+    gyro
+        Whether logged yaw rates are looked at too. They should come of an instrument of their own: a heading out of
+        the same filter is not independent of them.
 
     Raises
     ------
     DataError
-        The vehicle was not excited enough.
+        The vehicle was not excited enough, or no yaw rate is logged.
     """
-    records = Records(runs, vehicle, fit_free_run(runs))
+    if gyro and all(run.trial.yaw_rate is None for run in runs):
+        raise DataError(
+            "no yaw rate is logged.", where="--gyro", mend="Map yaw_rate in [signals] of rovid.toml, or leave it out."
+        )
+    records = Records(runs, vehicle, fit_free_run(runs), gyro=gyro)
     base_r2 = free_run_r2(runs, records.start)
     likelihood, x, r2 = fit_base(records, base_r2) if base_r2 >= TRUSTED_R2 else fit_simulated(records)
     if effects:

@@ -56,6 +56,11 @@ class SimulatedRecords(Records):
         return [run.rates.time for run in self.runs]
 
     @cached_property
+    def looked_at(self) -> list[NDArray[np.intp]]:
+        """The same: nothing else is."""
+        return self.known
+
+    @cached_property
     def known(self) -> list[NDArray[np.intp]]:
         """Where on the grid of each run the yaw rate is known."""
         return [np.flatnonzero(np.isfinite(run.rates.yaw_rate)) for run in self.runs]
