@@ -100,7 +100,7 @@ def main() -> None:
     nothing, none = np.full(len(instants), np.nan), np.zeros(len(instants))
 
     def ours() -> tuple[np.ndarray, np.ndarray]:
-        return innovations(instants, torque, none, angle, nothing, BASE, *NO_EFFECTS, NOISE, START)
+        return innovations(instants, torque, none, none, angle, nothing, BASE, *NO_EFFECTS, NOISE, START)
 
     with tempfile.TemporaryDirectory() as name:
         reference = c_loop(Path(name))

@@ -158,7 +158,7 @@ def _course(vehicle: Vehicle, effect: Effect, note: Note, commands: FloatArray) 
     drive = base.drive(vehicle, trial)
     torque = drive.torque
     if effect.wave:
-        model, push = base, Drive.plain(torque + note.values["amplitude"] * np.sin(note.values["frequency"] * time))
+        model, push = base, Drive.held(torque + note.values["amplitude"] * np.sin(note.values["frequency"] * time))
     else:
         numbers = tuple(note.values.values())
         model = Model(

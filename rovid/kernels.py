@@ -277,6 +277,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
     time: FloatArray,
     torque: FloatArray,
     race: FloatArray,
+    moment: FloatArray,
     angle: FloatArray,
     rate: FloatArray,
     base: FloatArray,
@@ -293,8 +294,8 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
 
     Parameters
     ----------
-    time, torque, race
-        (n,) s and N m held to the next instant, and as for ``simulate_effects``.
+    time, torque, race, moment
+        (n,) s; the others from each instant to the next, see `rovid.model.Drive`.
     angle, rate
         (n,) measured angle in rad and rate in rad/s; NaN where not measured.
     base, terms, kinds
@@ -369,6 +370,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
                 p11 = f11 * q11 + f12 * q12 + n11
                 p12 = fade * q12 + n12
                 p22 = fade * fade * p22 + fresh
+            a += moment[k - 1] / inertia
         if angle[k] == angle[k]:
             s = p00 + noise[2] ** 2
             e = angle[k] - a
@@ -416,6 +418,7 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
     time: FloatArray,
     torque: FloatArray,
     race: FloatArray,
+    moment: FloatArray,
     angle: FloatArray,
     base: FloatArray,
     terms: FloatArray,
@@ -479,6 +482,7 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
                 f[1, 2], f[1, 3] = gain * (1.0 - 0.5 * h / tau - 0.5 * part), gain * (1.0 - 0.5 * part)
                 f[1, 4] = 0.5 * h * gain
                 _congruence(f, p, q, moved)
+            a += moment[k - 1] / inertia
         if angle[k] == angle[k]:
             s = p[0, 0] + noise[2] ** 2
             e = angle[k] - a

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rovid.effects import MOTION, Effect, effect_named
-from rovid.effects.base import TERM_PARAMETERS, actuation
+from rovid.effects.base import TERM_PARAMETERS, actuation, finer
 from rovid.rates import body_angle, on_grid, uniform_grid
 from rovid.trial import FloatArray, Trial
 from rovid.vehicle import Vehicle
@@ -25,6 +25,8 @@ _START_SECONDS = 2.0
 _START_SAMPLES = 5
 _FIXED_POINT_TURNS = 6
 _NUDGE = 1e-4  # rad
+# Where an effect acts within the interval between two samples, the interval is cut into so many.
+_PARTS = 8
 
 
 def unit_of(name: str) -> str:
@@ -48,28 +50,50 @@ def effect_ids(names: Iterable[str]) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """What drives one trial, held from each instant to the next.
+    """What drives one trial, from each instant to the next.
 
     Attributes
     ----------
     torque
-        (n,) N m.
+        (n,) N m, its mean.
+    moment
+        (n,) N m s^2; integral of torque less mean times the time left. A torque that comes late in the interval gives
+        the same rate at its end, but less angle, by ``moment / inertia``.
     race
         (n,) N^0.5 m^2; sum over the thrusters of the root of their thrust times their arm squared, of which a loss
         with the speed of advance is made. Zeros where no effect asks for it.
     """
 
     torque: FloatArray
+    moment: FloatArray
     race: FloatArray
 
     @classmethod
-    def plain(cls, torque: FloatArray) -> Self:
-        """Of a torque alone."""
-        return cls(torque, np.zeros(len(torque)))
+    def held(cls, torque: FloatArray, race: FloatArray | None = None) -> Self:
+        """Of a torque that is held from each instant to the next."""
+        nothing = np.zeros(len(torque))
+        return cls(torque, nothing, nothing if race is None else race)
 
     def mapped(self, function: Callable[[FloatArray], FloatArray]) -> Self:
-        """With ``function`` of both series."""
-        return type(self)(function(self.torque), function(self.race))
+        """With ``function`` of each series."""
+        return type(self)(function(self.torque), function(self.moment), function(self.race))
+
+    def between(self, time: FloatArray, at: NDArray[np.intp]) -> Self:
+        """From each of the instants ``time[at]`` to the next; ``time`` in s are those of the series."""
+        length, ends = np.diff(time), time[at]
+        middle = 0.5 * (time[1:] + time[:-1])
+
+        def total(values: FloatArray) -> FloatArray:
+            return np.diff(np.concatenate(([0.0], np.cumsum(values)))[at])
+
+        area, race = total(self.torque[:-1] * length), total(self.race[:-1] * length)
+        leverage = total(self.moment[:-1] - self.torque[:-1] * length * middle) + area * ends[1:]
+        span = np.diff(ends)
+        return type(self)(
+            np.append(area / span, self.torque[at[-1]]),
+            np.append(leverage - 0.5 * area * span, 0.0),
+            np.append(race / span, self.race[at[-1]]),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,9 +170,10 @@ class Model:
     def drive(self, vehicle: Vehicle, trial: Trial) -> Drive:
         """After every effect between command and torque; each value the mean until the next instant."""
         if not self.acts_on_drive:
-            return Drive.plain(vehicle.torque(trial))
-        where = actuation(vehicle, trial)
-        command = trial.commands
+            return Drive.held(vehicle.torque(trial))
+        parts = _PARTS if any(effect.quick for effect in self.effects) else 1
+        where = actuation(vehicle, trial, parts)
+        command = finer(trial.commands, parts)
         for effect, numbers in self._each():
             if effect.on_command is not None:
                 command = effect.on_command(where, command, effect.values(numbers))
@@ -160,7 +185,8 @@ class Model:
         for effect, numbers in self._each():
             if effect.on_torque is not None:
                 torque = effect.on_torque(where, torque, effect.values(numbers))
-        return Drive(torque, np.sqrt(np.abs(thrust)) @ where.arms**2)
+        drive = Drive.held(torque, np.sqrt(np.abs(thrust)) @ where.arms**2)
+        return drive if parts == 1 else drive.between(where.time, np.arange(0, len(where.time), parts))
 
     def drag(self, rate: FloatArray) -> FloatArray:
         """Drag torque in N m at ``rate`` in rad/s."""
@@ -180,9 +206,11 @@ class Model:
 
         if any(effect.term is not None for effect in self.effects):
             rate, angle = simulate_effects(time, drive.torque, drive.race, self.base(trial), *self.terms(), start)
-            return rate, angle
-        rate, angle = simulate(time, drive.torque, self.inertia, self.quadratic_drag, self.linear_drag, start[0])
-        return rate, angle + start[1]
+        else:
+            rate, angle = simulate(time, drive.torque, self.inertia, self.quadratic_drag, self.linear_drag, start[0])
+            angle += start[1]
+        angle[1:] += np.cumsum(drive.moment[:-1]) / self.inertia
+        return rate, angle
 
     def simulate(self, trial: Trial, drive: Drive) -> tuple[FloatArray, FloatArray]:
         """Simulate freely from the first sample, under ``drive`` at the instants of ``trial``.

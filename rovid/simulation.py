@@ -113,7 +113,7 @@ def _heading_error(run: Run, model: Model, drive: Drive, horizon: float) -> floa
     # About the body's own axis: the heading itself, but for what a logged tilt adds to it.
     angle = on_grid(trial, body_angle(trial), rates.time)
     at_grid = np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1
-    held = drive.mapped(lambda series: series[at_grid])
+    torque, race = drive.torque[at_grid], drive.race[at_grid]
     length = round(horizon / rates.kernel.period)
     errors = []
     for start in range(0, len(rates.time) - length, length):
@@ -129,6 +129,6 @@ def _heading_error(run: Run, model: Model, drive: Drive, horizon: float) -> floa
             continue
         part = slice(at, end + 1)
         begin = (float(rates.yaw_rate[at]), float(angle[at] - angle[np.isfinite(angle)][0]))
-        simulated = model.turned(trial, rates.time[part], Drive(held.torque[part], held.race[part]), begin)
+        simulated = model.turned(trial, rates.time[part], Drive.held(torque[part], race[part]), begin)
         errors.append(simulated - (angle[end] - angle[at]))
     return float(np.sqrt(np.mean(np.square(errors)))) if errors else None

@@ -104,6 +104,7 @@ def test_without_disturbance_innovations_are_the_output_error() -> None:
         time,
         torque,
         np.zeros(len(time)),
+        np.zeros(len(time)),
         measured,
         missing,
         np.array([5057.0, 3532.0, 132.0, 0.0, 0.0, 0.0]),
@@ -129,10 +130,10 @@ def test_filter_variance_against_a_fine_grid() -> None:
     sparse = np.full(len(fine), np.nan)
     sparse[at] = angle
     coarse, coarse_variance = innovations(
-        time, torque, 0.0 * time, angle, np.full(len(time), np.nan), *model, noise, start
+        time, torque, 0.0 * time, 0.0 * time, angle, np.full(len(time), np.nan), *model, noise, start
     )
     exact, exact_variance = innovations(
-        fine, held, 0.0 * fine, sparse, np.full(len(fine), np.nan), *model, noise, start
+        fine, held, 0.0 * fine, 0.0 * fine, sparse, np.full(len(fine), np.nan), *model, noise, start
     )
     # Sub-steps of a twentieth of the shortest time constant leave the second-order transition a few percent off.
     assert coarse_variance[1:, 0] == pytest.approx(exact_variance[at, 0][1:], rel=0.05)

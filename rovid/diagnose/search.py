@@ -10,7 +10,7 @@ import numpy as np
 
 from rovid.effects import Effect
 from rovid.identify.innovations import BASE, Likelihood, Slopes
-from rovid.identify.likelihood import starts
+from rovid.identify.likelihood import likelihood_is_white, starts
 from rovid.trial import FloatArray
 from rovid.workers import spread
 
@@ -25,7 +25,8 @@ _FORMS_FITTED = 3
 # Nor is an effect exchanged for another for less.
 _WORTH_A_CHANGE = 0.5
 # What one more effect has to add: this share of what was gained, but no more than so much.
-_REMAINDER = (0.04, 100.0)
+_REMAINDER = 0.04
+_MOST_WHITE, _MOST_COLOURED = 100.0, 300.0
 _ITERATIONS = 25
 _FIRST_ITERATIONS = 4
 # Then those go on, for so many steps, that have this share of the best one's worth.
@@ -172,15 +173,20 @@ class Search:
         """Worth that an effect has to add: the more causes were tried, the more."""
         return MARGIN + math.log(max(len({effect.id for effect in self.candidates}), 1))
 
-    def bar(self, current: Fitted) -> float:
-        """Worth that one more effect has to add to ``current``: the more, the more was explained already.
+    def pays(self, better: Fitted, current: Fitted) -> bool:
+        """Whether ``better``, with one more effect than ``current``, adds enough: the more, the more was explained.
 
-        Nature's form of an effect is never quite the equation's, and another effect may gain by the difference.
+        Nature's form of an effect is never quite the equation's, and another effect may gain by the difference: most
+        of all where ``better`` does not explain the data down to white innovations.
         """
-        earned = worth(current) - worth(self.without_any(current))
+        added, earned = worth(better) - worth(current), worth(current) - worth(self.without_any(current))
+        if added < max(self.threshold, min(_REMAINDER * earned, _MOST_WHITE)):
+            return False
+        most = math.inf
         # How something depends on a mere signal is known even less.
-        most = _REMAINDER[1] if all(effect.equation for effect in current.effects) else math.inf
-        return max(self.threshold, min(_REMAINDER[0] * earned, most))
+        if all(effect.equation for effect in current.effects):
+            most = _MOST_WHITE if likelihood_is_white(better.likelihood, better.x) else _MOST_COLOURED
+        return added >= min(_REMAINDER * earned, most)
 
     def run(self, base: Fitted) -> Fitted:
         """Add what pays and drop what no longer does; then exchange what another explains better, and go on."""
@@ -197,7 +203,7 @@ class Search:
     def _grown(self, current: Fitted) -> Fitted:
         while len(current.effects) < _MAX_EFFECTS and not self.cut_short:
             better = self._best(self.extensions(current, growing=True), current)
-            if worth(better) - worth(current) < self.bar(current):
+            if not self.pays(better, current):
                 break
             current = self._pruned(better)
         return current
@@ -206,7 +212,7 @@ class Search:
         """Without what is no longer needed: one effect may have stood in for another that came later."""
         for effect in current.effects[:-1]:
             rest = self.without(current, effect)
-            if worth(current) - worth(rest) < self.bar(rest):
+            if not self.pays(current, rest):
                 return self._pruned(rest)
         return current
 

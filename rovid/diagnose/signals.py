@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.effects import Effect, EffectParameter
-from rovid.effects.base import Actuation, Values
+from rovid.effects.base import Actuation, Values, finer
 from rovid.runs import Run
 from rovid.trial import FloatArray, Trial
 
@@ -92,7 +92,7 @@ def _rate(run: Run) -> FloatArray:
 
 def _driver(name: str, way: str, course: Mapping[str, FloatArray], rates: Mapping[str, FloatArray]) -> Effect:
     def on_torque(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
-        signal, rate = course[where.trial], rates[where.trial]
+        signal, rate = (finer(series[where.trial], where.parts) for series in (course, rates))
         size, *other = values.values()
         if way == "torque":
             return torque + size * signal + other[0]

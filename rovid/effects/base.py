@@ -90,6 +90,8 @@ class Actuation:
         The median of each further channel over the whole campaign.
     trial
         Its name.
+    parts
+        How many each interval between two of the log's instants is cut into.
     """
 
     time: FloatArray
@@ -101,6 +103,7 @@ class Actuation:
     extras: Mapping[str, FloatArray]
     reference: Mapping[str, float] = field(default_factory=dict)
     trial: str = ""
+    parts: int = 1
 
     @property
     def reference_thrust(self) -> FloatArray:
@@ -151,6 +154,8 @@ class Effect:
         Whether it is a torque at random phase: the parameters are amplitude, frequency and damping.
     races
         Whether its term asks for the thrusters' race, ``base[5]``.
+    quick
+        Whether it acts in less than the interval between two samples.
     form
         Which of the effect's forms this is; empty for the plain one.
     needs
@@ -177,6 +182,7 @@ class Effect:
     on_heading: Callable[[FloatArray, Values], FloatArray] | None = None
     wave: bool = False
     races: bool = False
+    quick: bool = False
     needs: str = ""
     each_thruster: bool = False
     canonical: Callable[[FloatArray], FloatArray] | None = None
@@ -219,16 +225,30 @@ class Scales:
         return float(sizes[parameter.scale])
 
 
-def actuation(vehicle: Vehicle, trial: Trial) -> Actuation:
-    """What the effects between command and torque need to know of ``vehicle`` and ``trial``."""
+def finer(held: FloatArray, parts: int) -> FloatArray:
+    """(m, ...) of (n, ...) values that are held, with each interval between two instants cut into ``parts``."""
+    return np.repeat(held, parts, axis=0)[: (len(held) - 1) * parts + 1]
+
+
+def _instants(time: FloatArray, parts: int) -> FloatArray:
+    steps = np.arange((len(time) - 1) * parts + 1) / parts
+    return np.asarray(np.interp(steps, np.arange(len(time)), time))
+
+
+def actuation(vehicle: Vehicle, trial: Trial, parts: int = 1) -> Actuation:
+    """What the effects between command and torque need to know of ``vehicle`` and ``trial``.
+
+    ``parts`` is how many each interval between two instants is cut into.
+    """
     curves = [thruster.curve for thruster in vehicle.thrusters]
     return Actuation(
-        time=trial.time,
+        time=trial.time if parts == 1 else _instants(trial.time, parts),
         names=tuple(thruster.name for thruster in vehicle.thrusters),
         dead_zone=np.array([(0.0, 0.0) if c is None else _dead_zone(c) for c in curves]),
-        extras=trial.extras,
+        extras={name: finer(values, parts) for name, values in trial.extras.items()},
         reference=trial.reference,
         trial=trial.name,
+        parts=parts,
         neutral=neutral_commands(vehicle),
         arms=np.array([thruster.yaw_arm for thruster in vehicle.thrusters]),
         full_thrust=np.array([1.0 if c is None else float(np.max(np.abs(c.thrust))) for c in curves]),

@@ -36,6 +36,7 @@ EFFECT: Effect = Effect(
     experiment="a fast pseudo-random command, 1 to 3 s a level",
     rivals=("thruster_lag", "command_hysteresis", "slew_limit"),
     on_torque=_on_torque,
+    quick=True,
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,

@@ -34,6 +34,7 @@ EFFECT: Effect = Effect(
     experiment="steps of different sizes",
     rivals=("thruster_lag", "command_delay"),
     on_command=_both_ways,
+    quick=True,
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,

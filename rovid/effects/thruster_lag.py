@@ -35,6 +35,7 @@ EFFECT: Effect = Effect(
     experiment="a fast pseudo-random command, 1 to 3 s a level",
     rivals=("command_delay", "added_mass_memory", "slew_limit"),
     on_torque=_of_torque,
+    quick=True,
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,

@@ -44,7 +44,7 @@ def fit_free_run(runs: Sequence[Run]) -> Model:
 def free_run_r2(runs: Sequence[Run], model: Model) -> float:
     """R^2 of yaw rate over all runs, each simulated freely from its first sample."""
     measured = np.concatenate([run.rates.yaw_rate for run in runs])
-    return compare(measured, np.concatenate([simulated_rate(run, model, Drive.plain(run.torque)) for run in runs])).r2
+    return compare(measured, np.concatenate([simulated_rate(run, model, Drive.held(run.torque)) for run in runs])).r2
 
 
 def _model(values: FloatArray) -> Model:
@@ -53,5 +53,5 @@ def _model(values: FloatArray) -> Model:
 
 def _misfit(runs: Sequence[Run], model: Model) -> FloatArray:
     return np.concatenate(
-        [np.nan_to_num(run.rates.yaw_rate - simulated_rate(run, model, Drive.plain(run.torque))) for run in runs]
+        [np.nan_to_num(run.rates.yaw_rate - simulated_rate(run, model, Drive.held(run.torque))) for run in runs]
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -80,7 +80,7 @@ class Records:
         """What drives each run."""
         vehicle = self.vehicle
         if vehicle is None or not model.acts_on_drive:
-            return [Drive.plain(run.torque) for run in self.runs]
+            return [Drive.held(run.torque) for run in self.runs]
         return [model.drive(vehicle, run.trial) for run in self.runs]
 
     def held(self, drives: Sequence[Drive]) -> list[Drive]:
@@ -88,14 +88,13 @@ class Records:
         if self.interval <= 0.0:
             return list(drives)
         return [
-            drive.mapped(partial(_means, run.trial.time, at))
-            for run, drive, at in zip(self.runs, drives, self.instants, strict=True)
+            drive.between(run.trial.time, at) for run, drive, at in zip(self.runs, drives, self.instants, strict=True)
         ]
 
     @cached_property
     def plain(self) -> list[Drive]:
         """The torque of the bench curve alone, held from each instant to the next."""
-        return self.held([Drive.plain(run.torque) for run in self.runs])
+        return self.held([Drive.held(run.torque) for run in self.runs])
 
     @cached_property
     def gyro_rates(self) -> list[FloatArray]:
@@ -344,12 +343,12 @@ class Likelihood:
         for number, (run, drive, angle, gyro) in enumerate(parts):
             start = np.array([records.initial_rates[number], _RATE_ERROR * records.rate])
             true, gain = model.true_angle(run.trial, angle, records.instants[number])
-            time = records.times[number]
+            time, torque, race, moment = records.times[number], drive.torque, drive.race, drive.moment
             motion = (model.base(run.trial), terms, active, noise)
             if wave is None:
-                error, variance = innovations(time, drive.torque, drive.race, true, gyro, *motion, start)
+                error, variance = innovations(time, torque, race, moment, true, gyro, *motion, start)
             else:
-                error, variance = innovations_wave(time, drive.torque, drive.race, true, *motion, wave, start)
+                error, variance = innovations_wave(time, torque, race, moment, true, *motion, wave, start)
             known = records.known[number]
             # The density is that of the measured heading, whatever it deviates by.
             errors.append(error[known, 0] * gain[known])
@@ -493,11 +492,6 @@ def _spaced(time: FloatArray, known: NDArray[np.intp], interval: float) -> NDArr
     first = np.concatenate(([True], cell[1:] != cell[:-1]))
     first[-1] = True
     return np.asarray(known[first])
-
-
-def _means(time: FloatArray, at: NDArray[np.intp], held: FloatArray) -> FloatArray:
-    area = np.concatenate(([0.0], np.cumsum(held[:-1] * np.diff(time))))[at]
-    return np.append(np.diff(area) / np.diff(time[at]), held[at[-1]])
 
 
 def _pieces(error: FloatArray, variance: FloatArray) -> FloatArray:

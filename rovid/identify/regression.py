@@ -124,7 +124,7 @@ def _simulated(runs: Sequence[Run], values: FloatArray) -> tuple[FloatArray, Flo
     instruments, corrections = [], []
     for run in runs:
         kernel = run.rates.kernel
-        rate = np.interp(run.rates.time, run.trial.time, model.simulate(run.trial, Drive.plain(run.torque))[0])
+        rate = np.interp(run.rates.time, run.trial.time, model.simulate(run.trial, Drive.held(run.torque))[0])
         columns = _regressors(kernel.smooth(rate), kernel.rate(rate))
         correction = np.zeros_like(columns)
         correction[:, 1] = kernel.smooth(np.abs(rate) * rate) - columns[:, 1]
