@@ -383,7 +383,7 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
     if at_limit:
         warnings.append(
             f"What is left would be a disturbance above {100 * final.likelihood.limit:.2g} % of the torque in use: "
-            "something is still missing, and it follows no logged signal."
+            "something is still missing, and it follows no other logged signal."
         )
     verdict = "found" if findings else "unexplained" if signals or at_limit or work.by_simulation else "nothing_found"
     disturbance, _ = final.likelihood.disturbance(final.x)

@@ -27,6 +27,7 @@ _WORTH_A_CHANGE = 0.5
 # What one more effect has to add: this share of what was gained, but no more than so much.
 _REMAINDER = 0.04
 _MOST_WHITE, _MOST_COLOURED = 100.0, 300.0
+_BESIDE_SIGNAL = 0.1
 _ITERATIONS = 25
 _FIRST_ITERATIONS = 4
 # Then those go on, for so many steps, that have this share of the best one's worth.
@@ -182,10 +183,10 @@ class Search:
         added, earned = worth(better) - worth(current), worth(current) - worth(self.without_any(current))
         if added < max(self.threshold, min(_REMAINDER * earned, _MOST_WHITE)):
             return False
-        most = math.inf
-        # How something depends on a mere signal is known even less.
-        if all(effect.equation for effect in current.effects):
-            most = _MOST_WHITE if likelihood_is_white(better.likelihood, better.x) else _MOST_COLOURED
+        if not all(effect.equation for effect in current.effects):
+            # How something depends on a mere signal is known even less.
+            return added >= _BESIDE_SIGNAL * earned
+        most = _MOST_WHITE if likelihood_is_white(better.likelihood, better.x) else _MOST_COLOURED
         return added >= min(_REMAINDER * earned, most)
 
     def run(self, base: Fitted) -> Fitted:

@@ -84,10 +84,12 @@ def _standardised(runs: Sequence[Run], name: str) -> dict[str, FloatArray] | Non
 
 
 def _rate(run: Run) -> FloatArray:
-    known = np.isfinite(run.rates.yaw_rate)
+    """(n,) measured rate in rad/s in the middle of each interval, for all of which it stands."""
+    known, time = np.isfinite(run.rates.yaw_rate), run.trial.time
     if not known.any():
-        return np.zeros(len(run.trial.time))
-    return np.interp(run.trial.time, run.rates.time[known], run.rates.yaw_rate[known])
+        return np.zeros(len(time))
+    middle = time + 0.5 * np.diff(time, append=time[-1])
+    return np.interp(middle, run.rates.time[known], run.rates.yaw_rate[known])
 
 
 def _driver(name: str, way: str, course: Mapping[str, FloatArray], rates: Mapping[str, FloatArray]) -> Effect:
