@@ -330,7 +330,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
             base[5] = race[k - 1]
             # How fast it may turn before the interval is over, or where drag balances the torque.
             soon = min(abs(r) + interval * abs(push) / inertia, max(abs(r), math.sqrt(abs(push) / (base[1] + _TINY))))
-            stiffness = max(damping, (2.0 * base[1] * soon + base[2]) / inertia, base[4]) + 1.0 / tau
+            stiffness = max(damping, (2.0 * base[1] * soon + base[2]) / inertia) + 1.0 / tau
             wanted = interval * stiffness / _FILTER_STEP_SHARE
             steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
             # Most logs are sampled evenly: what depends on the step alone is kept.
@@ -341,9 +341,15 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
                 fresh, grown = sigma**2 * (1.0 - fade * fade), 2.0 * sigma**2 / tau * h
                 for node in range(3):
                     left[node] = math.exp(-_NODES[node] * h / tau)
+            # States of effects that are faster than all this have no variance: steps of the mean alone do for them.
+            shares = max(math.ceil(h * base[4] / _FILTER_STEP_SHARE), 1)
             for _ in range(steps):
-                # Over a step the disturbance acts by its mean.
-                r, a, damping = _substep(r, a - origin, push + d * mean, base, terms, kinds, state, middle, change, h)
+                a -= origin
+                for _ in range(shares):
+                    # Over a step the disturbance acts by its mean.
+                    r, a, damping = _substep(
+                        r, a, push + d * mean, base, terms, kinds, state, middle, change, h / shares
+                    )
                 a += origin
                 d *= fade
                 part = damping * h

@@ -25,8 +25,8 @@ _START_SECONDS = 2.0
 _START_SAMPLES = 5
 _FIXED_POINT_TURNS = 6
 _NUDGE = 1e-4  # rad
-# Where an effect acts within the interval between two samples, the interval is cut into so many.
-_PARTS = 8
+# Into how many the interval between two samples is cut for an effect that acts within it.
+MOST_PARTS = 8
 
 
 def unit_of(name: str) -> str:
@@ -167,11 +167,27 @@ class Model:
         """Whether any effect needs more of the commands than the torque that the bench curve makes of them."""
         return any(effect.actuates or effect.races for effect in self.effects)
 
-    def drive(self, vehicle: Vehicle, trial: Trial) -> Drive:
-        """After every effect between command and torque; each value the mean until the next instant."""
+    @property
+    def drive_values(self) -> tuple[float, ...]:
+        """Parameters on which the drive depends."""
+        return tuple(float(value) for effect, numbers in self._each() if effect.actuates for value in numbers)
+
+    def drive(
+        self, vehicle: Vehicle, trial: Trial, at: NDArray[np.intp] | None = None, *, parts: int = MOST_PARTS
+    ) -> Drive:
+        """After every effect between command and torque, from each instant to the next.
+
+        Parameters
+        ----------
+        at
+            Which instants of ``trial``; all if not given.
+        parts
+            How many the interval between two of them is cut into for an effect that acts within it.
+        """
         if not self.acts_on_drive:
-            return Drive.held(vehicle.torque(trial))
-        parts = _PARTS if any(effect.quick for effect in self.effects) else 1
+            drive = Drive.held(vehicle.torque(trial))
+            return drive if at is None else drive.between(trial.time, at)
+        parts = parts if any(effect.quick for effect in self.effects) else 1
         where = actuation(vehicle, trial, parts)
         command = finer(trial.commands, parts)
         for effect, numbers in self._each():
@@ -186,7 +202,9 @@ class Model:
             if effect.on_torque is not None:
                 torque = effect.on_torque(where, torque, effect.values(numbers))
         drive = Drive.held(torque, np.sqrt(np.abs(thrust)) @ where.arms**2)
-        return drive if parts == 1 else drive.between(where.time, np.arange(0, len(where.time), parts))
+        if at is None and parts == 1:
+            return drive
+        return drive.between(where.time, parts * (np.arange(len(trial.time)) if at is None else at))
 
     def drag(self, rate: FloatArray) -> FloatArray:
         """Drag torque in N m at ``rate`` in rad/s."""

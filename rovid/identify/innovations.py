@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rovid.effects import Effect
 from rovid.effects.base import Scales, neutral_commands, race_of
-from rovid.model import Drive, Model, initial_rate
+from rovid.model import MOST_PARTS, Drive, Model, initial_rate
 from rovid.rates import body_angle
 from rovid.runs import Run
 from rovid.trial import FloatArray
@@ -28,6 +28,8 @@ _RATE_ERROR = 0.2  # of the rate's root mean square: how well the first rate of 
 _ANGLE_NOISE_FLOOR = 1e-5  # rad; no heading is better, and one from an autopilot's filter would claim to be
 _RATE_NOISE_FLOOR = 1e-5  # rad/s; likewise
 _BLOCK_SECONDS = 40.0
+# Share of the heading's noise.
+_LOST = 0.1
 # Innovations beyond so many standard deviations count in proportion, not squared (Huber 1964).
 _OUTLIER = 5.0
 _FARTHEST = 1e100
@@ -77,24 +79,40 @@ class Records:
         return [body_angle(run.trial)[at] for run, at in zip(self.runs, self.instants, strict=True)]
 
     def drives(self, model: Model) -> list[Drive]:
-        """What drives each run."""
+        """What drives each run, at all instants of its log."""
         vehicle = self.vehicle
         if vehicle is None or not model.acts_on_drive:
             return [Drive.held(run.torque) for run in self.runs]
         return [model.drive(vehicle, run.trial) for run in self.runs]
 
-    def held(self, drives: Sequence[Drive]) -> list[Drive]:
-        """Means of each run's drive from each of its instants to the next."""
+    def drives_between(self, model: Model) -> list[Drive]:
+        """What drives each run from each of the filter's instants to the next."""
+        vehicle = self.vehicle
+        if vehicle is None or not model.acts_on_drive:
+            return self._plain
+        pairs = zip(self.runs, self.instants, strict=True)
+        thinned = self.interval > 0.0
+        return [model.drive(vehicle, run.trial, at if thinned else None, parts=self._parts) for run, at in pairs]
+
+    @cached_property
+    def _plain(self) -> list[Drive]:
+        drives = [Drive.held(run.torque) for run in self.runs]
         if self.interval <= 0.0:
-            return list(drives)
+            return drives
         return [
             drive.between(run.trial.time, at) for run, drive, at in zip(self.runs, drives, self.instants, strict=True)
         ]
 
     @cached_property
-    def plain(self) -> list[Drive]:
-        """The torque of the bench curve alone, held from each instant to the next."""
-        return self.held([Drive.held(run.torque) for run in self.runs])
+    def _parts(self) -> int:
+        """How finely a torque that changes between two samples has to be known.
+
+        What a mean in its place does to the angle is to be lost in the heading's noise.
+        """
+        period = float(np.median([run.trial.period for run in self.runs]))
+        most = max(float(np.max(np.abs(run.torque))) for run in self.runs)
+        lost = most / self.start.inertia * period**2 / 8.0
+        return int(np.clip(math.ceil(math.sqrt(lost / (_LOST * self.heading_noise))), 1, MOST_PARTS))
 
     @cached_property
     def gyro_rates(self) -> list[FloatArray]:
@@ -320,12 +338,10 @@ class Likelihood:
 
     def drives(self, model: Model) -> list[Drive]:
         """What drives each run after the effects between command and torque, held between the instants."""
-        if not model.acts_on_drive:
-            return self.records.plain
-        key = model.effect_values
+        key = model.drive_values
         found = self._drives.get(key)
         if found is None:
-            found = self.records.held(self.records.drives(model))
+            found = self.records.drives_between(model)
             # The slopes of all other parameters ask for the same again.
             self._drives = {key: found}
         return found
