@@ -1,0 +1,51 @@
+"""Standard errors of maximum likelihood beside a bootstrap over trials: whole trials drawn again with replacement.
+
+``python -m benchmarks.bootstrap LOGS --effect thruster_lag`` fits the logs once and then each draw of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import secrets
+from pathlib import Path
+
+import numpy as np
+
+from rovid.effects import effect_named
+from rovid.identify.free_run import fit_free_run, free_run_r2
+from rovid.identify.innovations import Likelihood, Records
+from rovid.identify.likelihood import NAMES, covariance, fit_base, likelihood_is_white, physical, with_effects
+from rovid.study import open_study
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("logs", type=Path, nargs="+")
+    parser.add_argument("--effect", action="append", default=[], metavar="ID")
+    parser.add_argument("--draws", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=secrets.randbelow(10**6))
+    arguments = parser.parse_args()
+    study = open_study(arguments.logs)
+    assert study.runs is not None
+    runs, effects = study.runs.items, tuple(effect_named(name) for name in arguments.effect)
+    start = fit_free_run(runs)
+    likelihood, x, _ = fit_base(Records(runs, study.vehicle, start), free_run_r2(runs, start))
+    if effects:
+        likelihood, x = with_effects(likelihood, x, effects)
+    white = likelihood_is_white(likelihood, x)
+    stated = np.sqrt(np.diag(covariance(likelihood, x, sandwich=not white)))
+    rng, drawn = np.random.default_rng(arguments.seed), []
+    for _ in range(arguments.draws):
+        chosen = [runs[k] for k in rng.integers(len(runs), size=len(runs))]
+        again = Likelihood(Records(chosen, study.vehicle, start), likelihood.limit, effects)
+        drawn.append(physical(again, again.climb(x)[0]))
+    scatter = np.std(drawn, axis=0, ddof=1)
+    source = "curvature (white innovations)" if white else "scatter between stretches"
+    print(f"{len(runs)} trials, {arguments.draws} draws, seed {arguments.seed}; stated by {source}")
+    names = [*NAMES, *(f"{effect.key}.{p.name}" for effect in effects for p in effect.parameters)]
+    for name, value, one, other in zip(names, physical(likelihood, x), stated, scatter, strict=True):
+        print(f"{name:32} {value:12.5g}  stated {one:10.3g}  bootstrap {other:10.3g}  ratio {other / one:5.2f}")
+
+
+if __name__ == "__main__":
+    main()
