@@ -31,11 +31,14 @@ lint: $(VENV)/installed
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-bench: $(VENV)/installed  ## timings, as ratios measured in one run
-	$(BIN)/python benchmarks/reading.py
-	$(BIN)/python benchmarks/simulation.py
-	$(BIN)/python benchmarks/startup.py
-	$(BIN)/python benchmarks/uncertainty.py
+bench: $(VENV)/installed  ## timings, as ratios measured in one run, and whether standard errors hold
+	$(BIN)/python -m benchmarks.reading
+	$(BIN)/python -m benchmarks.simulation
+	$(BIN)/python -m benchmarks.filter
+	$(BIN)/python -m benchmarks.startup
+	$(BIN)/python -m benchmarks.growth
+	$(BIN)/python -m benchmarks.bootstrap sample_logs/rosub_tank
+	$(BIN)/python -m benchmarks.uncertainty
 
 sweep: $(VENV)/installed  ## hours: what the diagnosis names of hidden effects; SWEEP="--seed 1 --vehicle small"
 	$(BIN)/python -m benchmarks.sweep $(SWEEP)
