@@ -377,6 +377,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
                 p12 = fade * q12 + n12
                 p22 = fade * fade * p22 + fresh
             a += moment[k - 1] / inertia
+            r -= damping * moment[k - 1] / inertia
         if angle[k] == angle[k]:
             s = p00 + noise[2] ** 2
             e = angle[k] - a
@@ -489,6 +490,7 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
                 f[1, 4] = 0.5 * h * gain
                 _congruence(f, p, q, moved)
             a += moment[k - 1] / inertia
+            r -= drag * moment[k - 1] / inertia
         if angle[k] == angle[k]:
             s = p[0, 0] + noise[2] ** 2
             e = angle[k] - a
