@@ -286,7 +286,7 @@ def test_a_jump_gives_nothing_up_to_the_dead_band_and_the_bench_thrust_beyond() 
     effect = effect_named("thruster_deadband:jump")
     assert effect.on_command is not None
     command = np.array([[-1.0, 0.2], [-0.5, 0.45], [0.1, 0.55], [0.0, 3.0]])
-    found = effect.on_command(WHERE, command, {"deadband": 0.2})
+    found = effect.on_command(WHERE, command, {"deadband": 0.2, "edge": 0.1})
     np.testing.assert_allclose(found, [[-1.0, 0.0], [-0.4, 0.0], [0.0, 0.55], [0.0, 3.0]])
 
 

@@ -9,9 +9,6 @@ import numpy as np
 from rovid.effects.base import Actuation, Effect, EffectParameter, Values
 from rovid.trial import FloatArray
 
-# A sharp threshold would change the likelihood by steps, without a slope to follow: it is ten percent wide.
-_RAMP = 0.1
-
 
 def _shift(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
     beyond = command - where.neutral
@@ -22,7 +19,7 @@ def _jump(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
     deadband, excess = values["deadband"], where.beyond(command)
     if deadband <= 0.0:
         return command
-    on = np.clip((np.abs(excess) / deadband - 1.0) / _RAMP + 0.5, 0.0, 1.0)
+    on = np.clip((np.abs(excess) / deadband - 1.0) / values["edge"] + 0.5, 0.0, 1.0)
     return where.from_beyond(on * excess)
 
 
@@ -48,8 +45,12 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="jump",
-        parameters=(replace(EFFECT.parameters[0], starts=_JUMPS),),
-        equation="u' = u where |u| is b or more beyond the bench's dead zone, else 0: thrust sets in at once",
+        parameters=(
+            replace(EFFECT.parameters[0], starts=_JUMPS),
+            # A sharp threshold changes the likelihood by steps, without a slope to follow: the search begins wide.
+            EffectParameter(name="edge", unit="1", null=0.02, low=0.02, high=0.5, starts=(0.1,)),
+        ),
+        equation="u' = u where |u| is b or more beyond the bench's dead zone, else 0: thrust sets in within e·b",
         on_command=_jump,
     ),
 )
