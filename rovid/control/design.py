@@ -38,7 +38,6 @@ _FILTER_SHARE, _FILTER_PERIODS = 0.1, 2.0
 _FULL_TORQUE_ERROR, _NOISE_SHARE = 0.2, 0.1
 # Of the paper's instrument, and of a vehicle that is known by its parameters alone.
 _HEADING_NOISE, _MIDDLING_RATE = math.radians(0.01), 0.15
-_LARGEST_STEP = 180.0  # deg
 _DRAWS = 60
 # A run lasts so many time constants of the slower closed-loop mode, and s at least.
 _LENGTHS, _SHORTEST = 15.0, 60.0
@@ -78,20 +77,16 @@ class Options:
         self.parsed_steps()
 
     def parsed_steps(self) -> list[tuple[float, float]]:
-        """(from, to) in deg of each of ``steps``."""
+        """(from, to) in deg of each of ``steps``; to the nearest turn, as the controller takes the shorter way."""
         found = []
         for text in self.steps:
             first, _, last = text.partition(":")
             try:
-                pair = float(first), float(last)
-            except ValueError:
-                pair = math.nan, math.nan
-            if not abs(pair[1] - pair[0]) <= _LARGEST_STEP:
+                found.append((float(first), float(first) + math.remainder(float(last) - float(first), 360.0)))
+            except ValueError as error:
                 raise ConfigError(
-                    f"is {text!r}; two headings in deg, {_LARGEST_STEP:g} apart at most, were expected, as in 20:120.",
-                    where="--step",
-                )
-            found.append(pair)
+                    f"is {text!r}; two headings in deg were expected, as in 20:120.", where="--step"
+                ) from error
         return found
 
 
@@ -172,7 +167,7 @@ class Control:
     damping, bandwidth
         Damping ratio and natural frequency in rad/s of gains and yaw inertia.
     lag
-        s; all that delays the loop at low frequency.
+        s; all that delays the loop, at the crossover.
     """
 
     law: Law
@@ -201,7 +196,7 @@ def manoeuvres(steps: Sequence[tuple[float, float]], torque_in_use: float) -> tu
     push = _PUSH * torque_in_use
     return (
         *paper_runs(),
-        *(Manoeuvre(name=f"{a:g} to {b:g} deg", start=a, wanted=b) for a, b in steps),
+        *(Manoeuvre(name=f"{a:g} to {b % 360.0:g} deg", start=a, wanted=b) for a, b in steps),
         Manoeuvre(name="hold 120 deg, current sets in", start=120.0, wanted=120.0, current=push),
         Manoeuvre(name="hold 120 deg, waves", start=120.0, wanted=120.0, waves=push),
     )
@@ -300,6 +295,7 @@ def control_of(parameters: Parameters, vehicle: Vehicle, setting: Setting, optio
         given = gains(model.inertia, options.damping, wanted)
     law = law_for(model, allocation, setting, *given)
     loop = loop_of(law, model, vehicle, allocation, setting)
+    margins = loop.margins()
     return Control(
         law=law,
         model=model,
@@ -307,8 +303,8 @@ def control_of(parameters: Parameters, vehicle: Vehicle, setting: Setting, optio
         allocation=allocation,
         damping=damping_ratio(law.kp, law.kd, model.inertia),
         bandwidth=math.sqrt(law.kp / model.inertia),
-        lag=loop.lag(),
-        margins=loop.margins(),
+        lag=loop.lag(margins.crossover),
+        margins=margins,
         spread=spread_of(loop, parameters, vehicle, allocation, setting),
         runs=tuple(
             closed_runs(

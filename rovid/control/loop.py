@@ -17,10 +17,10 @@ from rovid.vehicle import Vehicle
 
 # s; no tick of the plant is longer, lest the mean of a torque that acts late in it be all that is known of it.
 _LONGEST_TICK = 0.1
-# s of commands that are looked back upon at each step; where that is not enough, all of them are.
-_WINDOW = 20.0
+# s of commands that are looked back upon at each step; where neither is enough, all of them are.
+_WINDOWS = (20.0, 60.0)
 # Of the largest torque: what an effect remembers from before the window.
-_FORGOTTEN = 1e-6
+_FORGOTTEN = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +117,7 @@ def run_closed(
     outside = _from_outside(plant, time, 0.0 if push is None else np.append(np.repeat(push, m), push[-1]), seed)
     noise = np.random.default_rng([seed, 1]).normal(0.0, 1.0, len(wanted)) * plant.heading_noise
     where = bare_actuation(plant.vehicle, time, parts)
-    for window in (round(_WINDOW / (law.period / m)), len(time)):
+    for window in (*(round(length / law.period * m) for length in _WINDOWS), len(time)):
         course = _run(law, allocation, plant, wanted, start, time, outside, noise, where, window)
         if window >= len(time) or not plant.model.acts_on_drive:
             break

@@ -28,6 +28,7 @@ _FREQUENCIES = 1200
 # The sampled plant's response folds back about every multiple of the sampling frequency; it falls as the cube of that.
 _FOLDS = np.arange(-15, 16)
 _NUDGE = 1e-4  # rad, rad/s
+_NOTHING = 1e-30  # of a gain
 _PHASE_MARGIN, _SENSITIVITY_PEAK = 50.0, 1.6
 BANDWIDTHS = np.geomspace(0.01, 20.0, 120)
 # Of the identified inertia, when it is drawn from its uncertainty.
@@ -54,6 +55,8 @@ class Margins:
 
     Attributes
     ----------
+    stable
+        By Nyquist's criterion; where it is not, the gain has to fall by -gain_db, and the phase margin is negative.
     gain_db, gain_down_db
         The gain may rise, or fall, by so much; infinite where nothing limits it.
     phase_deg, delay_s
@@ -64,17 +67,13 @@ class Margins:
         Largest of |1/(1 + L)|.
     """
 
+    stable: bool
     gain_db: float
     gain_down_db: float
     phase_deg: float
     delay_s: float
     crossover: float
     sensitivity_peak: float
-
-    @property
-    def stable(self) -> bool:
-        """Whether every margin is there."""
-        return self.gain_db > 0.0 and self.gain_down_db > 0.0 and self.phase_deg > 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,31 +125,43 @@ class Loop:
     def actuation(self, frequency: FloatArray) -> ComplexArray:
         """(f,) response of the actuators, between the probes by gain and by delay."""
         known, response = self.actuators
-        lag = -np.unwrap(np.angle(response)) / known
+        lags = np.empty(len(known))
+        lag = 0.0
+        for at, (w, value) in enumerate(zip(known, response, strict=True)):
+            # A delay turns the phase by more than half a turn from probe to probe, but changes little itself.
+            lag -= float(np.angle(value * np.exp(1j * w * lag))) / w
+            lags[at] = lag
         gain = np.interp(frequency, known, np.abs(response))
-        return np.asarray(gain * np.exp(-1j * frequency * np.interp(frequency, known, lag)))
+        return np.asarray(gain * np.exp(-1j * frequency * np.interp(frequency, known, lags)))
 
-    def lag(self) -> float:
-        """All that delays the loop, in s at low frequency: half a period each of holding and difference, the rest."""
-        known, response = self.actuators
-        return self.delay + self.law.period + self.law.rate_filter + float(-np.angle(response[0]) / known[0])
+    def lag(self, frequency: float) -> float:
+        """All that delays the loop, in s, at ``frequency`` in rad/s; holding and difference take half a period each."""
+        response = complex(self.actuation(np.array([frequency]))[0])
+        late = self.delay + self.law.period + self.law.rate_filter
+        return late - float(np.angle(response)) / frequency
 
     def margins(self) -> Margins:
         """From the transfer over five decades up to half the sampling frequency."""
         highest = math.pi / self.law.period
         frequency = np.geomspace(1e-5 * highest, highest * (1.0 - 1e-9), _FREQUENCIES)
         response = self.transfer(frequency)
-        x, size = np.log(frequency), np.log(np.abs(response))
+        x, size = np.log(frequency), np.log(np.maximum(np.abs(response), _NOTHING))
         # The phase above -180 degrees; at low frequency, as of a constant, 1/s or 1/s^2, between none and 180.
         above = np.unwrap(np.angle(response)) + math.pi
         above -= 2.0 * math.pi * round((above[0] - 0.5 * math.pi) / (2.0 * math.pi))
         unity = [(float(np.interp(at, x, above)), math.exp(at)) for at, _ in _crossings(x, size)]
         real = [(float(np.interp(at, x, size)), falling) for at, falling in _crossings(x, above)]
+        beyond = [(gain, falling) for gain, falling in real if gain > 0.0]
+        stable = sum(1 if falling else -1 for _, falling in beyond) == 0
+        up = min((-gain for gain, _ in real if gain <= 0.0), default=math.inf)
+        down = min((gain for gain, _ in beyond), default=math.inf)
+        phases = [(phase % (2.0 * math.pi) if stable else phase, at) for phase, at in unity]
         return Margins(
-            gain_db=min((-_decibel(gain) for gain, falling in real if falling), default=math.inf),
-            gain_down_db=min((_decibel(gain) for gain, falling in real if not falling), default=math.inf),
-            phase_deg=math.degrees(min((phase for phase, _ in unity), default=math.nan)),
-            delay_s=min((phase / at for phase, at in unity), default=math.nan),
+            stable=stable,
+            gain_db=_decibel(up if stable else -max(gain for gain, _ in beyond)),
+            gain_down_db=_decibel(down),
+            phase_deg=math.degrees(min((phase for phase, _ in phases), default=math.nan)),
+            delay_s=min((phase / at for phase, at in phases), default=math.nan),
             crossover=max((at for _, at in unity), default=math.nan),
             sensitivity_peak=float(np.max(np.abs(1.0 / (1.0 + response)))),
         )
@@ -230,7 +241,7 @@ def largest_bandwidth(loop_of: Callable[[float], Loop], limit: float) -> float:
         loop = loop_of(float(bandwidth))
         found = loop.margins()
         comfortable = found.phase_deg >= _PHASE_MARGIN and found.sensitivity_peak <= _SENSITIVITY_PEAK
-        if comfortable and found.stable and found.delay_s >= loop.lag():
+        if comfortable and found.stable and found.delay_s >= loop.lag(found.crossover):
             return float(bandwidth)
     raise DataError(
         f"no bandwidth above {BANDWIDTHS[0]:g} rad/s leaves a comfortable margin: the loop is delayed too much.",
