@@ -136,15 +136,17 @@ def _show_detectable(console: Console, diagnosis: Diagnosis) -> None:
 def show_control(console: Console, result: Control) -> None:
     """Print the controller: gains, margins, and the closed-loop runs."""
     law, margins, spread = result.law, result.margins, result.spread
-    gains = f"[bold]kp {law.kp:.5g} N m/rad, kd {law.kd:.5g} N m s/rad[/bold]"
+    inertia = result.model.inertia
     lines = [
-        f"{gains}: damping ratio {result.damping:.3f}, bandwidth {result.bandwidth:.3g} rad/s, with the yaw inertia",
+        f"[bold]kp {law.kp:.5g} N m/rad, kd {law.kd:.5g} N m s/rad[/bold]",
+        f"damping ratio {result.damping:.3f}, bandwidth {result.bandwidth:.3g} rad/s; yaw inertia {inertia:.5g} kg m²",
         f"sampled every {law.period:g} s, rate low-passed over {law.rate_filter:.2g} s; in all {result.lag:.2g} s late",
     ]
     if margins.stable:
+        spare = f"delay {number(margins.delay_s, '.2f')} s, lag {number(margins.lag_s, '.2f')} s"
         lines.append(
-            f"margins: gain {_decibels(margins.gain_db)}, phase {number(margins.phase_deg, '.0f')} deg, delay "
-            f"{number(margins.delay_s, '.2f')} s; sensitivity peak {margins.sensitivity_peak:.2f}"
+            f"margins: gain {_decibels(margins.gain_db)}, phase {number(margins.phase_deg, '.0f')} deg, {spare}; "
+            f"sensitivity peak {margins.sensitivity_peak:.2f}"
         )
     else:
         lines.append("[bold]The loop is unstable about rest with these gains.[/bold]")

@@ -322,7 +322,7 @@ def control(
         float | None,
         typer.Option(
             metavar="RAD/S",
-            help="Natural frequency wanted. If not given the largest with a phase margin of 50 deg, a sensitivity peak "
+            help="Natural frequency wanted. If not given the largest with a phase margin of 45 deg, a sensitivity peak "
             "of 1.6 and room for twice the delay there is, that noise and actuators allow.",
             show_default=False,
         ),

@@ -318,6 +318,7 @@ def control_document(result: Control, warnings: Sequence[str]) -> Document:
         "margins": {"gain_db": margins.gain_db, "phase_deg": margins.phase_deg, "delay_s": margins.delay_s},
         "stable": margins.stable,
         "gain_down_db": margins.gain_down_db,
+        "lag_margin_s": margins.lag_s,
         "crossover": margins.crossover,
         "sensitivity_peak": margins.sensitivity_peak,
         "lag": {

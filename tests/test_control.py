@@ -230,6 +230,8 @@ def test_margins_are_those_of_an_independent_computation(controller: Law, sample
     assert found.phase_deg == pytest.approx(math.degrees(phase), abs=0.05)
     assert found.delay_s == pytest.approx(phase / w[unity[0]], rel=2e-3)
     assert found.gain_db == pytest.approx(-20.0 * math.log10(np.abs(response[real[0]])), abs=0.05)
+    lagged = response / (1.0 + 1j * w * found.lag_s)
+    assert np.min(np.abs(1.0 + lagged)) < 2e-3  # it touches -1
     assert found.sensitivity_peak == pytest.approx(np.max(1.0 / np.abs(1.0 + response)), rel=1e-3)
     assert found.stable
 
@@ -254,6 +256,15 @@ def test_the_loop_breaks_just_beyond_its_delay_margin(key: str) -> None:
     # It grows from a step of half a degree until drag and thrust limit it.
     assert end > 2.0
     assert end > 0.99 * middle
+
+
+@pytest.mark.parametrize("share", [0.85, 1.15])
+def test_the_loop_breaks_at_its_lag_margin(share: float) -> None:
+    controller = law(1200.0, 3500.0)
+    late = with_effect("thruster_lag", share * loop(controller).margins().lag_s)
+    assert loop(controller, model=late).margins().stable is (share < 1.0)
+    middle, end = swing(late, controller, 0.0, late)
+    assert (end < 0.7 * middle) if share < 1.0 else end > 2.0
 
 
 @pytest.mark.parametrize("share", [0.85, 1.15])
@@ -378,6 +389,9 @@ def test_generated_c_and_python_are_the_simulated_controller(generated: tuple[La
 # Random vehicles
 
 
+BY_AMPLITUDE = {"thruster_lag:rotor", "command_hysteresis", "command_hysteresis:schmitt", "slew_limit"}
+
+
 def random_vehicle(seed: int) -> tuple[Model, Vehicle, Setting]:
     """An identified vehicle with one to three effects that diagnosis found, of sizes that trials show."""
     rng = np.random.default_rng([2026, seed])
@@ -395,7 +409,7 @@ def random_vehicle(seed: int) -> tuple[Model, Vehicle, Setting]:
     values = []
     for effect in chosen.values():
         for k, parameter in enumerate(effect.parameters):
-            share = rng.uniform(0.3, 1.0) if k == 0 else 1.0
+            share = rng.uniform(0.3, 2.0) if k == 0 else 1.0
             first = parameter.starts[0] * scales.of(parameter)
             null = parameter.null * scales.of(parameter)
             away = first if effect.id == "slew_limit" else null + share * (first - null)
@@ -429,9 +443,11 @@ def test_a_random_vehicle_keeps_its_heading_within_predicted_margins(seed: int) 
         assert found.steady_error_deg < 0.6
         # What a play or a dead zone leaves, if anything.
         assert found.limit_cycle is None or found.limit_cycle.amplitude_deg < 0.1
-    # The predicted delay margin: stable with 15 % less, unstable with 15 % more.
+    # The predicted delay margin: stable with 15 % less, unstable with 15 % more; where the lag goes with the amplitude,
+    # which is smaller here than the torque in use that the margins are of, with 40 %.
     swings = []
-    for share in (0.85, 1.15):
+    reach = 0.4 if {effect.key for effect in model.effects} & BY_AMPLITUDE else 0.15
+    for share in (1.0 - reach, 1.0 + reach):
         late = replace(plant.quiet(), delay=share * predicted.delay_s)
         goal = np.full(round(100.0 / bandwidth / controller.period), math.radians(101.0))
         course = run_closed(controller, allocation, late, goal, math.radians(100.0))
@@ -473,7 +489,7 @@ def test_control_of_a_trial_day_writes_its_source(rovid: Rovid, csv_day: Path, t
     assert rovid("fit-inertia").code == 0
     done = rovid("control", "--step", "350:10", "--c", "out.c", "--python", "out.py", "--json").document
     assert done["damping_ratio"] == pytest.approx(0.7)
-    assert done["margins"]["phase_deg"] >= 50.0
+    assert done["margins"]["phase_deg"] >= 45.0
     turn = next(run for run in done["runs"] if run["name"] == "350 to 10 deg")
     assert turn["steady_error_deg"] < 0.6
     assert turn["overshoot_deg"] < 5.0  # it goes through north, not around

@@ -33,7 +33,7 @@ from rovid.vehicle import Thruster, Vehicle
 _DISTURBANCE, _PUSH = 0.02, 0.1
 _WAVE_PERIOD = 8.0  # s
 # The rate's filter, as a share of one over the bandwidth and in periods of the controller.
-_FILTER_SHARE, _FILTER_PERIODS = 0.1, 2.0
+_FILTER_SHARE, _FILTER_PERIODS = 0.05, 2.0
 # rad of heading error that may ask for all the torque there is; share of the torque in use that the noise may ask for.
 _FULL_TORQUE_ERROR, _NOISE_SHARE = 0.2, 0.1
 # Of the paper's instrument, and of a vehicle that is known by its parameters alone.

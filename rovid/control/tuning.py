@@ -29,7 +29,7 @@ _FREQUENCIES = 1200
 _FOLDS = np.arange(-15, 16)
 _NUDGE = 1e-4  # rad, rad/s
 _NOTHING = 1e-30  # of a gain
-_PHASE_MARGIN, _SENSITIVITY_PEAK = 50.0, 1.6
+_PHASE_MARGIN, _SENSITIVITY_PEAK = 45.0, 1.6
 BANDWIDTHS = np.geomspace(0.01, 20.0, 120)
 # Of the identified inertia, when it is drawn from its uncertainty.
 _LEAST_INERTIA = 0.2
@@ -61,6 +61,8 @@ class Margins:
         The gain may rise, or fall, by so much; infinite where nothing limits it.
     phase_deg, delay_s
         NaN where the gain never crosses one.
+    lag_s
+        Time constant of a further first-order lag that the loop stands.
     crossover
         rad/s; the highest frequency at which the gain is one.
     sensitivity_peak
@@ -72,6 +74,7 @@ class Margins:
     gain_down_db: float
     phase_deg: float
     delay_s: float
+    lag_s: float
     crossover: float
     sensitivity_peak: float
 
@@ -162,9 +165,18 @@ class Loop:
             gain_down_db=_decibel(down),
             phase_deg=math.degrees(min((phase for phase, _ in phases), default=math.nan)),
             delay_s=min((phase / at for phase, at in phases), default=math.nan),
+            lag_s=_lag_margin(frequency, response) if stable else 0.0,
             crossover=max((at for _, at in unity), default=math.nan),
             sensitivity_peak=float(np.max(np.abs(1.0 / (1.0 + response)))),
         )
+
+
+def _lag_margin(frequency: FloatArray, response: ComplexArray) -> float:
+    """The least t in s with L/(1 + jwt) = -1: where the real part of L is -1, its imaginary part is -w*t."""
+    x = np.log(frequency)
+    at = np.array([place for place, _ in _crossings(x, response.real + 1.0)])
+    lags = -np.interp(at, x, response.imag) / np.exp(at)
+    return float(np.min(lags[lags > 0.0], initial=math.inf))
 
 
 def _crossings(x: FloatArray, y: FloatArray) -> list[tuple[float, bool]]:
@@ -228,7 +240,7 @@ def actuators(
 def largest_bandwidth(loop_of: Callable[[float], Loop], limit: float) -> float:
     """The largest bandwidth in rad/s below ``limit`` at which the margins are comfortable.
 
-    Phase margin 50 degrees, sensitivity peak 1.6, and a delay margin of as long as all that delays the loop already.
+    Phase margin 45 degrees, sensitivity peak 1.6, and a delay margin of as long as all that delays the loop already.
 
     Raises
     ------
