@@ -143,7 +143,8 @@ def show_control(console: Console, result: Control) -> None:
         f"sampled every {law.period:g} s, rate low-passed over {law.rate_filter:.2g} s; in all {result.lag:.2g} s late",
     ]
     if margins.stable:
-        spare = f"delay {number(margins.delay_s, '.2f')} s, lag {number(margins.lag_s, '.2f')} s"
+        lag = f"{margins.lag_s:.2f} s" if math.isfinite(margins.lag_s) else "of any length"
+        spare = f"delay {number(margins.delay_s, '.2f')} s, lag {lag}"
         lines.append(
             f"margins: gain {_decibels(margins.gain_db)}, phase {number(margins.phase_deg, '.0f')} deg, {spare}; "
             f"sensitivity peak {margins.sensitivity_peak:.2f}"
