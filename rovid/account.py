@@ -7,6 +7,7 @@ import math
 from rich.console import Console
 from rich.markup import escape
 
+from rovid.control.design import Control, RunResult
 from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.diagnosis import Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
@@ -130,3 +131,70 @@ def _show_detectable(console: Console, diagnosis: Diagnosis) -> None:
             effect.parameters[0].unit,
         )
     console.print(rows)
+
+
+def show_control(console: Console, result: Control) -> None:
+    """Print the controller: gains, margins, and the closed-loop runs."""
+    law, margins, spread = result.law, result.margins, result.spread
+    inertia = result.model.inertia
+    lines = [
+        f"[bold]kp {law.kp:.5g} N m/rad, kd {law.kd:.5g} N m s/rad[/bold]",
+        f"damping ratio {result.damping:.3f}, bandwidth {result.bandwidth:.3g} rad/s; yaw inertia {inertia:.5g} kg m²",
+        f"sampled every {law.period:g} s, rate low-passed over {law.rate_filter:.2g} s; in all {result.lag:.2g} s late",
+    ]
+    if margins.stable:
+        lag = f"{margins.lag_s:.2f} s" if math.isfinite(margins.lag_s) else "of any length"
+        spare = f"delay {number(margins.delay_s, '.2f')} s, lag {lag}"
+        lines.append(
+            f"margins: gain {_decibels(margins.gain_db)}, phase {number(margins.phase_deg, '.0f')} deg, {spare}; "
+            f"sensitivity peak {margins.sensitivity_peak:.2f}"
+        )
+    else:
+        lines.append("[bold]The loop is unstable about rest with these gains.[/bold]")
+    if spread is not None:
+        lines.append(
+            f"over the parameters' uncertainty ({spread.draws} draws): {100.0 * spread.stable:.0f} % stable; 95 % have "
+            f"gain {_decibels(spread.gain_db)}, phase {spread.phase_deg:.0f} deg, delay {spread.delay_s:.2f} s or more"
+        )
+    lines.append(
+        f"torque from {law.lowest:.0f} to {law.highest:.0f} N m"
+        if result.allocation.limited
+        else "no thrusters are known: the torque itself is commanded, without limit"
+    )
+    for line in lines:
+        console.print(line, highlight=False)
+    rows = table(
+        "Closed-loop runs, with 2 % of the torque in use as disturbance",
+        *("run", "effects", "model aid", "63 % s", "rise s", "settled s", "overshoot deg", "steady deg", "effort N m"),
+        "limit cycle",
+        left=3,
+    )
+    name = ""
+    for run in result.runs:
+        if run.name != name:
+            rows.add_section()
+        rows.add_row(escape(run.name) if run.name != name else "", *_run_cells(run))
+        name = run.name
+    console.print(rows)
+    if result.model.effects:
+        keys = ", ".join(effect.key for effect in result.model.effects)
+        console.print(f"effects: {escape(keys)}; an aid that is extended knows of them", highlight=False)
+
+
+def _run_cells(run: RunResult) -> list[str]:
+    found, cycle = run.measures, run.measures.limit_cycle
+    return [
+        "all" if run.effects else "none",
+        ("extended" if run.effects_known else "drag") if run.model_aid else "–",
+        number(found.time_constant, ".1f"),
+        number(found.rise_time, ".1f"),
+        number(found.settling_time, ".1f"),
+        number(found.overshoot_deg, ".1f"),
+        number(found.steady_error_deg, ".2f"),
+        number(found.effort, ".1f"),
+        "–" if cycle is None else f"±{cycle.amplitude_deg:.2f} deg, {cycle.period_s:.3g} s",
+    ]
+
+
+def _decibels(value: float) -> str:
+    return f"{value:.1f} dB" if math.isfinite(value) else "without limit"

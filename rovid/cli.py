@@ -308,6 +308,88 @@ def simulate(
 
 
 @app.command()
+def control(
+    logs: OptionalLogs = None,
+    *,
+    kp: Annotated[
+        float | None, typer.Option(metavar="NM/RAD", help="Gain on heading; with --kd.", show_default=False)
+    ] = None,
+    kd: Annotated[
+        float | None, typer.Option(metavar="NMS/RAD", help="Gain on yaw rate; with --kp.", show_default=False)
+    ] = None,
+    damping: Annotated[float, typer.Option(metavar="RATIO", help="Damping ratio wanted.")] = 0.7,
+    bandwidth: Annotated[
+        float | None,
+        typer.Option(
+            metavar="RAD/S",
+            help="Natural frequency wanted. If not given the largest with a phase margin of 45 deg, a sensitivity peak "
+            "of 1.6 and room for twice the delay there is, that noise and actuators allow.",
+            show_default=False,
+        ),
+    ] = None,
+    period: Annotated[float, typer.Option(metavar="S", help="Of the controller.")] = 0.1,
+    delay: Annotated[float, typer.Option(metavar="S", help="From a heading to the command that it leads to.")] = 0.0,
+    rate_filter: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Low pass of the rate; chosen if not given.", show_default=False),
+    ] = None,
+    step: Annotated[
+        list[str] | None,
+        typer.Option(metavar="FROM:TO", help="A further run in deg; may be given again.", show_default=False),
+    ] = None,
+    c: Annotated[
+        Path | None, typer.Option("--c", metavar="FILE", help="Write the controller as C.", show_default=False)
+    ] = None,
+    python: Annotated[
+        Path | None, typer.Option("--python", metavar="FILE", help="Write it as Python.", show_default=False)
+    ] = None,
+    parameters: ParameterFile = DEFAULT_PARAMETERS,
+    json: Json = False,
+) -> None:
+    """Heading controller for the identified vehicle: gains, margins, closed-loop runs with every effect found.
+
+    Model-aided PD: drag and inertia from the model, PD on heading and yaw rate. The damping ratio is that of the
+    identified yaw inertia.
+
+    Example: rovid control --step 0:45
+    """
+    from rovid.account import show_control
+    from rovid.control.design import Options, control_of, setting_of
+    from rovid.control.generate import c_source, python_source
+    from rovid.documents import control_document
+    from rovid.output import write_atomic
+    from rovid.parameters import read_parameters
+    from rovid.terminal import show_warnings
+
+    options = Options(
+        kp=kp,
+        kd=kd,
+        damping=damping,
+        bandwidth=bandwidth,
+        period=period,
+        delay=delay,
+        rate_filter=rate_filter,
+        steps=tuple(step or ()),
+    )
+    stored = read_parameters(parameters)
+    model = stored.model()
+    study = _open(logs or _remembered(stored), None)
+    study.require(model.effects)
+    setting = setting_of(options, model, study.heading_noise(), study.torque_in_use())
+    with _busy("Closing the loop …"):
+        result = control_of(stored, study.vehicle, setting, options)
+    for target, source in ((c, c_source), (python, python_source)):
+        if target is not None:
+            write_atomic(target, source(result.law))
+    warnings = [*study.remarks(), *(stored.changed_sources(study.campaign) if study.campaign else ())]
+    if json:
+        _print_json(control_document(result, warnings))
+    else:
+        show_control(_console(), result)
+        show_warnings(_console(), warnings)
+
+
+@app.command()
 def report(
     logs: OptionalLogs = None,
     *,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rovid.control.design import Control, RunResult
 from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.diagnosis import Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
@@ -303,6 +304,54 @@ def _trial_simulation(item: TrialSimulation) -> Document:
         "yaw_rate_rmse": item.fit.rmse,
         "heading_error_10s": item.heading_errors[10.0],
         "heading_error_60s": item.heading_errors[60.0],
+    }
+
+
+def control_document(result: Control, warnings: Sequence[str]) -> Document:
+    """What `rovid control --json` prints; times in s, angles in deg, torques in N m, frequencies in rad/s."""
+    law, margins, spread = result.law, result.margins, result.spread
+    return {
+        "schema": "rovid-control/1",
+        "gains": {"kp": law.kp, "kd": law.kd},
+        "damping_ratio": result.damping,
+        "bandwidth": result.bandwidth,
+        "margins": {"gain_db": margins.gain_db, "phase_deg": margins.phase_deg, "delay_s": margins.delay_s},
+        "stable": margins.stable,
+        "gain_down_db": margins.gain_down_db,
+        "lag_margin_s": margins.lag_s,
+        "crossover": margins.crossover,
+        "sensitivity_peak": margins.sensitivity_peak,
+        "lag": {
+            "total": result.lag,
+            "delay": result.setting.delay,
+            "period": law.period,
+            "rate_filter": law.rate_filter,
+        },
+        "torque_limits": [law.lowest, law.highest],
+        "torque_in_use": result.setting.torque_in_use,
+        "monte_carlo": None if spread is None else vars(spread),
+        "effects": [effect.key for effect in result.model.effects],
+        "runs": [_closed_run(run) for run in result.runs],
+        "units": {"kp": "N m/rad", "kd": "N m s/rad", "bandwidth": "rad/s", "crossover": "rad/s", "effort": "N m"},
+        "warnings": list(warnings),
+    }
+
+
+def _closed_run(run: RunResult) -> Document:
+    found = run.measures
+    return {
+        "name": run.name,
+        "effects": list(run.effects),
+        "model_aid": run.model_aid,
+        "effects_known": run.effects_known,
+        "time_constant": found.time_constant,
+        "rise_time": found.rise_time,
+        "settling_time": found.settling_time,
+        "overshoot_deg": found.overshoot_deg,
+        "steady_error_deg": found.steady_error_deg,
+        "effort": found.effort,
+        "effort_change": found.effort_change,
+        "limit_cycle": None if found.limit_cycle is None else vars(found.limit_cycle),
     }
 
 

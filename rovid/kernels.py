@@ -194,6 +194,49 @@ def _advance(state: Any, change: Any, h: float, out: Any) -> None:
 
 
 @_compiled
+def advance(
+    r: float,
+    a: float,
+    push: float,
+    race: float,
+    interval: float,
+    base: Any,
+    terms: Any,
+    kinds: Any,
+    state: Any,
+    work: Any,
+    stiffness: float,
+) -> Any:
+    """One interval of ``simulate_effects``, for a loop that is closed outside.
+
+    Parameters
+    ----------
+    state, work
+        (m, 2) states of the effects, moved on; (2, m, 2) room.
+    stiffness
+        1/s, as the interval before returned it; 0 at the start.
+
+    Returns
+    -------
+    rate, angle, stiffness
+        At the interval's end.
+    """
+    base[5] = race
+    balance = math.sqrt(abs(push) / base[1]) if base[1] > 0.0 else 0.0
+    if base[2] > 0.0:
+        balance = min(balance, abs(push) / base[2]) if base[1] > 0.0 else 0.0
+    stiffness = max(stiffness, base[4], (2.0 * base[1] * max(abs(r), balance) + base[2]) / base[0])
+    wanted = interval * stiffness / _EFFECTS_STEP_SHARE
+    steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
+    h = interval / steps
+    stiffness = base[4]
+    for _ in range(steps):
+        r, a, damping = _substep(r, a, push, base, terms, kinds, state, work[0], work[1], h)
+        stiffness = max(stiffness, damping)
+    return r, a, stiffness
+
+
+@_compiled
 def simulate_effects(
     time: FloatArray,
     torque: FloatArray,
@@ -223,23 +266,12 @@ def simulate_effects(
     rate, angle = np.empty(n), np.empty(n)
     r, a = start
     rate[0], angle[0] = r, a
-    state = np.zeros((len(terms), TERM_STATES))
-    middle, change = np.zeros_like(state), np.zeros_like(state)
-    stiffness = max(base[2] / base[0], base[4])
+    state, work = np.zeros((len(terms), TERM_STATES)), np.zeros((2, len(terms), TERM_STATES))
+    stiffness = 0.0
     for k in range(n - 1):
-        base[5] = race[k]
-        interval = time[k + 1] - time[k]
-        balance = math.sqrt(abs(torque[k]) / base[1]) if base[1] > 0.0 else 0.0
-        if base[2] > 0.0:
-            balance = min(balance, abs(torque[k]) / base[2]) if base[1] > 0.0 else 0.0
-        stiffness = max(stiffness, (2.0 * base[1] * max(abs(r), balance) + base[2]) / base[0])
-        wanted = interval * stiffness / _EFFECTS_STEP_SHARE
-        steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
-        h = interval / steps
-        stiffness = base[4]
-        for _ in range(steps):
-            r, a, damping = _substep(r, a, torque[k], base, terms, kinds, state, middle, change, h)
-            stiffness = max(stiffness, damping)
+        r, a, stiffness = advance(
+            r, a, torque[k], race[k], time[k + 1] - time[k], base, terms, kinds, state, work, stiffness
+        )
         rate[k + 1], angle[k + 1] = r, a
     return rate, angle
 

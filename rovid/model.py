@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rovid.effects import MOTION, Effect, effect_named
+from rovid.effects import MOTION, Actuation, Effect, effect_named
 from rovid.effects.base import TERM_PARAMETERS, actuation, finer
 from rovid.rates import body_angle, on_grid, uniform_grid
 from rovid.trial import FloatArray, Trial
@@ -108,9 +108,12 @@ class Model:
 
     def base(self, trial: Trial) -> FloatArray:
         """(6,) inertia, drags, first heading, the fastest state of the effects and room, as the kernels take them."""
-        first = int(np.argmax(trial.measured))
+        return self.base_from(float(trial.heading[int(np.argmax(trial.measured))]))
+
+    def base_from(self, heading: float) -> FloatArray:
+        """As ``base``, with the first ``heading`` in rad."""
         fastest = max((e.fastest(e.values(numbers)) for e, numbers in self._each() if e.fastest), default=0.0)
-        return np.array([self.inertia, self.quadratic_drag, self.linear_drag, trial.heading[first], fastest, 0.0])
+        return np.array([self.inertia, self.quadratic_drag, self.linear_drag, heading, fastest, 0.0])
 
     def terms(self) -> tuple[FloatArray, NDArray[np.int64]]:
         """(m, 4) parameters of each term of the equation of motion; (m,) its index in ``MOTION``."""
@@ -146,16 +149,23 @@ class Model:
             gain = gain + (ahead - behind) / (2.0 * _NUDGE)
         return angle, gain
 
+    def deviation(self, heading: FloatArray) -> FloatArray:
+        """(n,) rad by which the instrument's heading is off at the (n,) true headings in rad."""
+        off = np.zeros(len(heading))
+        for effect, numbers in self._each():
+            if effect.on_heading is not None:
+                off += effect.on_heading(heading, effect.values(numbers))
+        return off
+
     def _as_measured(self, heading: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Heading and rate as an instrument with these deviations would give them."""
-        gain, deviation = np.ones(len(heading)), np.zeros(len(heading))
+        gain = np.ones(len(heading))
         for effect, numbers in self._each():
             if effect.on_heading is not None:
                 values = effect.values(numbers)
                 ahead, behind = (effect.on_heading(heading + side, values) for side in (_NUDGE, -_NUDGE))
                 gain += (ahead - behind) / (2.0 * _NUDGE)
-                deviation += effect.on_heading(heading, values)
-        return heading + deviation, rate * gain
+        return heading + self.deviation(heading), rate * gain
 
     def _each(self) -> list[tuple[Effect, FloatArray]]:
         widths = np.cumsum([0, *(len(effect.parameters) for effect in self.effects)])
@@ -187,9 +197,18 @@ class Model:
         if not self.acts_on_drive:
             drive = Drive.held(vehicle.torque(trial))
             return drive if at is None else drive.between(trial.time, at)
-        parts = parts if any(effect.quick for effect in self.effects) else 1
-        where = actuation(vehicle, trial, parts)
-        command = finer(trial.commands, parts)
+        parts = min(parts, self.parts)
+        return self.driven(vehicle, actuation(vehicle, trial, parts), finer(trial.commands, parts), at)
+
+    @property
+    def parts(self) -> int:
+        """How many parts each interval between two instants has to be cut into for the drive."""
+        return MOST_PARTS if any(effect.quick for effect in self.effects) else 1
+
+    def driven(
+        self, vehicle: Vehicle, where: Actuation, command: FloatArray, at: NDArray[np.intp] | None = None
+    ) -> Drive:
+        """As ``drive``, of (n, k) commands at the instants ``where`` says, each interval cut into ``where.parts``."""
         for effect, numbers in self._each():
             if effect.on_command is not None:
                 command = effect.on_command(where, command, effect.values(numbers))
@@ -202,9 +221,10 @@ class Model:
             if effect.on_torque is not None:
                 torque = effect.on_torque(where, torque, effect.values(numbers))
         drive = Drive.held(torque, np.sqrt(np.abs(thrust)) @ where.arms**2)
-        if at is None and parts == 1:
+        if at is None and where.parts == 1:
             return drive
-        return drive.between(where.time, parts * (np.arange(len(trial.time)) if at is None else at))
+        every = np.arange((len(where.time) - 1) // where.parts + 1)
+        return drive.between(where.time, where.parts * (every if at is None else at))
 
     def drag(self, rate: FloatArray) -> FloatArray:
         """Drag torque in N m at ``rate`` in rad/s."""

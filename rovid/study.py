@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from rovid.config import find_config, load_config, vehicle_of_tables
 from rovid.diagnose.amplitudes import Amplitudes, explain
 from rovid.diagnose.diagnosis import Diagnosis, diagnose
@@ -135,6 +137,21 @@ class Study:
         drag = None if steady is None else self.drag().estimate
         rigid_body = self.vehicle.rigid_body_inertia
         return explain(read_table(self.sine), steady, drag, self.inertia(drag), rigid_body)
+
+    def heading_noise(self) -> float | None:
+        """Median standard deviation of the headings' noise in rad; None for tables."""
+        return None if self.runs is None else self.runs.noise()[0]
+
+    def torque_in_use(self) -> float | None:
+        """Median size in N m of the torque while there was any; None where the study has none."""
+        if self.runs is not None:
+            torque = np.abs(np.concatenate([run.torque for run in self.runs.items]))
+        elif self.steady is not None:
+            torque = np.abs([point.torque for point in points_from_table(read_table(self.steady))])
+        else:
+            return None
+        acting = torque[torque > 0.0]
+        return float(np.median(acting)) if acting.size else None
 
     def diagnosis(self, report: Callable[[str], None] = lambda _: None) -> Diagnosis:
         """What the simulation gets wrong and why; ``report`` is told how far it is.

@@ -30,6 +30,7 @@ HOUSE = [
     "diagnose",
     "output",
     "parameters",
+    "control",
     "study",
     "documents",
     "check",

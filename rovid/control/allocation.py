@@ -1,0 +1,98 @@
+"""From torque to commands: the inverse of what the thrusters give, held long enough."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rovid.effects.base import Actuation, neutral_commands
+from rovid.effects.base import actuation as actuation_of
+from rovid.model import Model
+from rovid.trial import FloatArray, Trial
+from rovid.vehicle import Vehicle
+
+_LEVELS = 501
+# Of the largest torque: as good as none.
+_TINY = 1e-9
+# N m; a logged torque is commanded itself, and only then may the grid be so wide.
+_UNLIMITED = np.append(0.0, np.geomspace(1e-2, 1e6, _LEVELS - 1))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Allocation:
+    """Every thruster at the same share of its commands beyond its dead zone, in the sense that turns the vehicle.
+
+    Attributes
+    ----------
+    torque, commands
+        (m,) N m, increasing, and (m, k); at no torque the commands jump over the dead zone.
+    limited
+        Whether the ends of a bench curve limit the torque.
+    """
+
+    torque: FloatArray
+    commands: FloatArray
+    limited: bool
+
+    @property
+    def lowest(self) -> float:
+        """N m; the largest torque that turns the heading down."""
+        return float(self.torque[0]) if self.limited else -math.inf
+
+    @property
+    def highest(self) -> float:
+        """N m; the largest torque that turns the heading up."""
+        return float(self.torque[-1]) if self.limited else math.inf
+
+    def __call__(self, torque: FloatArray) -> FloatArray:
+        """(n, k) commands that give (n,) ``torque`` in N m, or as much of it as there is."""
+        return np.column_stack([np.interp(torque, self.torque, column) for column in self.commands.T])
+
+
+def allocate(vehicle: Vehicle, model: Model) -> Allocation:
+    """Invert what ``vehicle`` gives under ``model``'s effects with commands that are held.
+
+    A logged torque is commanded itself, without limit.
+    """
+    neutral = neutral_commands(vehicle)
+    (up, forward), (down, backward) = (_half(vehicle, model, way) for way in (1.0, -1.0))
+    return Allocation(
+        torque=np.concatenate((-down[::-1], [0.0], up)),
+        commands=np.concatenate((backward[::-1], [neutral], forward)),
+        limited=any(thruster.curve is not None for thruster in vehicle.thrusters),
+    )
+
+
+def bare_actuation(vehicle: Vehicle, time: FloatArray, parts: int = 1) -> Actuation:
+    """What effects need to know of ``vehicle`` at the instants ``time``, without further channels."""
+    nothing = np.zeros(len(time))
+    trial = Trial(
+        name="", path=Path(), time=time, heading=nothing, commands=np.zeros((len(time), len(vehicle.thrusters)))
+    )
+    return actuation_of(vehicle, trial, parts)
+
+
+def _half(vehicle: Vehicle, model: Model, way: float) -> tuple[FloatArray, FloatArray]:
+    """(m,) sizes of torque, increasing from almost none, and (m, k) their commands, turning up or down."""
+    where = bare_actuation(vehicle, np.array([0.0, 1.0]))
+    share = np.linspace(0.0, 1.0, _LEVELS)
+    columns = []
+    for at, thruster in enumerate(vehicle.thrusters):
+        push = math.copysign(1.0, thruster.yaw_arm) * way
+        if thruster.curve is None:
+            columns.append(push * _UNLIMITED)
+            continue
+        side = 1 if push > 0.0 else 0
+        edge, end = where.dead_zone[at][side], thruster.curve.command[-side]
+        columns.append(edge + share * (end - edge))
+    commands = np.column_stack(columns)
+    torque = np.array([way * model.driven(vehicle, where, np.vstack((u, u))).torque[0] for u in commands])
+    torque = np.maximum.accumulate(np.maximum(torque, 0.0))
+    # Of commands that give the same the largest, where the next torque begins; at the top the smallest.
+    keep = np.append(np.diff(torque) > 0.0, False) | (np.arange(_LEVELS) == np.searchsorted(torque, torque[-1]))
+    torque, commands = torque[keep], commands[keep]
+    torque[0] = max(torque[0], _TINY * torque[-1])
+    return torque, commands

@@ -1,0 +1,230 @@
+"""The closed loop: a controller sampled at its period, a plant integrated between the samples with all its effects."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from rovid.control.allocation import Allocation, bare_actuation
+from rovid.control.law import Law
+from rovid.effects.base import TERM_STATES, Actuation, finer
+from rovid.model import Drive, Model
+from rovid.trial import FloatArray, Trial
+from rovid.vehicle import Vehicle
+
+# s; no tick of the plant is longer, lest the mean of a torque that acts late in it be all that is known of it.
+_LONGEST_TICK = 0.1
+# s of commands that are looked back upon at each step; where neither is enough, all of them are.
+_WINDOWS = (20.0, 60.0)
+# Of the largest torque: what an effect remembers from before the window.
+_FORGOTTEN = 1e-4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plant:
+    """The vehicle as the controller meets it.
+
+    Attributes
+    ----------
+    model
+        With the effects that act.
+    delay
+        s, from a heading to the command that it leads to.
+    heading_noise
+        rad, standard deviation, white, at each of the controller's samples.
+    disturbance, memory
+        N m, standard deviation, and s, correlation time, of a coloured torque.
+    """
+
+    model: Model
+    vehicle: Vehicle
+    delay: float = 0.0
+    heading_noise: float = 0.0
+    disturbance: float = 0.0
+    memory: float = 4.0
+
+    def quiet(self) -> Plant:
+        """The same without noise and disturbance."""
+        return replace(self, heading_noise=0.0, disturbance=0.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Course:
+    """One closed-loop run.
+
+    Attributes
+    ----------
+    time
+        (n,) s, ticks of the plant.
+    heading, rate
+        (n,) as the instrument would show it without its noise, in rad; true, in rad/s.
+    wanted, torque
+        (n,) rad; (n,) N m that the controller asks for, held.
+    commands
+        (n, k), held.
+    push
+        (n,) N m from outside, held.
+    drive
+        What the commands made, tick by tick.
+    """
+
+    time: FloatArray
+    heading: FloatArray
+    rate: FloatArray
+    wanted: FloatArray
+    torque: FloatArray
+    commands: FloatArray
+    push: FloatArray
+    drive: Drive
+
+    def trial(self) -> Trial:
+        """As a log would hold it."""
+        return Trial(name="closed loop", path=Path(), time=self.time, heading=self.heading, commands=self.commands)
+
+
+def ticks(period: float) -> int:
+    """Ticks of the plant in each of the controller's periods."""
+    return max(math.ceil(period / _LONGEST_TICK - 1e-9), 1)
+
+
+def run_closed(
+    law: Law,
+    allocation: Allocation,
+    plant: Plant,
+    wanted: FloatArray,
+    start: float,
+    *,
+    push: FloatArray | None = None,
+    seed: int = 0,
+) -> Course:
+    """Run ``plant`` under ``law``, at rest at ``start`` in rad.
+
+    Parameters
+    ----------
+    wanted
+        (m,) heading in rad at each of the controller's samples.
+    push
+        (m,) further torque from outside in N m.
+
+    The effects between command and torque are those of the catalogue, on the commands of a trailing window; what they
+    make of all commands together has to be the same, and where an effect remembers more, the window is the whole run.
+    """
+    parts, m = plant.model.parts, ticks(law.period)
+    time: FloatArray = law.period / m * np.arange(len(wanted) * m + 1, dtype=np.float64)
+    outside = _from_outside(plant, time, 0.0 if push is None else np.append(np.repeat(push, m), push[-1]), seed)
+    noise = np.random.default_rng([seed, 1]).normal(0.0, 1.0, len(wanted)) * plant.heading_noise
+    where = bare_actuation(plant.vehicle, time, parts)
+    for window in (*(round(length / law.period * m) for length in _WINDOWS), len(time)):
+        course = _run(law, allocation, plant, wanted, start, time, outside, noise, where, window)
+        if window >= len(time) or not plant.model.acts_on_drive:
+            break
+        whole = plant.model.driven(plant.vehicle, where, finer(course.commands, parts))
+        reach = _FORGOTTEN * max(float(np.max(np.abs(whole.torque))), 1e-9)
+        if np.max(np.abs(whole.torque - course.drive.torque)[:-1]) <= reach:
+            break
+    return course
+
+
+def _run(
+    law: Law,
+    allocation: Allocation,
+    plant: Plant,
+    wanted: FloatArray,
+    start: float,
+    time: FloatArray,
+    outside: FloatArray,
+    noise: FloatArray,
+    where: Actuation,
+    window: int,
+) -> Course:
+    from rovid.kernels import advance
+
+    model, m, n = plant.model, ticks(law.period), len(time)
+    base, (terms, kinds) = model.base_from(start), model.terms()
+    states, work = np.zeros((len(terms), TERM_STATES)), np.zeros((2, len(terms), TERM_STATES))
+    deviates = any(effect.on_heading for effect in model.effects)
+    heading, rate, asked = np.full(n, start), np.zeros(n), np.zeros(n)
+    commands = np.zeros((n, len(plant.vehicle.thrusters)))
+    torque, moment, race = np.zeros(n), np.zeros(n), np.zeros(n)
+    angle, turning, stiffness, tick = 0.0, 0.0, 0.0, float(time[1])
+    state = None
+    for k in range(len(wanted)):
+        at = k * m
+        read = float(_at(heading, at - plant.delay / tick))
+        if deviates:
+            read += float(model.deviation(np.array([read]))[0])
+        read += noise[k]
+        state = law.start(read) if state is None else state
+        ask, state = law.step(state, read, float(wanted[k]))
+        asked[at : at + m] = ask
+        commands[at : at + m + 1] = allocation(np.array([ask]))
+        drive = _latest(model, plant.vehicle, where, commands, max(at - window, 0), at + m)
+        torque[at : at + m], moment[at : at + m], race[at : at + m] = (
+            values[-m - 1 : -1] for values in (drive.torque, drive.moment, drive.race)
+        )
+        for j in range(at, at + m):
+            turning, angle, stiffness = advance(
+                turning, angle, torque[j] + outside[j], race[j], tick, base, terms, kinds, states, work, stiffness
+            )
+            angle += moment[j] / model.inertia
+            heading[j + 1], rate[j + 1] = start + angle, turning
+    asked[-1], torque[-1], race[-1] = asked[-2], torque[-2], race[-2]
+    shown = heading + model.deviation(heading) if deviates else heading
+    held = np.append(np.repeat(wanted, m), wanted[-1])
+    return Course(
+        time=time,
+        heading=shown,
+        rate=rate,
+        wanted=held,
+        torque=asked,
+        commands=commands,
+        push=outside,
+        drive=Drive(torque, moment, race),
+    )
+
+
+def _latest(model: Model, vehicle: Vehicle, where: Actuation, commands: FloatArray, first: int, last: int) -> Drive:
+    """What the ``commands`` from the tick ``first`` to ``last`` make."""
+    parts = where.parts
+    if not model.acts_on_drive:
+        return Drive.held(vehicle.thrust(commands[last - 1 : last + 1]) @ where.arms)
+    part = replace(where, time=where.time[first * parts : last * parts + 1])
+    return model.driven(vehicle, part, finer(commands[first : last + 1], parts))
+
+
+def _at(values: FloatArray, place: float) -> float:
+    """Linear between the values at whole places; the first before."""
+    if place <= 0.0:
+        return float(values[0])
+    whole = int(place)
+    share = place - whole
+    return float(values[whole] if share == 0.0 else values[whole] + share * (values[whole + 1] - values[whole]))
+
+
+def _from_outside(plant: Plant, time: FloatArray, push: FloatArray | float, seed: int) -> FloatArray:
+    """(n,) N m: ``push``, the coloured disturbance, and the model's wave torque where ``plant`` is not quiet."""
+    rng = np.random.default_rng([seed, 0])
+    total = np.zeros(len(time)) + push
+    if plant.disturbance > 0.0:
+        total += coloured(time, plant.disturbance, plant.memory, rng)
+    wave = plant.model.wave()
+    if wave is not None and (plant.disturbance > 0.0 or plant.heading_noise > 0.0):
+        amplitude, frequency, damping = wave
+        size, memory = amplitude / math.sqrt(2.0), 1.0 / (damping * frequency)
+        # A narrow band about a frequency: two slow amplitudes in quadrature.
+        total += coloured(time, size, memory, rng) * np.cos(frequency * time)
+        total += coloured(time, size, memory, rng) * np.sin(frequency * time)
+    return total
+
+
+def coloured(time: FloatArray, size: float, memory: float, rng: np.random.Generator) -> FloatArray:
+    """(n,) first-order Gauss-Markov series of standard deviation ``size`` and correlation time ``memory`` in s."""
+    from scipy.signal import lfilter
+
+    fade = math.exp(-float(time[1] - time[0]) / memory)
+    kicks = rng.normal(0.0, size * math.sqrt(1.0 - fade**2), len(time))
+    kicks[0] = rng.normal(0.0, size)
+    return np.asarray(lfilter([1.0], [1.0, -fade], kicks))

@@ -1,0 +1,297 @@
+"""Gains from damping and bandwidth, and how far the loop is from instability."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rovid.control.allocation import Allocation, bare_actuation
+from rovid.control.law import Law, total_of_terms
+from rovid.effects.base import TERM_STATES, finer
+from rovid.errors import DataError
+from rovid.model import Model
+from rovid.parameters import Parameters
+from rovid.trial import FloatArray
+from rovid.vehicle import Vehicle
+
+ComplexArray = NDArray[np.complex128]
+
+# The actuators' response is probed at so many frequencies, from rad/s to a share of half the sampling frequency, after
+# s at least and a period of the sine.
+_PROBES, _LOWEST_PROBE, _HIGHEST_PROBE = 18, 0.02, 0.9
+_SETTLING, _FEWEST_SAMPLES = 20.0, 40
+_FREQUENCIES = 1200
+# The sampled plant's response folds back about every multiple of the sampling frequency; it falls as the cube of that.
+_FOLDS = np.arange(-15, 16)
+_NUDGE = 1e-4  # rad, rad/s
+_NOTHING = 1e-30  # of a gain
+_PHASE_MARGIN, _SENSITIVITY_PEAK = 45.0, 1.6
+BANDWIDTHS = np.geomspace(0.01, 20.0, 120)
+# Of the identified inertia, when it is drawn from its uncertainty.
+_LEAST_INERTIA = 0.2
+
+
+def gains(inertia: float, damping: float, bandwidth: float) -> tuple[float, float]:
+    """Gains kp in N m/rad and kd in N m s/rad for a ``damping`` ratio and ``bandwidth`` (natural frequency) in rad/s.
+
+    Of ``I*rdot + kd*r + kp*psi = 0``, what is left where the aid cancels the drag: Ramesh et al. 2013, eq. 13, with the
+    yaw inertia in kg m^2 where the paper has the mass.
+    """
+    return inertia * bandwidth**2, 2.0 * damping * bandwidth * inertia
+
+
+def damping_ratio(kp: float, kd: float, inertia: float) -> float:
+    """``kd / (2*sqrt(inertia*kp))``."""
+    return kd / (2.0 * math.sqrt(inertia * kp))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Margins:
+    """How much more gain, phase lag and delay the loop stands; the smallest over all its crossings.
+
+    Attributes
+    ----------
+    stable
+        By Nyquist's criterion; where it is not, the gain has to fall by -gain_db, and the phase margin is negative.
+    gain_db, gain_down_db
+        The gain may rise, or fall, by so much; infinite where nothing limits it.
+    phase_deg, delay_s
+        NaN where the gain never crosses one.
+    lag_s
+        Time constant of a further first-order lag that the loop stands.
+    crossover
+        rad/s; the highest frequency at which the gain is one.
+    sensitivity_peak
+        Largest of |1/(1 + L)|.
+    """
+
+    stable: bool
+    gain_db: float
+    gain_down_db: float
+    phase_deg: float
+    delay_s: float
+    lag_s: float
+    crossover: float
+    sensitivity_peak: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Loop:
+    """The loop about rest, opened at the torque.
+
+    Attributes
+    ----------
+    law
+        Its controller.
+    motion
+        (n, n) and (n,): states and push of the linearised motion, heading first and rate second.
+    actuators
+        Frequencies in rad/s and the (f,) response from wanted to acting torque, per interval of the controller.
+    delay
+        s, between a heading and the command that it leads to.
+    """
+
+    law: Law
+    motion: tuple[FloatArray, FloatArray]
+    actuators: tuple[FloatArray, ComplexArray]
+    delay: float = 0.0
+
+    def transfer(self, frequency: FloatArray) -> ComplexArray:
+        """(f,) L at the (f,) frequencies in rad/s, below half the sampling frequency; sampled exactly."""
+        period = self.law.period
+        matrix, push = self.motion
+        folded = frequency[:, None] + 2.0 * math.pi / period * _FOLDS
+        s = 1j * folded
+        # c adj(sI - A) b = det(sI - A + b c) - det(sI - A), with c the heading; b of the size of one.
+        own, scale = np.poly(matrix), float(np.max(np.abs(push)))
+        closed = matrix.copy()
+        closed[:, 0] -= push / scale
+        heading = scale * np.polyval(np.poly(closed) - own, s) / np.polyval(own, s)
+        # Held over the period, delayed, and sampled.
+        held = -np.expm1(-s * period) / (s * period)
+        sampled = np.sum(held * heading * np.exp(-s * self.delay), axis=1)
+        return np.asarray(self.controller(frequency) * self.actuation(frequency) * sampled)
+
+    def controller(self, frequency: FloatArray) -> ComplexArray:
+        """(f,) wanted torque per heading, with its sign turned."""
+        law = self.law
+        back = np.exp(-1j * frequency * law.period)
+        rate = law.blend * (1.0 - back) / law.period / (1.0 - (1.0 - law.blend) * back)
+        # What the law does against torques at rest has a slope at the heading it starts from.
+        slope = (law.holding(_NUDGE, _NUDGE) - law.holding(-_NUDGE, -_NUDGE)) / (2.0 * _NUDGE)
+        return np.asarray(law.kp - slope + (law.kd - law.linear_drag) * rate)
+
+    def actuation(self, frequency: FloatArray) -> ComplexArray:
+        """(f,) response of the actuators, between the probes by gain and by delay."""
+        known, response = self.actuators
+        lags = np.empty(len(known))
+        lag = 0.0
+        for at, (w, value) in enumerate(zip(known, response, strict=True)):
+            # A delay turns the phase by more than half a turn from probe to probe, but changes little itself.
+            lag -= float(np.angle(value * np.exp(1j * w * lag))) / w
+            lags[at] = lag
+        gain = np.interp(frequency, known, np.abs(response))
+        return np.asarray(gain * np.exp(-1j * frequency * np.interp(frequency, known, lags)))
+
+    def lag(self, frequency: float) -> float:
+        """All that delays the loop, in s, at ``frequency`` in rad/s; holding and difference take half a period each."""
+        response = complex(self.actuation(np.array([frequency]))[0])
+        late = self.delay + self.law.period + self.law.rate_filter
+        return late - float(np.angle(response)) / frequency
+
+    def margins(self) -> Margins:
+        """From the transfer over five decades up to half the sampling frequency."""
+        highest = math.pi / self.law.period
+        frequency = np.geomspace(1e-5 * highest, highest * (1.0 - 1e-9), _FREQUENCIES)
+        response = self.transfer(frequency)
+        x, size = np.log(frequency), np.log(np.maximum(np.abs(response), _NOTHING))
+        # The phase above -180 degrees; at low frequency, as of a constant, 1/s or 1/s^2, between none and 180.
+        above = np.unwrap(np.angle(response)) + math.pi
+        above -= 2.0 * math.pi * round((above[0] - 0.5 * math.pi) / (2.0 * math.pi))
+        unity = [(float(np.interp(at, x, above)), math.exp(at)) for at, _ in _crossings(x, size)]
+        real = [(float(np.interp(at, x, size)), falling) for at, falling in _crossings(x, above)]
+        beyond = [(gain, falling) for gain, falling in real if gain > 0.0]
+        stable = sum(1 if falling else -1 for _, falling in beyond) == 0
+        up = min((-gain for gain, _ in real if gain <= 0.0), default=math.inf)
+        down = min((gain for gain, _ in beyond), default=math.inf)
+        phases = [(phase % (2.0 * math.pi) if stable else phase, at) for phase, at in unity]
+        return Margins(
+            stable=stable,
+            gain_db=_decibel(up if stable else -max(gain for gain, _ in beyond)),
+            gain_down_db=_decibel(down),
+            phase_deg=math.degrees(min((phase for phase, _ in phases), default=math.nan)),
+            delay_s=min((phase / at for phase, at in phases), default=math.nan),
+            lag_s=_lag_margin(frequency, response) if stable else 0.0,
+            crossover=max((at for _, at in unity), default=math.nan),
+            sensitivity_peak=float(np.max(np.abs(1.0 / (1.0 + response)))),
+        )
+
+
+def _lag_margin(frequency: FloatArray, response: ComplexArray) -> float:
+    """The least t in s with L/(1 + jwt) = -1: where the real part of L is -1, its imaginary part is -w*t."""
+    x = np.log(frequency)
+    at = np.array([place for place, _ in _crossings(x, response.real + 1.0)])
+    lags = -np.interp(at, x, response.imag) / np.exp(at)
+    return float(np.min(lags[lags > 0.0], initial=math.inf))
+
+
+def _crossings(x: FloatArray, y: FloatArray) -> list[tuple[float, bool]]:
+    """Where (n,) ``y`` passes zero, and whether it falls there."""
+    at = np.flatnonzero((y[:-1] > 0.0) != (y[1:] > 0.0))
+    between = x[at] + (x[at + 1] - x[at]) * y[at] / (y[at] - y[at + 1])
+    return list(zip(between.tolist(), (y[at] > 0.0).tolist(), strict=True))
+
+
+def _decibel(logarithm: float) -> float:
+    return 20.0 * logarithm / math.log(10.0)
+
+
+def linearised(model: Model, heading: float = 0.0) -> tuple[FloatArray, FloatArray]:
+    """(n, n) and (n,): the motion about rest at ``heading`` in rad; heading, rate, and the states of the effects."""
+    torque = total_of_terms(model)
+    count = 0 if torque is None else len(model.terms()[0])
+    size = 2 + count * TERM_STATES
+
+    def change(state: FloatArray, push: float) -> FloatArray:
+        extra, slopes = 0.0, np.zeros((count, TERM_STATES))
+        if torque is not None:
+            extra, slopes = torque(state[1], state[0], push, heading, state[2:].reshape(count, TERM_STATES))
+        return np.concatenate(([state[1], (push + extra - model.drag(state[1])) / model.inertia], slopes.ravel()))
+
+    rest, matrix = np.zeros(size), np.empty((size, size))
+    for at in range(size):
+        nudge = _NUDGE * np.eye(size)[at]
+        matrix[:, at] = (change(nudge, 0.0) - change(-nudge, 0.0)) / (2.0 * _NUDGE)
+    # The square of the nudge is what quadratic drag leaves in its slope at rest.
+    push = 0.5 * (change(rest, 1.0) - change(rest, -1.0))
+    moves = np.flatnonzero(np.any(matrix != 0.0, axis=1) | (push != 0.0))
+    return matrix[np.ix_(moves, moves)], push[moves]
+
+
+def actuators(
+    model: Model, vehicle: Vehicle, allocation: Allocation, period: float, amplitude: float
+) -> tuple[FloatArray, ComplexArray]:
+    """Frequencies in rad/s and the (f,) response from wanted to acting torque of sines of ``amplitude`` in N m.
+
+    The describing function of whatever acts between command and torque, found by sending sines through it.
+    """
+    frequencies = np.geomspace(_LOWEST_PROBE, _HIGHEST_PROBE * math.pi / period, _PROBES)
+    if not model.acts_on_drive:
+        return frequencies, np.ones(_PROBES, dtype=np.complex128)
+    response = np.empty(_PROBES, dtype=np.complex128)
+    for at, frequency in enumerate(frequencies):
+        measured = max(round(2.0 * math.pi / frequency / period), _FEWEST_SAMPLES)
+        count = measured + max(measured, math.ceil(_SETTLING / period))
+        time = period * np.arange(count + 1)
+        where = bare_actuation(vehicle, time, model.parts)
+        wanted = amplitude * np.sin(frequency * time)
+        acting = model.driven(vehicle, where, finer(allocation(wanted), where.parts)).torque
+        part = slice(count - measured, count)
+        basis = np.column_stack([np.exp(1j * frequency * time[part]), np.exp(-1j * frequency * time[part])])
+        basis = np.column_stack((basis, np.ones(measured)))
+        response[at] = np.linalg.lstsq(basis, acting[part], rcond=None)[0][0] / (amplitude / 2j)
+    return frequencies, response
+
+
+def largest_bandwidth(loop_of: Callable[[float], Loop], limit: float) -> float:
+    """The largest bandwidth in rad/s below ``limit`` at which the margins are comfortable.
+
+    Phase margin 45 degrees, sensitivity peak 1.6, and a delay margin of as long as all that delays the loop already.
+
+    Raises
+    ------
+    DataError
+        There is none.
+    """
+    for bandwidth in BANDWIDTHS[::-1]:
+        if bandwidth > limit:
+            continue
+        loop = loop_of(float(bandwidth))
+        found = loop.margins()
+        comfortable = found.phase_deg >= _PHASE_MARGIN and found.sensitivity_peak <= _SENSITIVITY_PEAK
+        if comfortable and found.stable and found.delay_s >= loop.lag(found.crossover):
+            return float(bandwidth)
+    raise DataError(
+        f"no bandwidth above {BANDWIDTHS[0]:g} rad/s leaves a comfortable margin: the loop is delayed too much.",
+        mend="Give --bandwidth, or --kp and --kd, or shorten --period and --delay.",
+    )
+
+
+def drawn(parameters: Parameters, count: int, seed: int) -> list[Model]:
+    """``count`` models from the covariance in the parameter file, each parameter within its physical bounds."""
+    names = list(parameters.entries)
+    matrix = np.array(
+        [[parameters.covariance.get((a, b), parameters.covariance.get((b, a), 0.0)) for b in names] for a in names]
+    )
+    centre = np.array([parameters.entries[name].value for name in names])
+    # One square root for all draws; rounding of the file may leave it not quite definite.
+    values, vectors = np.linalg.eigh(np.nan_to_num(matrix / np.outer(*[_scale(matrix, centre)] * 2)))
+    root = vectors * np.sqrt(np.maximum(values, 0.0)) * _scale(matrix, centre)[:, None]
+    chance = np.random.default_rng(seed).standard_normal((count, len(names)))
+    bounds = np.array([_bounds(parameters.model(), name) for name in names])
+    models = []
+    for row in np.clip(centre + chance @ root.T, *bounds.T):
+        entries = {name: replace(parameters.entries[name], value=float(v)) for name, v in zip(names, row, strict=True)}
+        models.append(replace(parameters, entries=entries).model())
+    return models
+
+
+def _scale(matrix: FloatArray, centre: FloatArray) -> FloatArray:
+    spread = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    return np.asarray(np.where(spread > 0.0, spread, np.maximum(np.abs(centre), 1.0)))
+
+
+def _bounds(model: Model, name: str) -> tuple[float, float]:
+    """Of a parameter of the file; those in units of a search's scale are bounded by their sign alone."""
+    key, _, parameter = name.rpartition(".")
+    if not key:
+        return (_LEAST_INERTIA * model.inertia, math.inf) if name == "inertia" else (0.0, math.inf)
+    effect = next(effect for effect in model.effects if effect.key == key)
+    found = next(p for p in effect.parameters if p.name == parameter)
+    if found.scale == "one":
+        return found.low, found.high
+    return (0.0 if found.low >= 0.0 else -math.inf), math.inf
