@@ -31,6 +31,7 @@ HOUSE = [
     "output",
     "parameters",
     "study",
+    "export",
     "documents",
     "check",
     "terminal",
