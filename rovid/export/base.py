@@ -65,7 +65,7 @@ class Subject:
 
     @property
     def rigid_inertia(self) -> float:
-        """Inertia in kg m^2 of the body without the water; all of it where that is not known, or not below the whole."""
+        """Inertia in kg m^2 of the body without the water; all where that is not known, or not below the whole."""
         rigid = self.vehicle.rigid_body_inertia
         return self.model.inertia if rigid is None or rigid > self.model.inertia else rigid
 

@@ -1,6 +1,6 @@
 """VRX: SimpleHydrodynamics, whose drag and added mass are positive, in SDF.
 
-From VRX's sources: the torque is -(nR + nRR*|r|)*r - nDotR*rdot with the rdot of the step before, cropped at max_effort.
+From VRX's sources: the torque is -(nR + nRR*|r|)*r - nDotR*rdot, rdot of the step before, cropped at max_effort.
 An added inertia as large as the body's makes that loop diverge, a smaller one lag: all of it is the link's.
 """
 
