@@ -31,6 +31,7 @@ EXPORTERS: dict[str, tuple[Callable[[Subject], Target], str]] = {
     "json": (plain.export_json, "rovid.json"),
     "python-vehicle-simulator": (python_vehicle_simulator.export, "rovid_vehicle.py"),
 }
+_VISIBLE = 0.1  # % of range; the promise for what a target holds
 _ASSUMED_RATE = 0.3  # rad/s, where no log says how fast it turned
 
 
@@ -124,6 +125,9 @@ def export(function: Callable[[Subject], Target], subject: Subject) -> Exported:
     theirs = target.plant(commands, PERIOD)
     lost = [effect for effect in subject.model.effects if effect.key not in target.holds]
     of_base = compare(held, theirs)
+    notes = [*subject.notes, *target.notes]
+    if not target.misses and of_base.percent_of_range > _VISIBLE:
+        notes.append("What the target holds differs by its coarse integration step: a smaller one brings it nearer.")
     return Exported(
         content=target.content,
         mismatch=compare(whole, theirs),
@@ -132,7 +136,7 @@ def export(function: Callable[[Subject], Target], subject: Subject) -> Exported:
             *(Loss(what=what, why=why, percent_of_range=of_base.percent_of_range) for what, why in target.misses),
             *(_loss(subject, effect, commands, whole) for effect in lost),
         ),
-        warnings=(*subject.notes, *target.notes),
+        warnings=tuple(notes),
     )
 
 

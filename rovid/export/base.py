@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,6 +123,8 @@ class Curve:
 
     Attributes
     ----------
+    identifier
+        The name as XML, YAML and topics take it, its own among the vehicle's.
     arm
         m; torque = arm * thrust, positive turns the heading up.
     neutral
@@ -130,6 +134,7 @@ class Curve:
     """
 
     name: str
+    identifier: str
     arm: float
     neutral: float
     command: FloatArray
@@ -153,15 +158,18 @@ def curve_keys(subject: Subject) -> frozenset[str]:
 def curves(subject: Subject) -> list[Curve]:
     """Thrust curve of each thruster, with as many points as it takes."""
     held = [effect for effect in subject.model.effects if is_curve_effect(effect)]
-    found = []
+    found: list[Curve] = []
     for index, thruster in enumerate(subject.vehicle.thrusters):
         command = _grid(thruster, subject.commands[index], fine=bool(held))
         thrust = _steady_thrust(subject, held, index, command)
         kept = _corners(command, thrust)
+        name = identifier(thruster.name)
+        name += f"_{index}" if name in {curve.identifier for curve in found} else ""
         neutral = float(neutral_commands(subject.vehicle)[index])
         found.append(
             Curve(
                 name=thruster.name,
+                identifier=name,
                 arm=thruster.yaw_arm,
                 neutral=neutral,
                 command=command[kept],
@@ -226,6 +234,16 @@ def numbers(values: FloatArray) -> str:
     return " ".join(f"{value:.10g}" for value in values)
 
 
-def commented(values: Curve) -> str:
+def identifier(name: str) -> str:
+    """A name that XML, YAML and topics take."""
+    return "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name) or "_"
+
+
+def comment(text: str) -> str:
+    """Text for an XML comment, which may hold no two hyphens in a row."""
+    return re.sub("-(?=-)", "- ", escape(text))
+
+
+def curve_comment(values: Curve) -> str:
     """A thrust curve as a line for people and scripts."""
-    return f"{values.name}: command {numbers(values.command)} | thrust {numbers(values.thrust)}"
+    return comment(f"{values.name}: command {numbers(values.command)} | thrust {numbers(values.thrust)}")

@@ -7,12 +7,13 @@ term without absolute value, which feeds a rotation one way. The axes are FLU, z
 from __future__ import annotations
 
 from collections.abc import Callable
-from xml.sax.saxutils import escape, quoteattr
+from dataclasses import replace
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from rovid.effects.base import Actuation, actuation
-from rovid.export.base import Curve, Subject, Target, blank_trial, commented, curve_keys, curves
+from rovid.export.base import Curve, Subject, Target, blank_trial, comment, curve_comment, curve_keys, curves
 from rovid.export.manoeuvre import march, thrust_torque
 from rovid.trial import FloatArray
 
@@ -45,6 +46,7 @@ def export(subject: Subject) -> Target:
             *frame_notes(subject),
             NEWTONS,
             "The added inertia stands in <fluid_added_mass>, which DART alone honours; <nDotR> would count it twice.",
+            "<nRabsR> needs a gz-sim that has it (its pull request 1888); older ones give <nR> the opposite sign.",
         ),
     )
 
@@ -91,13 +93,7 @@ def banded(curve: Curve, band: float) -> Curve:
         return curve
     fine = np.union1d(curve.command, np.linspace(curve.command[0], curve.command[-1], 20001))
     thrust = curve(fine)
-    return Curve(
-        name=curve.name,
-        arm=curve.arm,
-        neutral=curve.neutral,
-        command=fine,
-        thrust=np.where(np.abs(thrust) < band, 0.0, thrust),
-    )
+    return replace(curve, command=fine, thrust=np.where(np.abs(thrust) < band, 0.0, thrust))
 
 
 def plant_of(
@@ -125,7 +121,7 @@ def sdf(
         if thruster.curve is not None
     ]
     return f"""<?xml version="1.0"?>
-<!-- {_safe(subject.vehicle.name)}: yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
+<!-- {comment(subject.vehicle.name)}: yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
 <sdf version="1.11">
   <model name={quoteattr(subject.vehicle.name)}>
     <link name="base_link">
@@ -151,9 +147,9 @@ def place(curve: Curve, side: float) -> tuple[float, float]:
 
 
 def _thruster(curve: Curve, band: float, side: float) -> str:
-    name, (x, direction) = identifier(curve.name), place(curve, side)
+    name, (x, direction) = curve.identifier, place(curve, side)
     dead = f"\n      <deadband>{band:.10g}</deadband>" if band > 0.0 else ""
-    return f"""    <!-- {_safe(commented(curve))} -->
+    return f"""    <!-- {curve_comment(curve)} -->
     <link name="{name}_link">
       <pose>{x:.10g} 0 0 0 0 0</pose>
       <inertial>
@@ -174,13 +170,3 @@ def _thruster(curve: Curve, band: float, side: float) -> str:
       <min_thrust_cmd>{min(float(curve.thrust.min()), 0.0):.10g}</min_thrust_cmd>{dead}
     </plugin>
 """
-
-
-def identifier(name: str) -> str:
-    """A name that XML, YAML and topics take."""
-    return "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name) or "_"
-
-
-def _safe(text: str) -> str:
-    """Text for an XML comment, which may hold no two hyphens in a row."""
-    return escape(text).replace("--", "- -")

@@ -13,7 +13,6 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from rovid.export.base import Curve, Subject, Target, curve_keys, curves, numbers
-from rovid.export.gz_sim import identifier
 from rovid.export.manoeuvre import lagged, march, stepped
 from rovid.trial import FloatArray
 
@@ -55,7 +54,7 @@ def _mjcf(subject: Subject, propulsion: list[Curve]) -> str:
     if delay > 0.0:
         dynamics += f' delay="{delay:.10g}" nsample="{math.ceil(delay / _STEP) + 2}" interp="zoh"'
     actuators = [
-        f'    <general name="{identifier(curve.name)}" joint="yaw" gear="{-curve.arm:.10g}"{dynamics}/>'
+        f'    <general name="{curve.identifier}" joint="yaw" gear="{-curve.arm:.10g}"{dynamics}/>'
         for curve in propulsion
     ]
     if bias:
@@ -63,7 +62,7 @@ def _mjcf(subject: Subject, propulsion: list[Curve]) -> str:
             f'    <general name="bias_torque" joint="yaw" gainprm="0" biastype="affine" biasprm="{bias:.10g} 0 0"/>'
         )
     tables = [
-        f'    <numeric name="{identifier(curve.name)}_{what}" data="{numbers(values)}"/>'
+        f'    <numeric name="{curve.identifier}_{what}" data="{numbers(values)}"/>'
         for curve in propulsion
         for what, values in (("command", curve.command), ("thrust", curve.thrust))
     ]

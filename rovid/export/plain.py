@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rovid.export.base import Subject, Target
-from rovid.export.gz_sim import identifier
+from rovid.export.base import Subject, Target, identifier
 from rovid.export.manoeuvre import rovid_rate
 from rovid.model import Model
 from rovid.output import to_json

@@ -13,8 +13,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from scipy.optimize import nnls
 
-from rovid.export.base import Curve, Subject, Target, commented, curve_keys, curves, numbers
-from rovid.export.gz_sim import identifier
+from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves, numbers
 from rovid.export.manoeuvre import march, thrust_torque
 from rovid.export.rotor import first_order, input_notes, inputs_of
 from rovid.trial import FloatArray
@@ -176,10 +175,9 @@ def _thruster(curve: Curve, table: Curve, side: float, lag: float) -> str:
         if lag > 0.0
         else '<rotor_dynamics type="zero_order"/>'
     )
-    text = commented(table).replace("--", "- -").replace("<", "").replace("&", "and")
     limit = float(np.max(np.abs(curve.command)))
-    return f"""    <!-- {text} -->
-    <actuator name="{identifier(curve.name)}" type="thruster">
+    return f"""    <!-- {curve_comment(table)} -->
+    <actuator name="{curve.identifier}" type="thruster">
       <specs max_setpoint="{limit:.10g}" inverted_setpoint="false"/>
       <propeller diameter="0.1" right="true">
         <mesh filename="propeller.obj" scale="1"/>

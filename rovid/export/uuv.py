@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from rovid.export.base import Curve, Subject, Target, commented, curve_keys, curves, numbers
-from rovid.export.gz_sim import frame_notes, identifier, place
+from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves, identifier, numbers
+from rovid.export.gz_sim import frame_notes, place
 from rovid.export.manoeuvre import march, settling_time, thrust_torque
 from rovid.export.rotor import first_order, input_notes, inputs_of
 from rovid.trial import FloatArray
@@ -148,8 +148,7 @@ def _thruster(name: str, index: int, curve: Curve, table: Curve, side: float, la
     dynamics = (
         f"<type>FirstOrder</type><timeConstant>{lag:.10g}</timeConstant>" if lag > 0 else "<type>ZeroOrder</type>"
     )
-    text = commented(table).replace("--", "- -").replace("<", "").replace("&", "and")
-    return f"""  <!-- {text} -->
+    return f"""  <!-- {curve_comment(table)} -->
   <joint name="{link}_joint" type="continuous">
     <origin xyz="{x:.10g} 0 0" rpy="0 0 {direction * math.pi / 2.0:.16g}"/>
     <axis xyz="1 0 0"/>
