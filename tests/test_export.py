@@ -437,7 +437,7 @@ def box_integrals(size: FloatArray, cells: int = 200) -> tuple[float, float]:
 
 @pytest.mark.parametrize("keys", [(), HELD["mujoco"][4:], ("thruster_lag",), ("command_delay",)])
 def test_mujoco_in_its_own_engine(keys: tuple[str, ...], fitted: Path, tmp_path: Path) -> None:
-    mujoco = pytest.importorskip("mujoco")
+    mujoco = pytest.importorskip("mujoco", minversion="3.7")
     parameters = with_effects(fitted, keys, tmp_path)
     document, file = exported("mujoco", parameters, tmp_path, ".xml")
     assert document["not_held"] == []

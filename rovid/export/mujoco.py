@@ -1,6 +1,6 @@
-"""MuJoCo: a hinge about z in MJCF, for the engine from 3.5 on, whose joint damping may be a polynomial.
+"""MuJoCo: a hinge about z in MJCF, for the engine from 3.7 on, whose joint damping may be a polynomial.
 
-From its documentation: damping="a b c" opposes with a*v + b*|v|*v + c*v^3. An actuator lags by dyntype "filterexact",
+As its engine does: damping="a b c" opposes with a*v + b*|v|*v + c*v^3. An actuator lags by dyntype "filterexact",
 waits by its delay, and pushes steadily by an affine bias. z is up: the yaw rate is minus rovid's.
 """
 
@@ -31,7 +31,7 @@ def export(subject: Subject) -> Target:
         holds=held | curve_keys(subject),
         notes=(
             "z is up: a yaw rate there is minus rovid's, which grows with the heading.",
-            "Needs MuJoCo 3.5 or newer: an older one takes the linear damping alone. A free joint has no such damping.",
+            "Needs MuJoCo 3.7 or newer: an older one refuses a damping of more than one number.",
             "Controls are steady thrusts in N; the curves in <custom> turn commands into them.",
             "The whole inertia is the body's; its other axes, and the mass where not known, are stand-ins.",
         ),
