@@ -390,6 +390,50 @@ def control(
 
 
 @app.command()
+def export(
+    format: Annotated[  # noqa: A002 - the word that the help shows
+        str,
+        typer.Argument(
+            metavar="FORMAT",
+            help="gz-sim, uuv, vrx, stonefish, mujoco, ros2, matlab, json or python-vehicle-simulator.",
+        ),
+    ],
+    *,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="Where it goes; uuv takes .xacro and .yaml.", show_default=False
+        ),
+    ] = None,
+    parameters: ParameterFile = DEFAULT_PARAMETERS,
+    json: Json = False,
+) -> None:
+    """Parameters in a simulator's own format, its own equation simulated against rovid's.
+
+    Example: rovid export gz-sim -o model.sdf
+    """
+    from rovid.documents import export_document
+    from rovid.export import export as make
+    from rovid.export import exporter, subject_of
+    from rovid.output import write_atomic
+    from rovid.parameters import read_parameters
+    from rovid.terminal import show_export
+
+    function, target = exporter(format, output)
+    stored = read_parameters(parameters)
+    stored.model()
+    there = bool(stored.logs) and all(path.exists() for path in stored.logs)
+    study = _open(stored.logs, None) if there else None
+    with _busy("Simulating …"):
+        made = make(function, subject_of(stored, study))
+    write_atomic(target, made.content)
+    if json:
+        _print_json(export_document(format, str(target), made))
+    else:
+        show_export(_console(), target, made)
+
+
+@app.command()
 def report(
     logs: OptionalLogs = None,
     *,

@@ -13,6 +13,8 @@ from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.diagnosis import Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.diagnose.signals import signal_of
+from rovid.export import Exported
+from rovid.export.manoeuvre import Mismatch
 from rovid.identify.bench import BenchFit
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
@@ -371,6 +373,26 @@ def bench_document(fit: BenchFit, output: str) -> Document:
             for c, t, r in zip(fit.command, fit.thrust, fit.residuals, strict=True)
         ],
     }
+
+
+def export_document(name: str, file: str, made: Exported) -> Document:
+    """What `rovid export --json` prints; percentages are of the range of the yaw rate on the manoeuvre."""
+    return {
+        "schema": "rovid-export/1",
+        "format": name,
+        "file": file,
+        "mismatch": _mismatch(made.mismatch),
+        "mismatch_of_what_is_held": _mismatch(made.held),
+        "not_held": [
+            {"what": loss.what, "why": loss.why, "yaw_rate_percent_of_range": loss.percent_of_range}
+            for loss in made.losses
+        ],
+        "warnings": list(made.warnings),
+    }
+
+
+def _mismatch(mismatch: Mismatch) -> Document:
+    return {"yaw_rate_percent_of_range": mismatch.percent_of_range, "rms": mismatch.rms, "unit": "rad/s"}
 
 
 def check_document(

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from rovid.export import Exported
 from rovid.identify.bench import BenchFit
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
@@ -45,6 +46,26 @@ def show_warnings(console: Console, warnings: Sequence[str]) -> None:
     """Print each warning as a paragraph of its own."""
     for text in warnings:
         console.print(f"[yellow]Note:[/yellow] {escape(text)}", highlight=False)
+
+
+def show_export(console: Console, path: Path, made: Exported) -> None:
+    """Print how far the target's own equation is from rovid's, and what it does not hold."""
+    console.print(str(path), highlight=False, soft_wrap=True)
+    console.print(
+        f"re-simulated in the target's equation: yaw rate off by {made.mismatch.percent_of_range:.2g} % of its range, "
+        f"{made.mismatch.rms:.2g} rad/s rms",
+        highlight=False,
+    )
+    if made.losses:
+        console.print(
+            f"of what it holds: {made.held.percent_of_range:.2g} %, {made.held.rms:.2g} rad/s rms", highlight=False
+        )
+    for loss in made.losses:
+        size = number(loss.percent_of_range, ".2g")
+        console.print(
+            f"[red]Not held:[/red] {escape(loss.what)}, {size} % of range: {escape(loss.why)}.", highlight=False
+        )
+    show_warnings(console, made.warnings)
 
 
 def show_filter(console: Console, runs: Runs) -> None:

@@ -32,6 +32,7 @@ HOUSE = [
     "parameters",
     "control",
     "study",
+    "export",
     "documents",
     "check",
     "terminal",

@@ -1,0 +1,249 @@
+"""What an export is made of: the subject, what a target makes of it, and the curves of its thrusters."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from xml.sax.saxutils import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rovid.effects import Effect
+from rovid.effects.base import actuation, neutral_commands
+from rovid.effects.thruster_imbalance import BESIDE
+from rovid.model import Model
+from rovid.parameters import Entry
+from rovid.trial import FloatArray, Trial
+from rovid.vehicle import Thruster, Vehicle
+
+# Effects without a memory, between the command and the thrust of one thruster: a thrust curve holds them.
+CURVE_EFFECTS = ("thruster_deadband", "thrust_asymmetry", "thrust_curve_shape", "thruster_imbalance")
+_CURVE_POINTS = 2001
+_CURVE_TOLERANCE = 1e-5  # of the largest thrust; far below what shows in the rate
+_SDF_MASS = 1.0  # kg, where none is known: a mass of zero is refused, and yaw does not ask for it
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Subject:
+    """What is exported.
+
+    Attributes
+    ----------
+    entries
+        The parameter file's, with unit and standard error.
+    largest_rate
+        rad/s; the yaw rates that the parameters rest on.
+    commands
+        (k, 2) smallest and largest command in use of each of the vehicle's thrusters.
+    reference
+        Median of each further channel of the logs.
+    notes
+        What was not known of the vehicle and its trials.
+    """
+
+    model: Model
+    vehicle: Vehicle
+    entries: Mapping[str, Entry]
+    largest_rate: float
+    commands: FloatArray
+    reference: Mapping[str, float]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def effects(self) -> dict[str, dict[str, float]]:
+        """Parameters of each effect of the model by its key."""
+        return {
+            effect.key: {p.name: self.entries[f"{effect.key}.{p.name}"].value for p in effect.parameters}
+            for effect in self.model.effects
+        }
+
+    @property
+    def mass(self) -> float:
+        """Mass in kg; a stand-in where the vehicle's is not known."""
+        return self.vehicle.mass or _SDF_MASS
+
+    @property
+    def rigid_inertia(self) -> float:
+        """Inertia in kg m^2 of the body without the water; all where that is not known, or not below the whole."""
+        rigid = self.vehicle.rigid_body_inertia
+        return self.model.inertia if rigid is None or rigid > self.model.inertia else rigid
+
+    @property
+    def added_inertia(self) -> float:
+        """Inertia in kg m^2 of the water that turns with the body."""
+        return self.model.inertia - self.rigid_inertia
+
+    def holding(self, keys: frozenset[str]) -> Model:
+        """The model with these effects alone."""
+        kept = [effect for effect in self.model.effects if effect.key in keys]
+        values = self.effects
+        return replace(
+            self.model,
+            effects=tuple(kept),
+            effect_values=tuple(value for effect in kept for value in values[effect.key].values()),
+        )
+
+
+# A target's own equation of motion, stepped as the target steps it: (n, k) commands and the time in s that each is
+# held -> (n,) yaw rate in rad/s at the start of each, from rest, positive as rovid's.
+Plant = Callable[[FloatArray, float], FloatArray]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Target:
+    """What one simulator makes of the subject.
+
+    Attributes
+    ----------
+    content
+        The file.
+    plant
+        The equation that the file's numbers are put into over there.
+    holds
+        Keys of the effects that are in the file and act there.
+    misses
+        (what, why) of the base model that the equation cannot hold.
+    notes
+        What was assumed, and what the reader has to know.
+    """
+
+    content: str | bytes
+    plant: Plant
+    holds: frozenset[str]
+    misses: tuple[tuple[str, str], ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Curve:
+    """Steady thrust of one thruster against its command, effects without memory included.
+
+    Attributes
+    ----------
+    identifier
+        The name as XML, YAML and topics take it, its own among the vehicle's.
+    arm
+        m; torque = arm * thrust, positive turns the heading up.
+    neutral
+        Command of no thrust.
+    command, thrust
+        (m,) in the log's unit; N (N m of an actuator whose logged command is the torque).
+    """
+
+    name: str
+    identifier: str
+    arm: float
+    neutral: float
+    command: FloatArray
+    thrust: FloatArray
+
+    def __call__(self, command: FloatArray) -> FloatArray:
+        """Thrust in N."""
+        return np.interp(command, self.command, self.thrust)
+
+
+def is_curve_effect(effect: Effect) -> bool:
+    """Whether a thrust curve alone holds it."""
+    return effect.id in CURVE_EFFECTS and not effect.form.endswith(BESIDE)
+
+
+def curve_keys(subject: Subject) -> frozenset[str]:
+    """Keys of the effects that a thrust curve holds."""
+    return frozenset(effect.key for effect in subject.model.effects if is_curve_effect(effect))
+
+
+def curves(subject: Subject) -> list[Curve]:
+    """Thrust curve of each thruster, with as many points as it takes."""
+    held = [effect for effect in subject.model.effects if is_curve_effect(effect)]
+    found: list[Curve] = []
+    for index, thruster in enumerate(subject.vehicle.thrusters):
+        command = _grid(thruster, subject.commands[index], fine=bool(held))
+        thrust = _steady_thrust(subject, held, index, command)
+        kept = _corners(command, thrust)
+        name = identifier(thruster.name)
+        name += f"_{index}" if name in {curve.identifier for curve in found} else ""
+        neutral = float(neutral_commands(subject.vehicle)[index])
+        found.append(
+            Curve(
+                name=thruster.name,
+                identifier=name,
+                arm=thruster.yaw_arm,
+                neutral=neutral,
+                command=command[kept],
+                thrust=thrust[kept],
+            )
+        )
+    return found
+
+
+def _grid(thruster: Thruster, used: FloatArray, *, fine: bool) -> FloatArray:
+    points = np.array([used[0], 0.0, used[1]]) if thruster.curve is None else thruster.curve.command
+    return np.union1d(points, np.linspace(points.min(), points.max(), _CURVE_POINTS)) if fine else np.unique(points)
+
+
+def _steady_thrust(subject: Subject, held: list[Effect], index: int, command: FloatArray) -> FloatArray:
+    vehicle = subject.vehicle
+    commands = np.tile(neutral_commands(vehicle), (len(command), 1))
+    commands[:, index] = command
+    trial = blank_trial(np.arange(len(command), dtype=np.float64), commands)
+    where, values = actuation(vehicle, trial), subject.effects
+    for effect in held:
+        if effect.on_command is not None:
+            commands = effect.on_command(where, commands, values[effect.key])
+    thrust = vehicle.thrust(commands)
+    for effect in held:
+        if effect.on_thrust is not None:
+            thrust = effect.on_thrust(where, thrust, values[effect.key])
+    return np.asarray(thrust[:, index])
+
+
+def blank_trial(time: FloatArray, commands: FloatArray, reference: Mapping[str, float] | None = None) -> Trial:
+    """A trial that was never run, from rest, with each further channel at its median."""
+    return Trial(
+        name="export",
+        path=Path("export"),
+        time=time,
+        heading=np.zeros(len(time)),
+        commands=commands,
+        yaw_rate=np.zeros(len(time)),
+        extras={name: np.full(len(time), value) for name, value in (reference or {}).items()},
+        reference=reference or {},
+    )
+
+
+def _corners(x: FloatArray, y: FloatArray) -> NDArray[np.intp]:
+    """Rows between which (m,) ``y`` is straight: Ramer 1972, Douglas and Peucker 1973, by vertical distance."""
+    tolerance = _CURVE_TOLERANCE * max(float(np.max(np.abs(y))), 1e-300)
+    kept, open_spans = {0, len(x) - 1}, [(0, len(x) - 1)]
+    while open_spans:
+        first, last = open_spans.pop()
+        inside = slice(first, last + 1)
+        off = np.abs(y[inside] - np.interp(x[inside], x[[first, last]], y[[first, last]]))
+        worst = first + int(np.argmax(off))
+        if last - first > 1 and off.max() > tolerance:
+            kept.add(worst)
+            open_spans += [(first, worst), (worst, last)]
+    return np.array(sorted(kept), dtype=np.intp)
+
+
+def numbers(values: FloatArray) -> str:
+    """Numbers as a simulator's list."""
+    return " ".join(f"{value:.10g}" for value in values)
+
+
+def identifier(name: str) -> str:
+    """A name that XML, YAML and topics take."""
+    return "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name) or "_"
+
+
+def comment(text: str) -> str:
+    """Text for an XML comment, which may hold no two hyphens in a row."""
+    return re.sub("-(?=-)", "- ", escape(text))
+
+
+def curve_comment(values: Curve) -> str:
+    """A thrust curve as a line for people and scripts."""
+    return comment(f"{values.name}: command {numbers(values.command)} | thrust {numbers(values.thrust)}")

@@ -1,0 +1,112 @@
+"""MuJoCo: a hinge about z in MJCF, for the engine from 3.7 on, whose joint damping may be a polynomial.
+
+As its engine does: damping="a b c" opposes with a*v + b*|v|*v + c*v^3. An actuator lags by dyntype "filterexact",
+waits by its delay, and pushes steadily by an affine bias. z is up: the yaw rate is minus rovid's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from rovid.export.base import Curve, Subject, Target, curve_keys, curves, numbers
+from rovid.export.manoeuvre import lagged, march, stepped
+from rovid.trial import FloatArray
+
+_STEP = 0.002  # s, MuJoCo's default
+_ACTUATOR_EFFECTS = ("thruster_lag", "command_delay")
+_JOINT_EFFECTS = ("drag_curvature", "bias_torque", "tether_torsion")
+
+
+def export(subject: Subject) -> Target:
+    """A hinge with its damping and one actuator a thruster, whose control is the steady thrust in N."""
+    held = frozenset(key for key in subject.effects if key in {*_ACTUATOR_EFFECTS, *_JOINT_EFFECTS})
+    propulsion = curves(subject)
+    return Target(
+        content=_mjcf(subject, propulsion),
+        plant=_plant(subject, propulsion),
+        holds=held | curve_keys(subject),
+        notes=(
+            "z is up: a yaw rate there is minus rovid's, which grows with the heading.",
+            "Needs MuJoCo 3.7 or newer: an older one refuses a damping of more than one number.",
+            "Controls are steady thrusts in N; the curves in <custom> turn commands into them.",
+            "The whole inertia is the body's; its other axes, and the mass where not known, are stand-ins.",
+        ),
+    )
+
+
+def _value(subject: Subject, key: str, name: str) -> float:
+    return subject.effects.get(key, {}).get(name, 0.0)
+
+
+def _mjcf(subject: Subject, propulsion: list[Curve]) -> str:
+    model = subject.model
+    damping = np.array([model.linear_drag, model.quadratic_drag, _value(subject, "drag_curvature", "cubic")])
+    stiffness = _value(subject, "tether_torsion", "stiffness")
+    bias = -_value(subject, "bias_torque", "torque")
+    lag, delay = (
+        _value(subject, key, name) for key, name in zip(_ACTUATOR_EFFECTS, ("time_constant", "delay"), strict=True)
+    )
+    dynamics = f' dyntype="filterexact" dynprm="{lag:.10g}"' if lag > 0.0 else ""
+    if delay > 0.0:
+        dynamics += f' delay="{delay:.10g}" nsample="{math.ceil(delay / _STEP) + 2}" interp="zoh"'
+    actuators = [
+        f'    <general name="{curve.identifier}" joint="yaw" gear="{-curve.arm:.10g}"{dynamics}/>'
+        for curve in propulsion
+    ]
+    if bias:
+        actuators.append(
+            f'    <general name="bias_torque" joint="yaw" gainprm="0" biastype="affine" biasprm="{bias:.10g} 0 0"/>'
+        )
+    tables = [
+        f'    <numeric name="{curve.identifier}_{what}" data="{numbers(values)}"/>'
+        for curve in propulsion
+        for what, values in (("command", curve.command), ("thrust", curve.thrust))
+    ]
+    joint = f'<joint name="yaw" type="hinge" axis="0 0 1" damping="{numbers(damping)}"'
+    joint += f' stiffness="{stiffness:.10g}"/>' if stiffness else "/>"
+    return f"""<mujoco model={quoteattr(subject.vehicle.name)}>
+  <!-- Yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
+  <option timestep="{_STEP:g}" gravity="0 0 0" integrator="implicitfast"/>
+  <custom>
+{chr(10).join(tables)}
+  </custom>
+  <worldbody>
+    <body name="base_link">
+      {joint}
+      <inertial pos="0 0 0" mass="{subject.mass:.10g}" diaginertia="{numbers(np.full(3, model.inertia))}"/>
+    </body>
+  </worldbody>
+  <actuator>
+{chr(10).join(actuators)}
+  </actuator>
+</mujoco>
+"""
+
+
+def _plant(subject: Subject, propulsion: list[Curve]) -> Callable[[FloatArray, float], FloatArray]:
+    model = subject.model
+    cubic, stiffness = _value(subject, "drag_curvature", "cubic"), _value(subject, "tether_torsion", "stiffness")
+    bias = -_value(subject, "bias_torque", "torque")
+    lag, delay = _value(subject, "thruster_lag", "time_constant"), _value(subject, "command_delay", "delay")
+
+    def advance(rate: float, angle: float, torque: float) -> float:
+        size = abs(rate)
+        total = torque + bias - (model.linear_drag + (model.quadratic_drag + cubic * size) * size) * rate
+        slope = model.linear_drag + (2.0 * model.quadratic_drag + 3.0 * cubic * size) * size
+        # implicitfast: one Newton step of the velocity-dependent forces.
+        return rate + _STEP * (total - stiffness * angle) / (model.inertia + _STEP * slope)
+
+    def plant(commands: FloatArray, period: float) -> FloatArray:
+        torque = np.zeros(len(commands) * round(period / _STEP))
+        wait = round(delay / _STEP)
+        for curve, command in zip(propulsion, commands.T, strict=True):
+            thrust = stepped(curve(command), period, _STEP)
+            late = np.concatenate([np.full(wait, thrust[0]), thrust])[: len(thrust)]
+            torque -= curve.arm * lagged(late, lag, _STEP)
+        return -march(torque, round(period / _STEP), advance, _STEP)
+
+    return plant

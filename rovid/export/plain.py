@@ -1,0 +1,142 @@
+"""ROS 2 parameters, MATLAB and JSON: rovid's own equation and every number of it, for whoever states it again."""
+
+from __future__ import annotations
+
+import io
+import json
+from typing import Any
+
+import numpy as np
+
+from rovid.export.base import Subject, Target, identifier
+from rovid.export.manoeuvre import rovid_rate
+from rovid.model import Model
+from rovid.output import to_json
+from rovid.trial import FloatArray
+
+EQUATION = "inertia*rdot + quadratic_drag*|r|*r + linear_drag*r = sum(yaw_arm*thrust(command)) + effects"
+_AXES = "Yaw is positive in the sense in which the heading grows (NED: clockwise from above); SI units and radians."
+_NOTE = (_AXES + " In a z-up frame the rate and the thrusters' yaw arms change sign, inertia and drag do not.",)
+
+
+def export_json(subject: Subject) -> Target:
+    """Everything, with units, standard errors and the effects' equations."""
+    content = to_json(_document(subject)) + "\n"
+    read = json.loads(content)
+    base = [read["parameters"][name]["value"] for name in ("inertia", "quadratic_drag", "linear_drag")]
+    effects = {e["key"]: {n: v["value"] for n, v in e["parameters"].items()} for e in read["effects"]}
+    return _target(subject, content, base, effects)
+
+
+def export_matlab(subject: Subject) -> Target:
+    """A .mat file of version 5 with one struct ``rovid``."""
+    from scipy.io import loadmat, savemat
+
+    values = _base(subject) | {
+        "equation": EQUATION,
+        "axes": _AXES,
+        "thrusters": np.array(
+            [_thruster(subject, index, np.array) for index in range(len(subject.vehicle.thrusters))], dtype=object
+        ),
+        "effects": {identifier(key): parameters for key, parameters in subject.effects.items()},
+    }
+    stream: Any = io.BytesIO()
+    savemat(stream, {"rovid": values}, oned_as="column", long_field_names=True)
+    again: Any = io.BytesIO(stream.getvalue())
+    read = loadmat(again, simplify_cells=True)["rovid"]
+    base = [float(read[name]) for name in ("inertia", "quadratic_drag", "linear_drag")]
+    effects = {
+        key: {name: float(read["effects"][identifier(key)][name]) for name in parameters}
+        for key, parameters in subject.effects.items()
+    }
+    return _target(subject, stream.getvalue(), base, effects)
+
+
+def export_ros2(subject: Subject) -> Target:
+    """A parameter YAML for any node; names with a colon keep it as an underscore."""
+    lines = [f"# {EQUATION}", f"# {_AXES}", "/**:", "  ros__parameters:"]
+    lines += [f"    {name}: {_yaml(value)}" for name, value in _base(subject).items()]
+    lines.append(f"    thruster_names: [{', '.join(json.dumps(t.name) for t in subject.vehicle.thrusters)}]")
+    for index in range(len(subject.vehicle.thrusters)):
+        thruster = _thruster(subject, index, list)
+        lines.append(f"    thruster_{index}:")
+        lines += [f"      {name}: {_yaml(thruster[name])}" for name in ("yaw_arm", "command", "thrust")]
+    lines.append(f"    effect_names: [{', '.join(json.dumps(key) for key in subject.effects)}]")
+    if subject.effects:
+        lines.append("    effects:")
+    for key, parameters in subject.effects.items():
+        lines.append(f"      {identifier(key)}:")
+        lines += [f"        {name}: {_yaml(value)}" for name, value in parameters.items()]
+    base = [float(_yaml(_base(subject)[name])) for name in ("inertia", "quadratic_drag", "linear_drag")]
+    effects = {k: {n: float(_yaml(v)) for n, v in parameters.items()} for k, parameters in subject.effects.items()}
+    return _target(subject, "\n".join([*lines, ""]), base, effects)
+
+
+def _base(subject: Subject) -> dict[str, float]:
+    model = subject.model
+    return {
+        "inertia": model.inertia,
+        "rigid_body_inertia": subject.rigid_inertia,
+        "added_inertia": subject.added_inertia,
+        "quadratic_drag": model.quadratic_drag,
+        "linear_drag": model.linear_drag,
+    }
+
+
+def _thruster(subject: Subject, index: int, made: Any) -> dict[str, Any]:
+    """The bench curve; a logged torque is its own."""
+    thruster = subject.vehicle.thrusters[index]
+    if thruster.curve is None:
+        ends = made(subject.commands[index])
+        return {"name": thruster.name, "yaw_arm": thruster.yaw_arm, "command": ends, "thrust": ends}
+    command, thrust = (made(values) for values in (thruster.curve.command, thruster.curve.thrust))
+    return {"name": thruster.name, "yaw_arm": thruster.yaw_arm, "command": command, "thrust": thrust}
+
+
+def _document(subject: Subject) -> dict[str, Any]:
+    entries = {
+        name: {"value": e.value, "standard_error": e.standard_error, "unit": e.unit}
+        for name, e in subject.entries.items()
+    }
+    entries.setdefault("linear_drag", {"value": 0.0, "standard_error": None, "unit": "N m s/rad"})
+    return {
+        "schema": "rovid-model/1",
+        "vehicle": subject.vehicle.name,
+        "equation": EQUATION,
+        "axes": _AXES,
+        "parameters": {name: value for name, value in entries.items() if "." not in name},
+        "rigid_body_inertia": subject.vehicle.rigid_body_inertia,
+        "thrusters": [_thruster(subject, index, list) for index in range(len(subject.vehicle.thrusters))],
+        "effects": [
+            {
+                "key": effect.key,
+                "equation": effect.equation,
+                "parameters": {p.name: entries[f"{effect.key}.{p.name}"] for p in effect.parameters},
+            }
+            for effect in subject.model.effects
+        ],
+    }
+
+
+def _yaml(value: Any) -> str:
+    """A float that every YAML 1.1 reader takes for one: with a point and a signed exponent."""
+    if isinstance(value, list):
+        return f"[{', '.join(_yaml(item) for item in value)}]"
+    text = repr(float(value))
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+
+
+def _target(subject: Subject, content: str | bytes, base: list[float], effects: dict[str, dict[str, float]]) -> Target:
+    """The target's equation is rovid's, with the numbers as they stand in the file."""
+    read = Model(
+        inertia=base[0],
+        quadratic_drag=base[1],
+        linear_drag=base[2],
+        effects=subject.model.effects,
+        effect_values=tuple(value for e in subject.model.effects for value in effects[e.key].values()),
+    )
+
+    def plant(commands: FloatArray, period: float) -> FloatArray:  # noqa: ARG001 - the manoeuvre's own
+        return rovid_rate(subject, read, commands)
+
+    return Target(content=content, plant=plant, holds=frozenset(subject.effects), notes=_NOTE)

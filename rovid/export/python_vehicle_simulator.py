@@ -1,0 +1,135 @@
+"""PythonVehicleSimulator: a vehicle class, since its vehicles have no parameter files and no free |r|*r term.
+
+Its main loop calls stepInput(t) or a controller, then dynamics(eta, nu, u_actual, u_control, sampleTime). Axes are NED,
+as rovid's: no sign changes. Yaw alone moves; the class is one to extend.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rovid.export.base import Curve, Subject, Target, curve_keys, curves
+from rovid.export.manoeuvre import stepped
+from rovid.trial import FloatArray
+
+_STEP = 0.02  # s, of the simulator's main.py
+# Further terms of the equation of motion as Python, torque in N m.
+_TERMS = {
+    "bias_torque": " + {torque!r}",
+    "drag_curvature": " - {cubic!r} * r**3",
+    "drag_asymmetry": " - ({ratio!r} - 1.0) * (self.DQ * abs(r) + self.DL) * r * (r < 0.0)",
+    "tether_torsion": " - {stiffness!r} * psi",
+}
+_LAGS = ("thruster_lag", "thruster_lag:command")
+
+
+def export(subject: Subject) -> Target:
+    """A module with the class RovidVehicle."""
+    propulsion = curves(subject)
+    lag = next((key for key in subject.effects if key in _LAGS), "")
+    content = _module(subject, propulsion, lag)
+
+    def plant(commands: FloatArray, period: float) -> FloatArray:
+        space: dict[str, Any] = {}
+        exec(compile(content, "rovid_vehicle.py", "exec"), space)  # noqa: S102 - our own text, run as its user will
+        vehicle = space["RovidVehicle"]()
+        nu, actual, eta, rates = vehicle.nu, vehicle.u_actual, np.zeros(6), []
+        for control in stepped(commands, period, _STEP):
+            rates.append(nu[5])
+            nu, actual = vehicle.dynamics(eta, nu, actual, control, _STEP)
+            eta[5] += _STEP * nu[5]
+        return np.array(rates[:: round(period / _STEP)])
+
+    return Target(
+        content=content,
+        plant=plant,
+        holds=curve_keys(subject) | {key for key in subject.effects if key in _TERMS or key == lag},
+        notes=(
+            "Axes are NED, as rovid's: no sign changes.",
+            "Yaw alone moves: surge to pitch keep their velocity.",
+            "The simulator's vehicles share no base class: the class has what its main loop calls.",
+        ),
+    )
+
+
+def _module(subject: Subject, propulsion: list[Curve], lag: str) -> str:
+    model = subject.model
+    terms = "".join(_TERMS[key].format(**values) for key, values in subject.effects.items() if key in _TERMS)
+    tables = "".join(
+        f"            ({curve.arm!r}, {curve.neutral!r}, {curve.command.tolist()!r}, {curve.thrust.tolist()!r}),\n"
+        for curve in propulsion
+    )
+    behind = lag == "thruster_lag"
+    push = "self.torque(u)" if not behind else "float(np.dot(self.arms, u))"
+    goal = "u_control" if not behind else "self.thrusts(u_control)"
+    names = ", ".join(repr(f"{curve.name} command") for curve in propulsion)
+    start = [0.0 if behind else curve.neutral for curve in propulsion]
+    time_constant = subject.effects[lag]["time_constant"] if lag else 0.0
+    return f'''"""Yaw of {_plain(subject.vehicle.name)}, identified by rovid, as a vehicle of PythonVehicleSimulator.
+
+NED: the yaw rate nu[5] in rad/s and the heading eta[5] in rad are positive clockwise from above.
+"""
+
+import math
+
+import numpy as np
+
+
+class RovidVehicle:
+    """I*rdot + DQ*|r|*r + DL*r = T; the other velocities stay as they are.
+
+    The control is each thruster's command in the unit of its bench curve.
+    """
+
+    def __init__(self):
+        self.name = {subject.vehicle.name!r}
+        self.L = {subject.vehicle.length or 1.0!r}
+        self.controlMode = "stepInput"
+        self.controlDescription = "Step commands"
+        self.I = {model.inertia!r}  # kg m^2
+        self.DQ = {model.quadratic_drag!r}  # N m s^2/rad^2
+        self.DL = {model.linear_drag!r}  # N m s/rad
+        self.lag = {time_constant!r}  # s
+        # Yaw arm in m, command of no thrust, commands, thrusts in N of each thruster.
+        self.thrusters = [
+{tables}        ]
+        self.arms = [arm for arm, *_ in self.thrusters]
+        self.controls = [{names}]
+        self.dimU = len(self.controls)
+        self.nu = np.zeros(6)
+        self.u_actual = np.array({start!r}, float)  # {"thrust" if behind else "command"} of each thruster, as it acts
+
+    def thrusts(self, commands):
+        return np.array([np.interp(u, *table) for u, (_, _, *table) in zip(commands, self.thrusters)])
+
+    def torque(self, commands):
+        return float(np.dot(self.arms, self.thrusts(commands)))
+
+    def acceleration(self, r, psi, torque):
+        return (torque - self.DQ * abs(r) * r - self.DL * r{terms}) / self.I
+
+    def dynamics(self, eta, nu, u_actual, u_control, sampleTime):
+        h = sampleTime
+        goal = np.asarray({goal}, float)
+        fade = math.exp(-h / self.lag) if self.lag > 0.0 else 0.0
+        mean = (1.0 - fade) * self.lag / h
+        u = goal + (np.asarray(u_actual, float) - goal) * mean
+        torque = {push}
+        r, psi = nu[5], eta[5]
+        k1 = self.acceleration(r, psi, torque)
+        k2 = self.acceleration(r + 0.5 * h * k1, psi + 0.5 * h * r, torque)
+        k3 = self.acceleration(r + 0.5 * h * k2, psi + 0.5 * h * r, torque)
+        k4 = self.acceleration(r + h * k3, psi + h * r, torque)
+        nu = np.array(nu, float)
+        nu[5] = r + h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+        return nu, goal + (np.asarray(u_actual, float) - goal) * fade
+
+    def stepInput(self, t):
+        return np.array([table[-1] if 10.0 < t < 60.0 else neutral for _, neutral, table, _ in self.thrusters])
+'''
+
+
+def _plain(text: str) -> str:
+    return text.replace("\\", " ").replace('"', "'")

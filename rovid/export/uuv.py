@@ -1,0 +1,177 @@
+"""uuv_simulator: a xacro with its underwater-object and thruster plugins, or, as .yaml, its controllers' model.
+
+From its sources: the torque is -Ma*a + (linear_damping + quadratic_damping*|r|)*r, so that added mass is positive and
+damping negative; a is the acceleration of the step before through a filter of weight 0.3. Thrusters are a lag of the
+command (FirstOrder) ahead of a conversion (LinearInterp). Axes are FLU, z up: the yaw rate is minus rovid's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves, identifier, numbers
+from rovid.export.gz_sim import frame_notes, place
+from rovid.export.manoeuvre import march, settling_time, thrust_torque
+from rovid.export.rotor import first_order, input_notes, inputs_of
+from rovid.trial import FloatArray
+
+_STEP = 0.002  # s, of uuv_simulator's worlds
+_FILTER = 0.3
+# The filtered acceleration is late by 1/0.3 steps; with the added share of the inertia in it, the rate is off by
+# 1/e of delay over settling time at most. Beyond this share of the range the split would show.
+_VISIBLE = 3e-4
+# 0.7 - 0.3*ratio > -1: the loop through the acceleration of the step before must not diverge; half of it is prudent.
+_STABLE = 2.8
+
+
+def export(subject: Subject) -> Target:
+    """A xacro for uuv_simulator."""
+    split, note = _split(subject)
+    lag, form = first_order(subject)
+    tables = curves(subject)
+    inputs = inputs_of(tables, form)
+    return Target(
+        content=_xacro(subject, split, inputs, tables, lag),
+        plant=_plant(subject, split, tables, lag if form == "thruster_lag:command" else 0.0, lag if form else 0.0),
+        holds=curve_keys(subject) | ({form} if form else frozenset()),
+        notes=(*frame_notes(subject), note, *input_notes(form)),
+    )
+
+
+def export_yaml(subject: Subject) -> Target:
+    """The vehicle model of uuv_simulator's controllers; it has no thrusters."""
+    split, note = _split(subject)
+    body, added = split
+    model, zeros = subject.model, ["0", "0", "0", "0", "0"]
+    rows = ["    - [" + ", ".join("0" for _ in range(6)) + "]" for _ in range(5)]
+    rows.append(f"    - [{', '.join([*zeros, f'{added:.10g}'])}]")
+    content = "\n".join(
+        [
+            "# Yaw identified by rovid; z up, a yaw rate is minus the heading's. Only the yaw entries are known.",
+            f"mass: {subject.mass:.10g}",
+            "inertial:",
+            f"  izz: {body:.10g}",
+            "Ma:",
+            *(row[2:] for row in rows),
+            f"linear_damping: [{', '.join([*zeros, f'{-model.linear_drag:.10g}'])}]",
+            f"quad_damping: [{', '.join([*zeros, f'{-model.quadratic_drag:.10g}'])}]",
+            "",
+        ]
+    )
+    return Target(
+        content=content,
+        plant=_plant(subject, split, curves(subject), 0.0, 0.0),
+        holds=curve_keys(subject),
+        notes=(*frame_notes(subject), note, "The controllers' model takes forces: a thruster manager has the curves."),
+    )
+
+
+def _split(subject: Subject) -> tuple[tuple[float, float], str]:
+    body, added = subject.rigid_inertia, subject.added_inertia
+    late = _STEP / _FILTER * added / subject.model.inertia / settling_time(subject) / math.e
+    if added <= _STABLE * body and late < _VISIBLE:
+        return (body, added), "The added inertia stands in <added_mass>, the body's in <inertia>."
+    return (subject.model.inertia, 0.0), (
+        "The whole inertia is the link's and the yaw entry of <added_mass> 0: the plugin filters the acceleration of "
+        f"the step before, which would put the rate off by {100.0 * late:.2g} % or diverge."
+    )
+
+
+def _plant(
+    subject: Subject, split: tuple[float, float], propulsion: list[Curve], command_lag: float, lag: float
+) -> Callable[[FloatArray, float], FloatArray]:
+    model, (body, added) = subject.model, split
+    thrust_lag = 0.0 if command_lag else lag
+
+    def plant(commands: FloatArray, period: float) -> FloatArray:
+        filtered = before = 0.0
+
+        def advance(rate: float, _: float, torque: float) -> float:
+            nonlocal filtered, before
+            filtered = (1.0 - _FILTER) * filtered + _FILTER * before
+            drag = -(model.linear_drag + model.quadratic_drag * abs(rate)) * rate
+            before = (torque + drag - added * filtered) / body
+            return rate + _STEP * before
+
+        torque = thrust_torque(propulsion, commands, period, _STEP, command_lag=command_lag, thrust_lag=thrust_lag)
+        return -march(-torque, round(period / _STEP), advance, _STEP)
+
+    return plant
+
+
+def _xacro(subject: Subject, split: tuple[float, float], inputs: list[Curve], tables: list[Curve], lag: float) -> str:
+    model, (body, added) = subject.model, split
+    name = identifier(subject.vehicle.name).lower()
+    matrix = "\n".join(
+        "            " + " ".join(f"{added:.10g}" if i == j == 5 else "0" for j in range(6)) for i in range(6)
+    )
+    thrusters = [
+        _thruster(name, index, curve, table, 1.0 if index % 2 == 0 else -1.0, lag)
+        for index, (curve, table, thruster) in enumerate(zip(inputs, tables, subject.vehicle.thrusters, strict=True))
+        if thruster.curve is not None
+    ]
+    return f"""<?xml version="1.0"?>
+<!-- Yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
+<robot name="{name}" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <link name="{name}/base_link">
+    <inertial>
+      <mass value="{subject.mass:.10g}"/>
+      <origin xyz="0 0 0" rpy="0 0 0"/>
+      <inertia ixx="{body:.10g}" ixy="0" ixz="0" iyy="{body:.10g}" iyz="0" izz="{body:.10g}"/>
+    </inertial>
+  </link>
+  <gazebo>
+    <plugin name="{name}_uuv_plugin" filename="libuuv_underwater_object_ros_plugin.so">
+      <fluid_density>1025</fluid_density>
+      <flow_velocity_topic>hydrodynamics/current_velocity</flow_velocity_topic>
+      <link name="{name}/base_link">
+        <neutrally_buoyant>1</neutrally_buoyant>
+        <hydrodynamic_model>
+          <type>fossen</type>
+          <added_mass>
+{matrix}
+          </added_mass>
+          <linear_damping>0 0 0 0 0 {-model.linear_drag:.10g}</linear_damping>
+          <quadratic_damping>0 0 0 0 0 {-model.quadratic_drag:.10g}</quadratic_damping>
+        </hydrodynamic_model>
+      </link>
+    </plugin>
+  </gazebo>
+{"".join(thrusters)}</robot>
+"""
+
+
+def _thruster(name: str, index: int, curve: Curve, table: Curve, side: float, lag: float) -> str:
+    x, direction = place(curve, side)
+    link = f"{name}/thruster_{index}"
+    dynamics = (
+        f"<type>FirstOrder</type><timeConstant>{lag:.10g}</timeConstant>" if lag > 0 else "<type>ZeroOrder</type>"
+    )
+    return f"""  <!-- {curve_comment(table)} -->
+  <joint name="{link}_joint" type="continuous">
+    <origin xyz="{x:.10g} 0 0" rpy="0 0 {direction * math.pi / 2.0:.16g}"/>
+    <axis xyz="1 0 0"/>
+    <parent link="{name}/base_link"/>
+    <child link="{link}"/>
+  </joint>
+  <link name="{link}">
+    <inertial>
+      <mass value="0.001"/>
+      <inertia ixx="1e-6" ixy="0" ixz="0" iyy="1e-6" iyz="0" izz="1e-6"/>
+    </inertial>
+  </link>
+  <gazebo>
+    <plugin name="{name}_{index}_thruster_model" filename="libuuv_thruster_ros_plugin.so">
+      <linkName>{link}</linkName>
+      <jointName>{link}_joint</jointName>
+      <thrusterID>{index}</thrusterID>
+      <dynamics>{dynamics}</dynamics>
+      <conversion>
+        <type>LinearInterp</type>
+        <inputValues>{numbers(curve.command)}</inputValues>
+        <outputValues>{numbers(curve.thrust)}</outputValues>
+      </conversion>
+    </plugin>
+  </gazebo>
+"""
