@@ -126,13 +126,17 @@ class Parameters:
         Raises
         ------
         ConfigError
-            Inertia or drag is missing.
+            Inertia, drag or a parameter of an effect is missing.
         """
         for name, command in (("quadratic_drag", "fit-drag LOGS"), ("inertia", "fit-inertia")):
             if name not in self.entries:
                 raise ConfigError(f"holds no {name}.", where=self.path, mend=f"Run `rovid {command}` first.")
         linear = self.entries.get("linear_drag")
         effects = tuple(effect_named(name) for name in self.effects)
+        for name in (f"{effect.key}.{parameter.name}" for effect in effects for parameter in effect.parameters):
+            if name not in self.entries:
+                mend = f"Run `rovid fit --effect {name.rpartition('.')[0]}`, or delete what is left of the effect."
+                raise ConfigError(f"holds no {name}.", where=self.path, mend=mend)
         return Model(
             inertia=self.entries["inertia"].value,
             quadratic_drag=self.entries["quadratic_drag"].value,

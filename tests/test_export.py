@@ -35,7 +35,7 @@ SIZES: dict[str, dict[str, float]] = {
     "thruster_lag:rotor": {"time_constant": 0.8},
     "command_delay": {"delay": 0.4},
     "thruster_deadband": {"deadband": 0.2},
-    "thruster_deadband:jump": {"deadband": 0.3},
+    "thruster_deadband:jump": {"deadband": 0.3, "edge": 0.1},
     "thrust_asymmetry": {"reverse_gain": 0.8},
     "thrust_curve_shape": {"exponent": 0.9},
     "thruster_imbalance:aft": {"gain": 0.8},

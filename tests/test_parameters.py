@@ -139,6 +139,13 @@ def test_what_is_missing_for_a_model_is_said(names: tuple[str, ...], words: str,
         stored.model()
 
 
+def test_half_an_effect_is_said(tmp_path: Path) -> None:
+    names = (*NAMES, "added_mass_memory.inertia")
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(names))
+    with pytest.raises(ConfigError, match=r"holds no added_mass_memory\.time_constant"):
+        stored.model()
+
+
 @pytest.mark.parametrize(("folder", "words"), [(False, "no such parameter file"), (True, "is a folder")])
 def test_no_file_and_a_folder_are_told_apart(tmp_path: Path, words: str, *, folder: bool) -> None:
     with pytest.raises(ConfigError, match=words):

@@ -82,7 +82,7 @@ def deadband(subject: Subject, index: int) -> float:
         subject.vehicle, blank_trial(np.zeros(1), np.zeros((1, len(subject.vehicle.thrusters))))
     )
     # The smaller of both directions, a ramp's width short of the threshold: no thrust of the curve is lost.
-    size = np.full(len(where.names), 0.95 * values["deadband"])
+    size = np.full(len(where.names), (1.0 - 0.5 * values["edge"]) * values["deadband"])
     ends = [abs(float(subject.vehicle.thrust(where.from_beyond(sign * size)[None])[0, index])) for sign in (1.0, -1.0)]
     return min(ends)
 
