@@ -140,8 +140,8 @@ def test_what_is_missing_for_a_model_is_said(names: tuple[str, ...], words: str,
 
 
 def test_half_an_effect_is_said(tmp_path: Path) -> None:
-    names = (*NAMES, "added_mass_memory.inertia")
-    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(names))
+    half = replace(estimate(("inertia",)), names=("added_mass_memory.inertia",))
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate()).with_estimate(half)
     with pytest.raises(ConfigError, match=r"holds no added_mass_memory\.time_constant"):
         stored.model()
 
