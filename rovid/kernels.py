@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+import warnings
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
+from numba import literal_unroll
+from numba.core.errors import NumbaExperimentalFeatureWarning
 
 from rovid import effects
 from rovid.effects import TERMS
 from rovid.effects.base import TERM_STATES
 from rovid.effects.base import compiled as _compiled
 from rovid.trial import FloatArray
+
+# The loop over the effects' terms hands functions to numba, which calls that new; it works and is tested.
+warnings.filterwarnings("ignore", category=NumbaExperimentalFeatureWarning)
 
 # A step of this share of the shortest time constant leaves fourth-order Runge-Kutta exact to about 1e-6.
 _STEP_SHARE = 0.2
@@ -106,28 +110,6 @@ def simulate(
     return rate, angle
 
 
-def _choice(terms: Sequence[Any]) -> Any:
-    """One compiled function of the number of a term and its arguments; by halves, few comparisons lead to any."""
-    half = len(terms) // 2
-    low, high = (part[0] if len(part) == 1 else _choice(part) for part in (terms[:half], terms[half:]))
-    one_low, one_high = half == 1, len(terms) - half == 1
-
-    @numba.njit(error_model="numpy", nogil=True)
-    def choose(kind: int, rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-        if kind < half:
-            if one_low:
-                return low(rate, angle, push, base, p, x, dx)
-            return low(kind, rate, angle, push, base, p, x, dx)
-        if one_high:
-            return high(rate, angle, push, base, p, x, dx)
-        return high(kind - half, rate, angle, push, base, p, x, dx)
-
-    return choose
-
-
-_term = _choice(TERMS)
-
-
 @_compiled
 def _sum_terms(
     rate: float, angle: float, push: float, base: Any, terms: Any, kinds: Any, state: Any, change: Any
@@ -135,7 +117,11 @@ def _sum_terms(
     """Torque of all effects; fills in the rates of change of their states."""
     total = 0.0
     for j in range(len(kinds)):
-        total += _term(kinds[j], rate, angle, push, base, terms[j], state[j], change[j])
+        k = 0
+        for term in literal_unroll(TERMS):
+            if kinds[j] == k:
+                total += term(rate, angle, push, base, terms[j], state[j], change[j])
+            k += 1  # noqa: SIM113 - numba unrolls the bare loop only
     return total
 
 
