@@ -62,7 +62,7 @@ def _show_amplitudes(console: Console, amplitudes: Amplitudes) -> None:
     for each in amplitudes.predictions:
         change = 100.0 * (each.predicted / each.measured - 1.0)
         rows.add_row(
-            each.trial,
+            escape(each.trial),
             METHODS[each.method],
             number(each.inertia, ".0f"),
             number(each.measured, ".3g"),
@@ -79,8 +79,9 @@ def _show_amplitudes(console: Console, amplitudes: Amplitudes) -> None:
         rows.add_row(effect.title, sizes, effect.experiment, number(cause.model.inertia, ".0f"))
     if amplitudes.causes:
         console.print(rows)
-    ruled_out = ", ".join(effect.title for effect in amplitudes.ruled_out)
-    console.print(f"would not, alone: {ruled_out}", highlight=False)
+    if amplitudes.ruled_out:
+        ruled_out = ", ".join(effect.title for effect in amplitudes.ruled_out)
+        console.print(f"would not, alone: {ruled_out}", highlight=False)
 
 
 def _show_finding(console: Console, finding: Finding) -> None:

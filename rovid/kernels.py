@@ -184,6 +184,7 @@ def advance(
     r: float,
     a: float,
     push: float,
+    moment: float,
     race: float,
     interval: float,
     base: Any,
@@ -219,6 +220,9 @@ def advance(
     for _ in range(steps):
         r, a, damping = _substep(r, a, push, base, terms, kinds, state, work[0], work[1], h)
         stiffness = max(stiffness, damping)
+    # What came late in the interval has turned the vehicle less, and drag has taken less of it.
+    a += moment / base[0]
+    r -= (2.0 * base[1] * abs(r) + base[2]) / base[0] * moment / base[0]
     return r, a, stiffness
 
 
@@ -226,6 +230,7 @@ def advance(
 def simulate_effects(
     time: FloatArray,
     torque: FloatArray,
+    moment: FloatArray,
     race: FloatArray,
     base: FloatArray,
     terms: FloatArray,
@@ -238,8 +243,8 @@ def simulate_effects(
     ----------
     torque
         (n,) N m; each value the mean until the next instant.
-    race
-        (n,) N^0.5 m^2, see `rovid.model.Drive`.
+    moment, race
+        (n,) N m s^2 and N^0.5 m^2, see `rovid.model.Drive`.
     base
         Inertia, quadratic and linear drag, the heading in rad at the first instant, the fastest rate of the effects'
         own states in 1/s, and room for the race of the moment.
@@ -256,7 +261,7 @@ def simulate_effects(
     stiffness = 0.0
     for k in range(n - 1):
         r, a, stiffness = advance(
-            r, a, torque[k], race[k], time[k + 1] - time[k], base, terms, kinds, state, work, stiffness
+            r, a, torque[k], moment[k], race[k], time[k + 1] - time[k], base, terms, kinds, state, work, stiffness
         )
         rate[k + 1], angle[k + 1] = r, a
     return rate, angle

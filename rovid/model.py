@@ -242,13 +242,12 @@ class Model:
     ) -> tuple[FloatArray, FloatArray]:
         from rovid.kernels import simulate, simulate_effects
 
-        if any(effect.term is not None for effect in self.effects):
-            rate, angle = simulate_effects(time, drive.torque, drive.race, self.base(trial), *self.terms(), start)
-        else:
-            rate, angle = simulate(time, drive.torque, self.inertia, self.quadratic_drag, self.linear_drag, start[0])
-            angle += start[1]
-        angle[1:] += np.cumsum(drive.moment[:-1]) / self.inertia
-        return rate, angle
+        if any(effect.term is not None for effect in self.effects) or drive.moment.any():
+            series = drive.torque, drive.moment, drive.race
+            rate, angle = simulate_effects(time, *series, self.base(trial), *self.terms(), start)
+            return rate, angle
+        rate, angle = simulate(time, drive.torque, self.inertia, self.quadratic_drag, self.linear_drag, start[0])
+        return rate, angle + start[1]
 
     def simulate(self, trial: Trial, drive: Drive) -> tuple[FloatArray, FloatArray]:
         """Simulate freely from the first sample, under ``drive`` at the instants of ``trial``.

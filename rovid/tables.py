@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from rovid.errors import LogError, nearest
 from rovid.trial import FloatArray
 
+_FINEST = 1e-3
 CURVE_COLUMNS = ("command", "thrust_N")
 STEADY_COLUMNS = ("yaw_rate_rad_s", "torque_Nm")
 SINE_COLUMNS = ("period_s", "torque_amplitude_Nm", "peak_yaw_rate_rad_s")
@@ -68,8 +70,13 @@ class Table:
         return values
 
     def resolution(self, column: str) -> FloatArray:
-        """(n,) size of the last printed digit of ``column``."""
-        return np.array([10.0 ** -len(cell.partition(".")[2]) for cell in self.text(column)])
+        """(n,) size of the last printed digit of ``column``; no smaller than a thousandth of its largest number.
+
+        Digits beyond were printed, not read.
+        """
+        digits = [Decimal(cell).as_tuple().exponent for cell in self.text(column)]
+        finest = _FINEST * float(np.max(np.abs(self.numbers(column))))
+        return np.array([max(10.0 ** int(digit), finest) for digit in digits])
 
 
 def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> Table:

@@ -101,9 +101,8 @@ def simulated(effect: Effect, values: FloatArray, torque: FloatArray, time: Floa
     terms[0, : len(values)] = values
     fastest = 0.0 if effect.fastest is None else effect.fastest(effect.values(values))
     base = np.array([*BASE, fastest, 0.0])
-    rate, _ = simulate_effects(
-        time, torque, np.sqrt(np.abs(torque)), base, terms, np.array([MOTION.index(effect)]), (0.0, 0.0)
-    )
+    kinds, race = np.array([MOTION.index(effect)]), np.sqrt(np.abs(torque))
+    rate, _ = simulate_effects(time, torque, np.zeros(len(time)), race, base, terms, kinds, (0.0, 0.0))
     return np.asarray(rate)
 
 

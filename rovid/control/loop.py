@@ -167,9 +167,19 @@ def _run(
         )
         for j in range(at, at + m):
             turning, angle, stiffness = advance(
-                turning, angle, torque[j] + outside[j], race[j], tick, base, terms, kinds, states, work, stiffness
+                turning,
+                angle,
+                torque[j] + outside[j],
+                moment[j],
+                race[j],
+                tick,
+                base,
+                terms,
+                kinds,
+                states,
+                work,
+                stiffness,
             )
-            angle += moment[j] / model.inertia
             heading[j + 1], rate[j + 1] = start + angle, turning
     asked[-1], torque[-1], race[-1] = asked[-2], torque[-2], race[-2]
     shown = heading + model.deviation(heading) if deviates else heading

@@ -27,6 +27,8 @@ _PERIODS, _SAMPLES = 6, 80
 _HOLD, _HOLD_SAMPLES, _HOLD_END = 20.0, 320, 80
 # Standard deviation of a rate as read, in its last printed digit.
 _READING = 0.5
+# Of the fastest hold: one that is slower has no longer to settle.
+_SLOWEST = 0.05
 # Where fewer right models than this would miss as much, the misfit is not one of reading.
 _BY_CHANCE = 0.05
 # Total over rigid-body inertia that an explanation may ask for; a closed hull full of water has 4.
@@ -85,12 +87,14 @@ class Amplitudes:
 
     @property
     def causes(self) -> tuple[Explanation, ...]:
-        """Those that would explain the tables."""
-        return tuple(each for each in self.with_effect if each.explains)
+        """Those that would explain the tables; none where nothing asks for one."""
+        return () if self.plain.explains else tuple(each for each in self.with_effect if each.explains)
 
     @property
     def ruled_out(self) -> tuple[Effect, ...]:
         """Those that would not, by themselves."""
+        if self.plain.explains:
+            return ()
         return tuple(each.model.effects[0] for each in self.with_effect if not each.explains)
 
     @property
@@ -102,8 +106,9 @@ class Amplitudes:
                 "show no more, and nothing can be held out: record the runs as logs."
             )
         return (
-            f"no plain model agrees with the tables; {len(self.causes)} effects would, each by itself. Amplitudes "
-            "without a time series do not tell which, and nothing can be held out: record the runs as logs."
+            f"no plain model agrees with the tables, with an inertia of {_RATIOS[0]:g} to {_RATIOS[1]:g} times the "
+            f"rigid body's; {len(self.causes)} effects would, each by itself. Amplitudes without a time series do not tell "
+            "which, and nothing can be held out: record the runs as logs."
         )
 
 
@@ -242,7 +247,8 @@ def _rows(sine: Table, steady: Table | None, start: Model, rigid_body: float | N
     tables = [(sine, "peak_yaw_rate_rad_s"), *([] if steady is None else [(steady, "yaw_rate_rad_s")])]
     if steady is not None:
         pairs = zip(steady.numbers("torque_Nm"), steady.numbers("yaw_rate_rad_s"), strict=True)
-        runs += [_hold(float(push), float(rate), start) for push, rate in pairs]
+        slowest = _SLOWEST * float(np.max(np.abs(steady.numbers("yaw_rate_rad_s"))))
+        runs += [_hold(float(push), max(abs(float(rate)), slowest), start) for push, rate in pairs]
     return _Rows(
         runs=runs,
         rates=np.concatenate([table.numbers(column) for table, column in tables]),
@@ -256,13 +262,13 @@ def _rows(sine: Table, steady: Table | None, start: Model, rigid_body: float | N
 
 def _sine(period: float, amplitude: float) -> Trial:
     time = np.linspace(0.0, _PERIODS * period, _PERIODS * _SAMPLES + 1, dtype=np.float64)
-    # The mean over each interval, for which it is held.
-    torque = amplitude * np.sin(2.0 * np.pi * (time + 0.5 * period / _SAMPLES) / period)
+    # The mean over each interval, for which it is held. A rate that starts at the torque's peak has least to forget.
+    torque = amplitude * np.cos(2.0 * np.pi * (time + 0.5 * period / _SAMPLES) / period)
     return _run("sine", time, torque)
 
 
 def _hold(torque: float, rate: float, start: Model) -> Trial:
-    constant = start.inertia / (2.0 * start.quadratic_drag * abs(rate) + start.linear_drag)
+    constant = start.inertia / max(2.0 * start.quadratic_drag * rate + start.linear_drag, 1e-12)
     time = np.linspace(0.0, _HOLD * constant, _HOLD_SAMPLES, dtype=np.float64)
     return _run("hold", time, np.full(len(time), torque))
 

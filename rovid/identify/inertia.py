@@ -22,7 +22,7 @@ from rovid.identify.sine import (
 )
 from rovid.model import Model
 from rovid.runs import Run
-from rovid.tables import Table
+from rovid.tables import SINE_COLUMNS, Table
 from rovid.trial import FloatArray
 
 METHODS = {
@@ -257,8 +257,9 @@ def fit_inertia_table(table: Table, *, drag: Estimate | None, rigid_body: float 
     Raises
     ------
     DataError
-        The torque is smaller than the drag, or no drag is known.
+        The torque is smaller than the drag, a period or an amplitude is not above 0, or no drag is known.
     """
+    _require_positive(table)
     omega = 2.0 * np.pi / table.numbers("period_s")
     torque, rate = table.numbers("torque_amplitude_Nm"), table.numbers("peak_yaw_rate_rad_s")
     quadratic, linear = table_drag(table, drag)
@@ -310,6 +311,18 @@ def fit_inertia_table(table: Table, *, drag: Estimate | None, rigid_body: float 
         regression=None,
         refused={"orbit_integral": no_phase, "regression": no_phase},
     )
+
+
+def _require_positive(table: Table) -> None:
+    for name in SINE_COLUMNS:
+        values = table.numbers(name)
+        if (values <= 0.0).any():
+            at = int(np.argmin(values))
+            raise DataError(
+                f"{name} is {values[at]:g}, a number above 0 was expected.",
+                where=f"{table.path}:{table.lines[at]}",
+                mend="Correct the cell or delete the row.",
+            )
 
 
 def table_drag(table: Table, drag: Estimate | None) -> tuple[FloatArray, FloatArray]:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import special
 
 from rovid.effects import Effect
-from rovid.errors import DataError
+from rovid.errors import ConfigError, DataError
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import fit_free_run, free_run_r2
 from rovid.identify.innovations import BASE, Likelihood, Records
@@ -98,18 +98,22 @@ def fit_likelihood(
     ------
     DataError
         The vehicle was not excited enough, or no yaw rate is logged.
+    ConfigError
+        A wave is to be fitted to yaw rates.
     """
     if gyro and all(run.trial.yaw_rate is None for run in runs):
         raise DataError(
             "no yaw rate is logged.", where="--gyro", mend="Map yaw_rate in [signals] of rovid.toml, or leave it out."
         )
+    if gyro and any(effect.wave for effect in effects):
+        raise ConfigError("is fitted to headings alone.", where="wave_torque", mend="Leave out --gyro or the effect.")
     records = Records(runs, vehicle, fit_free_run(runs), gyro=gyro)
     base_r2 = free_run_r2(runs, records.start)
     likelihood, x, r2 = fit_base(records, base_r2) if base_r2 >= TRUSTED_R2 else fit_simulated(records)
     if effects:
         likelihood, x = with_effects(likelihood, x, effects)
         r2 = simulated_r2(likelihood, x)
-    return _result(likelihood, x, r2=r2, base_r2=base_r2)
+    return _result(likelihood, x, r2=r2, base_r2=base_r2, gyro=gyro)
 
 
 def fit_base(records: Records, base_r2: float) -> tuple[Likelihood, FloatArray, float]:
@@ -187,7 +191,7 @@ def physical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
     return np.array([model.inertia, model.quadratic_drag, model.linear_drag, *model.effect_values])
 
 
-def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float) -> LikelihoodFit:
+def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float, gyro: bool) -> LikelihoodFit:
     x = canonical(likelihood, x)
     white = likelihood_is_white(likelihood, x)
     at_limit = likelihood.at_limit(x)
@@ -205,7 +209,7 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
         covariance=found,
         method=likelihood.method,
         samples=sum(int(run.trial.measured.sum()) for run in likelihood.records.runs),
-        warnings=tuple(_warnings(likelihood, model, white=white, at_limit=at_limit)),
+        warnings=tuple(_warnings(likelihood, model, white=white, at_limit=at_limit, gyro=gyro)),
     )
     require_inertia(estimate, CERTAINTY)
     return LikelihoodFit(
@@ -232,7 +236,7 @@ def canonical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
     return np.concatenate(parts)
 
 
-def _warnings(likelihood: Likelihood, model: Model, *, white: bool, at_limit: bool) -> list[str]:
+def _warnings(likelihood: Likelihood, model: Model, *, white: bool, at_limit: bool, gyro: bool) -> list[str]:
     texts = []
     if at_limit:
         texts.append(
@@ -245,6 +249,8 @@ def _warnings(likelihood: Likelihood, model: Model, *, white: bool, at_limit: bo
             "The simulation misses too much for the likelihood of each next heading, which would call it disturbance: "
             "the parameters are those of the best free-running yaw rate."
         )
+        if gyro:
+            texts.append("--gyro has no say there: the rate is that of the logs already.")
     if not white:
         texts.append(
             "The innovations are not white: the standard errors come from the scatter between stretches of the "
