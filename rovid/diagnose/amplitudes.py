@@ -107,8 +107,8 @@ class Amplitudes:
             )
         return (
             f"no plain model agrees with the tables, with an inertia of {_RATIOS[0]:g} to {_RATIOS[1]:g} times the "
-            f"rigid body's; {len(self.causes)} effects would, each by itself. Amplitudes without a time series do not tell "
-            "which, and nothing can be held out: record the runs as logs."
+            f"rigid body's; {len(self.causes)} effects would, each by itself. Amplitudes without a time series do not "
+            "tell which, and nothing can be held out: record the runs as logs."
         )
 
 
