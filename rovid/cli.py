@@ -214,7 +214,7 @@ def diagnose(
     stored = _stored(parameters)
     study = _open(logs or _remembered(stored), cutoff)
     with _working("Diagnosing …") as report:
-        diagnosis = study.diagnosis(report)
+        diagnosis = study.diagnosis(report, drag=stored.drag())
     if logs:
         stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
     if diagnosis.extended is not None:

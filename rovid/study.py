@@ -123,8 +123,8 @@ class Study:
                 )
         return fit_likelihood(self.runs.items, self.vehicle, effects, gyro=gyro)
 
-    def amplitudes(self) -> Amplitudes:
-        """What would make one model agree with all rows of the tables.
+    def amplitudes(self, drag: Estimate | None = None) -> Amplitudes:
+        """What would make one model agree with all rows of the tables; the steady turns' own drag goes before ``drag``.
 
         Raises
         ------
@@ -134,7 +134,7 @@ class Study:
         if self.sine is None:
             raise DataError("a table of steady turns fits any inertia.", where=self.paths[0], mend="Give logs.")
         steady = None if self.steady is None else read_table(self.steady)
-        drag = None if steady is None else self.drag().estimate
+        drag = drag if steady is None else self.drag().estimate
         rigid_body = self.vehicle.rigid_body_inertia
         return explain(read_table(self.sine), steady, drag, self.inertia(drag), rigid_body)
 
@@ -153,8 +153,10 @@ class Study:
         acting = torque[torque > 0.0]
         return float(np.median(acting)) if acting.size else None
 
-    def diagnosis(self, report: Callable[[str], None] = lambda _: None) -> Diagnosis:
+    def diagnosis(self, report: Callable[[str], None] = lambda _: None, *, drag: Estimate | None = None) -> Diagnosis:
         """What the simulation gets wrong and why; ``report`` is told how far it is.
+
+        Where there are tables of sines alone, ``drag`` is that of the model.
 
         Raises
         ------
@@ -162,7 +164,7 @@ class Study:
             There are neither logs nor a table of sine trials.
         """
         if self.runs is None:
-            amplitudes = self.amplitudes()
+            amplitudes = self.amplitudes(drag)
             return Diagnosis(verdict="too_little_data", missing=amplitudes.missing, amplitudes=amplitudes)
         return diagnose(self.runs, self.vehicle, report)
 

@@ -251,3 +251,16 @@ def test_a_sine_that_cannot_be(row: str, words: str, tmp_path: Path, rovid: Rovi
     (tmp_path / "steady.csv").write_text("command,yaw_rate_rad_s,torque_Nm\n1,0.1,13\n2,0.2,44\n3,0.3,93\n")
     (tmp_path / "sines.csv").write_text(f"period_s,torque_amplitude_Nm,peak_yaw_rate_rad_s\n20,60,0.2\n{row}\n")
     assert_one_message(rovid("diagnose", tmp_path, "--json"), words, "sines.csv:3", "above 0")
+
+
+def test_sines_alone_take_the_drag_that_is_stored(tmp_path: Path, rovid: Rovid) -> None:
+    paper = SAMPLES / "rosub_paper"
+    sines = tmp_path / "sines"
+    sines.mkdir()
+    (sines / "rovid.toml").write_bytes((paper / "rovid.toml").read_bytes())
+    rows = [line.split(",")[:4] for line in (paper / "sine_trials.csv").read_text().splitlines()]
+    (sines / "sine_trials.csv").write_text("\n".join(",".join(row) for row in rows) + "\n")
+    assert_one_message(rovid("diagnose", sines), "no quadratic_drag is known")
+    assert rovid("fit-drag", paper).code == 0
+    document = rovid("diagnose", sines, "--json").document
+    assert document["tables"]["plain_model_explains"] is False

@@ -9,6 +9,7 @@ from typing import TypeVar
 from rovid.diagnose.diagnosis import Diagnosis
 from rovid.diagnose.parts import parts_of
 from rovid.errors import DataError
+from rovid.identify.estimate import Estimate
 from rovid.output import require_writable
 from rovid.parameters import Parameters
 from rovid.report.evidence import Evidence
@@ -57,7 +58,7 @@ def build_report(
         stored = stored.with_estimate(inertia.estimate)
     if stored is not known or not stored.path.exists():
         stored.write()
-    diagnosis, diagnosis_refusal = _diagnosis(study, folder, report) if diagnosed else (None, "")
+    diagnosis, diagnosis_refusal = _diagnosis(study, stored.drag(), folder, report) if diagnosed else (None, "")
     report("Drawing and writing the page …")
     return write_report(
         folder,
@@ -85,11 +86,13 @@ def _or_refusal(fit: Callable[[], _T]) -> tuple[_T | None, str]:
         return None, str(error)
 
 
-def _diagnosis(study: Study, folder: Path, report: Callable[[str], None]) -> tuple[Diagnosis | None, str]:
+def _diagnosis(
+    study: Study, drag: Estimate | None, folder: Path, report: Callable[[str], None]
+) -> tuple[Diagnosis | None, str]:
     if study.runs is not None:
         require_writable(folder / "index.html")
     report(_PATIENCE)
-    return _or_refusal(lambda: study.diagnosis(lambda text: report(f"{_PATIENCE} {text}")))
+    return _or_refusal(lambda: study.diagnosis(lambda text: report(f"{_PATIENCE} {text}"), drag=drag))
 
 
 def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...]:
