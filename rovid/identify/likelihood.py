@@ -113,7 +113,7 @@ def fit_likelihood(
     if effects:
         likelihood, x = with_effects(likelihood, x, effects)
         r2 = simulated_r2(likelihood, x)
-    return _result(likelihood, x, r2=r2, base_r2=base_r2, gyro=gyro)
+    return _result(likelihood, x, r2=r2, base_r2=base_r2)
 
 
 def fit_base(records: Records, base_r2: float) -> tuple[Likelihood, FloatArray, float]:
@@ -191,7 +191,7 @@ def physical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
     return np.array([model.inertia, model.quadratic_drag, model.linear_drag, *model.effect_values])
 
 
-def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float, gyro: bool) -> LikelihoodFit:
+def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float) -> LikelihoodFit:
     x = canonical(likelihood, x)
     white = likelihood_is_white(likelihood, x)
     at_limit = likelihood.at_limit(x)
@@ -209,7 +209,7 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float,
         covariance=found,
         method=likelihood.method,
         samples=sum(int(run.trial.measured.sum()) for run in likelihood.records.runs),
-        warnings=tuple(_warnings(likelihood, model, white=white, at_limit=at_limit, gyro=gyro)),
+        warnings=tuple(_warnings(likelihood, model, white=white, at_limit=at_limit)),
     )
     require_inertia(estimate, CERTAINTY)
     return LikelihoodFit(
@@ -236,7 +236,7 @@ def canonical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
     return np.concatenate(parts)
 
 
-def _warnings(likelihood: Likelihood, model: Model, *, white: bool, at_limit: bool, gyro: bool) -> list[str]:
+def _warnings(likelihood: Likelihood, model: Model, *, white: bool, at_limit: bool) -> list[str]:
     texts = []
     if at_limit:
         texts.append(
@@ -249,7 +249,7 @@ def _warnings(likelihood: Likelihood, model: Model, *, white: bool, at_limit: bo
             "The simulation misses too much for the likelihood of each next heading, which would call it disturbance: "
             "the parameters are those of the best free-running yaw rate."
         )
-        if gyro:
+        if likelihood.records.gyro:
             texts.append("--gyro has no say there: the rate is that of the logs already.")
     if not white:
         texts.append(

@@ -46,6 +46,7 @@ class SimulatedRecords(Records):
             runs=records.runs,
             vehicle=records.vehicle,
             start=records.start,
+            gyro=records.gyro,
             misfit=np.concatenate(misfits),
             correlation_time=_correlation_time(misfits, records.runs[0].rates.kernel.period),
         )
@@ -56,14 +57,14 @@ class SimulatedRecords(Records):
         return [run.rates.time for run in self.runs]
 
     @cached_property
-    def looked_at(self) -> list[NDArray[np.intp]]:
-        """The same: nothing else is."""
-        return self.known
-
-    @cached_property
     def known(self) -> list[NDArray[np.intp]]:
         """Where on the grid of each run the yaw rate is known."""
         return [np.flatnonzero(np.isfinite(run.rates.yaw_rate)) for run in self.runs]
+
+    @cached_property
+    def looked_at(self) -> list[NDArray[np.intp]]:
+        """As ``known``: the rate on the grid is all that is looked at, a gyro's or the heading's."""
+        return self.known
 
 
 def _correlation_time(misfits: Sequence[FloatArray], period: float) -> float:
