@@ -204,7 +204,9 @@ def test_an_effect_hidden_in_the_files_is_measured(effect: str, tmp_path: Path, 
 
 
 def test_an_effect_that_is_not_there_is_told_from_nothing(tmp_path: Path, rovid: Rovid) -> None:
-    write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
+    seed = secrets.randbelow(10**6)
+    print(f"seed {seed}")
+    write_trial_day(tmp_path / "day", seed=seed, formats="csv", campaign=SHORT)
     found = rovid("fit", "day", "--effect", "bias_torque", "--json").document["parameters"]["bias_torque.torque"]
     assert abs(found["value"]) < 3.5 * found["standard_error"]
     assert found["standard_error"] < 1.0  # N m, of 126 in use
