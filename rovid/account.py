@@ -7,11 +7,13 @@ import math
 from rich.console import Console
 from rich.markup import escape
 
+from rovid.axis import Axis
 from rovid.control.design import Control, RunResult
 from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.diagnosis import Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.identify.inertia import METHODS
+from rovid.model import unit_of
 from rovid.output import plus_minus
 from rovid.terminal import number, show_parameters, table
 from rovid.vehicle import Vehicle
@@ -31,27 +33,29 @@ _INVISIBLE = {
 
 def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> None:
     """Print the account."""
+    axis = vehicle.axis
     console.print(f"[bold]{_VERDICTS[diagnosis.verdict]}[/bold]", highlight=False)
     if diagnosis.missing:
         console.print(escape(diagnosis.missing), highlight=False)
     if diagnosis.amplitudes is not None:
         _show_amplitudes(console, diagnosis.amplitudes)
     for finding in diagnosis.findings:
-        _show_finding(console, finding)
+        _show_finding(console, finding, axis)
     for signal, gain in diagnosis.signals:
         console.print(
-            f"\nUnexplained: {escape(signal.title)} (log-likelihood gain {gain:.0f}). It is a dependence, not a cause.",
+            f"\nUnexplained: {escape(axis.words(signal.title))} (log-likelihood gain {gain:.0f}). It is a dependence, "
+            "not a cause.",
             highlight=False,
         )
     if diagnosis.base is not None and diagnosis.extended is not None:
-        _show_gain(console, diagnosis.base, diagnosis.extended, diagnosis.noise_floor)
+        _show_gain(console, diagnosis.base, diagnosis.extended, diagnosis.noise_floor, axis)
         show_parameters(console, diagnosis.extended.estimate)
         share = 100.0 * diagnosis.unexplained_share
-        console.print(f"left unexplained: {share:.2g} % of the torque's variance", highlight=False)
+        console.print(f"left unexplained: {share:.2g} % of the {axis.push}'s variance", highlight=False)
     if diagnosis.verdict == "nothing_found":
-        _show_detectable(console, diagnosis)
+        _show_detectable(console, diagnosis, axis)
     invisible = " and ".join(_INVISIBLE[name] for name in not_identifiable(vehicle))
-    console.print(f"never visible in yaw data: {invisible}", highlight=False)
+    console.print(f"never visible in {axis.name} data: {invisible}", highlight=False)
     run = next_experiment(diagnosis)
     console.print(f"[bold]Next:[/bold] {escape(run['run'])} ({escape(run['reason'])})", highlight=False)
 
@@ -84,9 +88,9 @@ def _show_amplitudes(console: Console, amplitudes: Amplitudes) -> None:
         console.print(f"would not, alone: {ruled_out}", highlight=False)
 
 
-def _show_finding(console: Console, finding: Finding) -> None:
+def _show_finding(console: Console, finding: Finding, axis: Axis) -> None:
     effect, estimate = finding.effect, finding.estimate
-    names = [effect.title, *(other.title for other in finding.undecided)]
+    names = [axis.words(each.title) for each in (effect, *finding.undecided)]
     form = f", form {effect.form}" if effect.form else ""
     console.print(
         f"\n[bold]{escape(' or '.join(names))}[/bold] ({effect.id}{escape(form)}): {escape(effect.equation)}",
@@ -95,8 +99,9 @@ def _show_finding(console: Console, finding: Finding) -> None:
     for parameter in effect.parameters:
         name = f"{effect.key}.{parameter.name}"
         value = plus_minus(estimate.value(name), estimate.standard_error(name))
-        console.print(f"  {parameter.name} {value} {parameter.unit if parameter.unit != '1' else ''}", highlight=False)
-    rivals = ", ".join(f"{escape(rival.effect.title)} {rival.gain:.0f}" for rival in finding.rivals[:3])
+        unit = estimate.unit(name)
+        console.print(f"  {parameter.name} {value} {unit if unit != '1' else ''}", highlight=False)
+    rivals = ", ".join(f"{escape(axis.words(rival.effect.title))} {rival.gain:.0f}" for rival in finding.rivals[:3])
     console.print(
         f"  log-likelihood gain {finding.gain:.0f}, on trials not fitted {finding.held_out_gain:.0f}"
         + (f"; in its place: {rivals}" if rivals else ""),
@@ -107,29 +112,28 @@ def _show_finding(console: Console, finding: Finding) -> None:
         console.print(f"  these data do not tell which; this run would: {escape(decides['run'])}", highlight=False)
 
 
-def _show_gain(console: Console, base: Side, extended: Side, floor: float) -> None:
+def _show_gain(console: Console, base: Side, extended: Side, floor: float, axis: Axis) -> None:
     rows = table("Trials that were not fitted, simulated freely", "", "without", "with what was found", "noise floor")
     one, other = base.held_out, extended.held_out
-    rows.add_row("yaw rate R²", number(one.yaw_rate_r2, ".4f"), number(other.yaw_rate_r2, ".4f"), "")
-    rows.add_row("yaw rate RMSE, rad/s", number(one.yaw_rate_rmse), number(other.yaw_rate_rmse), number(floor, ".2g"))
-    for horizon in one.heading_errors:
-        before, after = (
-            None if side.heading_errors[horizon] is None else math.degrees(side.heading_errors[horizon] or 0.0)
-            for side in (one, other)
-        )
-        rows.add_row(f"heading after {horizon:.0f} s, deg", number(before), number(after), "")
+    rows.add_row(f"{axis.rate_words} R²", number(one.rate_r2, ".4f"), number(other.rate_r2, ".4f"), "")
+    rmse = f"{axis.rate_words} RMSE, {axis.rate_unit}"
+    rows.add_row(rmse, number(one.rate_rmse), number(other.rate_rmse), number(floor, ".2g"))
+    for horizon in one.position_errors:
+        before, after = (axis.in_shown(side.position_errors[horizon]) for side in (one, other))
+        name = f"{axis.position_words} after {horizon:.0f} s, {axis.shown[0]}"
+        rows.add_row(name, number(before), number(after), "")
     rows.add_row("log-likelihood", number(one.log_likelihood, ".0f"), number(other.log_likelihood, ".0f"), "")
     console.print(rows)
 
 
-def _show_detectable(console: Console, diagnosis: Diagnosis) -> None:
+def _show_detectable(console: Console, diagnosis: Diagnosis, axis: Axis) -> None:
     rows = table("The smallest that would have been seen", "effect", "parameter", "size", "unit", left=2)
     for effect, size in diagnosis.detectable:
         rows.add_row(
-            effect.title,
+            axis.words(effect.title),
             effect.parameters[0].name,
             number(size, ".2g") if math.isfinite(size) else "not visible",
-            effect.parameters[0].unit,
+            unit_of(f"{effect.key}.{effect.parameters[0].name}", axis),
         )
     console.print(rows)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,14 +42,17 @@ def check_logs(paths: Sequence[Path], config: Config) -> Check:
 
 def _facts(trial: Trial, config: Config) -> dict[str, Any]:
     torque = config.vehicle.torque(trial)
-    heading = trial.heading[trial.measured]
+    position = trial.position[trial.measured]
+    measured = trial.rate[trial.measured] if trial.integrated and trial.rate is not None else position
+    noise, travel = white_noise(measured), float(np.sum(np.abs(np.diff(position))))
     return {
         "duration": trial.duration,
         "samples": int(trial.measured.sum()),
         "sample_rate": 1.0 / trial.period,
-        "heading_noise_deg": math.degrees(white_noise(heading)),
-        "heading_travel_deg": math.degrees(float(np.sum(np.abs(np.diff(heading))))),
-        "torque_range": [float(torque.min()), float(torque.max())],
+        "measured": config.measured,
+        "noise": noise,
+        "travel": travel,
+        f"{trial.axis.push}_range": [float(torque.min()), float(torque.max())],
         "held_commands": len(find_holds(trial, config.vehicle, torque)),
         "sine_runs": len(find_sines(trial, torque)),
         "remarks": [remark_document(remark) for remark in trial.remarks],

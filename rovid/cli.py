@@ -16,6 +16,7 @@ from rovid.errors import ConfigError, DataError, RovidError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from rovid.axis import Axis
     from rovid.parameters import Parameters
     from rovid.study import Study
 
@@ -32,7 +33,23 @@ OptionalLogs = Annotated[
     typer.Argument(help="Folder of logs, or logs one by one; those of the parameter file if none.", show_default=False),
 ]
 ParameterFile = Annotated[
-    Path, typer.Option("--parameters", "-p", metavar="FILE", help="Parameter file to read and write.")
+    Path | None,
+    typer.Option(
+        "--parameters",
+        "-p",
+        metavar="FILE",
+        help="Parameter file to read and write; parameters.toml if not given, for another axis parameters_AXIS.toml.",
+        show_default=False,
+    ),
+]
+AxisName = Annotated[
+    str | None,
+    typer.Option(
+        "--axis",
+        metavar="AXIS",
+        help="surge, sway, heave, roll, pitch or yaw; that of the parameter file, or yaw, if not given.",
+        show_default=False,
+    ),
 ]
 Cutoff = Annotated[
     float | None,
@@ -41,7 +58,6 @@ Cutoff = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
-DEFAULT_PARAMETERS = Path("parameters.toml")
 
 
 def main() -> None:
@@ -73,18 +89,20 @@ def _root(
 
 
 @app.command()
-def check(logs: Logs, *, json: Json = False) -> None:
+def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
     """What is in the logs and what is wrong with them.
 
     Example: rovid check sample_logs/rosub_tank
     """
+    from rovid.axis import YAW, axis_named
     from rovid.check import check_logs
     from rovid.config import find_config, load_config
     from rovid.documents import check_document
     from rovid.terminal import show_check, show_warnings
 
     _announce_compilation()
-    found = check_logs(logs, load_config(find_config(logs)))
+    config = load_config(find_config(logs), axis_named(axis) if axis else YAW)
+    found = check_logs(logs, config)
     if json:
         _print_json(check_document(found.rows, found.problems, found.remarks))
     else:
@@ -101,7 +119,12 @@ def check(logs: Logs, *, json: Json = False) -> None:
 
 @app.command()
 def fit_drag(
-    logs: Logs, *, parameters: ParameterFile = DEFAULT_PARAMETERS, cutoff: Cutoff = None, json: Json = False
+    logs: Logs,
+    *,
+    axis: AxisName = None,
+    parameters: ParameterFile = None,
+    cutoff: Cutoff = None,
+    json: Json = False,
 ) -> None:
     """Constant-command runs, or a steady-state table, to quadratic and linear drag.
 
@@ -112,8 +135,12 @@ def fit_drag(
     from rovid.documents import drag_document
     from rovid.terminal import show_drag, show_fit
 
-    stored = _stored(parameters)
-    study = _open(logs, cutoff)
+    stored = _stored(parameters, axis)
+    study = _open(logs, cutoff, stored.axis)
+    if stored.axis.rights:
+        # No constant torque turns what rights itself steadily: drag comes with the inertia.
+        _fit_inertia(study, stored.with_logs(study.paths, study.vehicle.name, study.campaign), json=json)
+        return
     with _busy("Fitting drag …"):
         result = study.drag()
     stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign).with_estimate(result.estimate)
@@ -128,7 +155,8 @@ def fit_drag(
 def fit_inertia(
     logs: OptionalLogs = None,
     *,
-    parameters: ParameterFile = DEFAULT_PARAMETERS,
+    axis: AxisName = None,
+    parameters: ParameterFile = None,
     cutoff: Cutoff = None,
     json: Json = False,
 ) -> None:
@@ -138,21 +166,11 @@ def fit_inertia(
 
     Example: rovid fit-inertia
     """
-    from rovid.documents import inertia_document
-    from rovid.terminal import show_fit, show_inertia
-
-    stored = _stored(parameters)
-    study = _open(logs or _remembered(stored), cutoff)
-    with _busy("Fitting inertia …"):
-        result = study.inertia(stored.drag())
+    stored = _stored(parameters, axis)
+    study = _open(logs or _remembered(stored), cutoff, stored.axis)
     if logs:
         stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
-    stored = stored.with_estimate(result.estimate)
-    stored.write()
-    if json:
-        _print_json(inertia_document(result, study))
-    else:
-        show_fit(_console(), result, show_inertia, study, stored)
+    _fit_inertia(study, stored, json=json)
 
 
 @app.command()
@@ -166,7 +184,8 @@ def fit(
     gyro: Annotated[
         bool, typer.Option("--gyro", help="Fit logged yaw rates too; not where one filter made them and the heading.")
     ] = False,
-    parameters: ParameterFile = DEFAULT_PARAMETERS,
+    axis: AxisName = None,
+    parameters: ParameterFile = None,
     cutoff: Cutoff = None,
     json: Json = False,
 ) -> None:
@@ -179,8 +198,8 @@ def fit(
     from rovid.terminal import show_fit, show_likelihood
 
     effects = tuple(effect_named(name) for name in dict.fromkeys(effect or ()))
-    stored = _stored(parameters)
-    study = _open(logs or _remembered(stored), cutoff)
+    stored = _stored(parameters, axis)
+    study = _open(logs or _remembered(stored), cutoff, stored.axis)
     with _busy("Maximising the likelihood …"):
         result = study.likelihood(effects, gyro=gyro)
     if logs:
@@ -197,7 +216,8 @@ def fit(
 def diagnose(
     logs: OptionalLogs = None,
     *,
-    parameters: ParameterFile = DEFAULT_PARAMETERS,
+    axis: AxisName = None,
+    parameters: ParameterFile = None,
     cutoff: Cutoff = None,
     json: Json = False,
 ) -> None:
@@ -211,8 +231,8 @@ def diagnose(
     from rovid.documents import diagnosis_document
     from rovid.terminal import show_warnings
 
-    stored = _stored(parameters)
-    study = _open(logs or _remembered(stored), cutoff)
+    stored = _stored(parameters, axis)
+    study = _open(logs or _remembered(stored), cutoff, stored.axis)
     with _working("Diagnosing …") as report:
         diagnosis = study.diagnosis(report, drag=stored.drag())
     if logs:
@@ -278,7 +298,8 @@ def fit_thruster(
 def simulate(
     logs: OptionalLogs = None,
     *,
-    parameters: ParameterFile = DEFAULT_PARAMETERS,
+    axis: AxisName = None,
+    parameters: ParameterFile = None,
     cutoff: Cutoff = None,
     json: Json = False,
 ) -> None:
@@ -287,13 +308,12 @@ def simulate(
     Example: rovid simulate
     """
     from rovid.documents import simulation_document
-    from rovid.parameters import read_parameters
     from rovid.simulation import simulate_runs
     from rovid.terminal import show_simulation, show_warnings
 
-    stored = read_parameters(parameters)
+    stored = _known(parameters, axis)
     model = stored.model()
-    study = _open(logs or _remembered(stored), cutoff)
+    study = _open(logs or _remembered(stored), cutoff, stored.axis)
     if study.campaign is None or study.runs is None:
         raise DataError("are tables; only logs can be simulated.", where="LOGS", mend="Give LOGS.")
     study.require(model.effects)
@@ -343,7 +363,7 @@ def control(
     python: Annotated[
         Path | None, typer.Option("--python", metavar="FILE", help="Write it as Python.", show_default=False)
     ] = None,
-    parameters: ParameterFile = DEFAULT_PARAMETERS,
+    parameters: ParameterFile = None,
     json: Json = False,
 ) -> None:
     """Heading controller for the identified vehicle: gains, margins, closed-loop runs with every effect found.
@@ -358,7 +378,6 @@ def control(
     from rovid.control.generate import c_source, python_source
     from rovid.documents import control_document
     from rovid.output import write_atomic
-    from rovid.parameters import read_parameters
     from rovid.terminal import show_warnings
 
     options = Options(
@@ -371,11 +390,11 @@ def control(
         rate_filter=rate_filter,
         steps=tuple(step or ()),
     )
-    stored = read_parameters(parameters)
+    stored = _of_yaw(_known(parameters))
     model = stored.model()
-    study = _open(logs or _remembered(stored), None)
+    study = _open(logs or _remembered(stored), None, stored.axis)
     study.require(model.effects)
-    setting = setting_of(options, model, study.heading_noise(), study.torque_in_use())
+    setting = setting_of(options, model, study.position_noise(), study.torque_in_use())
     with _busy("Closing the loop …"):
         result = control_of(stored, study.vehicle, setting, options)
     for target, source in ((c, c_source), (python, python_source)):
@@ -405,7 +424,7 @@ def export(
             "--output", "-o", metavar="FILE", help="Where it goes; uuv takes .xacro and .yaml.", show_default=False
         ),
     ] = None,
-    parameters: ParameterFile = DEFAULT_PARAMETERS,
+    parameters: ParameterFile = None,
     json: Json = False,
 ) -> None:
     """Parameters in a simulator's own format, its own equation simulated against rovid's.
@@ -416,14 +435,13 @@ def export(
     from rovid.export import export as make
     from rovid.export import exporter, subject_of
     from rovid.output import write_atomic
-    from rovid.parameters import read_parameters
     from rovid.terminal import show_export
 
     function, target = exporter(format, output)
-    stored = read_parameters(parameters)
+    stored = _of_yaw(_known(parameters))
     stored.model()
     there = bool(stored.logs) and all(path.exists() for path in stored.logs)
-    study = _open(stored.logs, None) if there else None
+    study = _open(stored.logs, None, stored.axis) if there else None
     with _busy("Simulating …"):
         made = make(function, subject_of(stored, study))
     write_atomic(target, made.content)
@@ -437,10 +455,18 @@ def export(
 def report(
     logs: OptionalLogs = None,
     *,
-    parameters: ParameterFile = DEFAULT_PARAMETERS,
+    axis: AxisName = None,
+    parameters: ParameterFile = None,
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the page and plots go.")
-    ] = Path("report"),
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FOLDER",
+            help="Where the page and plots go; report if not given, for another axis report_AXIS.",
+            show_default=False,
+        ),
+    ] = None,
     diagnosis: Annotated[
         bool, typer.Option("--diagnosis/--no-diagnosis", help="Say on the page what the simulation misses, and why.")
     ] = True,
@@ -453,23 +479,39 @@ def report(
 
     Example: rovid report
     """
+    from rovid.axis import YAW
     from rovid.report.build import build_report
 
-    stored = _stored(parameters)
-    study = _open(logs or _remembered(stored), cutoff)
+    stored = _stored(parameters, axis)
+    study = _open(logs or _remembered(stored), cutoff, stored.axis)
+    folder = output or Path("report" if stored.axis is YAW else f"report_{stored.axis.name}")
     with _working("Fitting drag and inertia …") as report_progress:
-        page = build_report(stored, study, output, diagnosed=diagnosis, report=report_progress)
+        page = build_report(stored, study, folder, diagnosed=diagnosis, report=report_progress)
     if json:
-        _print_json({"schema": "rovid-report/1", "page": str(page), "parameters": str(parameters)})
+        _print_json({"schema": "rovid-report/1", "page": str(page), "parameters": str(stored.path)})
     else:
         _console().print(str(page), highlight=False, soft_wrap=True)
 
 
-def _open(paths: Sequence[Path], cutoff: float | None) -> Study:
+def _fit_inertia(study: Study, stored: Parameters, *, json: bool) -> None:
+    from rovid.documents import inertia_document
+    from rovid.terminal import show_fit, show_inertia
+
+    with _busy("Fitting inertia …"):
+        result = study.inertia(stored.drag())
+    stored = stored.with_estimate(result.estimate)
+    stored.write()
+    if json:
+        _print_json(inertia_document(result, study))
+    else:
+        show_fit(_console(), result, show_inertia, study, stored)
+
+
+def _open(paths: Sequence[Path], cutoff: float | None, axis: Axis) -> Study:
     from rovid.study import open_study
 
     _announce_compilation()
-    return open_study(paths, cutoff=cutoff)
+    return open_study(paths, cutoff=cutoff, axis=axis)
 
 
 @contextmanager
@@ -496,15 +538,50 @@ def _busy(text: str) -> Iterator[None]:
         yield
 
 
-def _stored(path: Path) -> Parameters:
+def _stored(path: Path | None, axis: str | None) -> Parameters:
     """The parameter file that is there, or an empty one that can be written."""
+    from rovid.axis import YAW, axis_named
     from rovid.output import require_writable
-    from rovid.parameters import Parameters, read_parameters
+    from rovid.parameters import Parameters
 
-    if path.exists():
-        return read_parameters(path)
-    require_writable(path)
-    return Parameters(path=path)
+    where = _parameter_file(path, axis)
+    if where.exists():
+        return _known(where, axis)
+    require_writable(where)
+    return Parameters(path=where, axis=axis_named(axis) if axis else YAW)
+
+
+def _known(path: Path | None, axis: str | None = None) -> Parameters:
+    """The parameter file, which has to be there and of this axis."""
+    from rovid.parameters import read_parameters
+
+    stored = read_parameters(_parameter_file(path, axis))
+    if axis and stored.axis.name != axis:
+        raise ConfigError(
+            f"holds the parameters of {stored.axis.name}, and --axis says {axis}.",
+            where=stored.path,
+            mend="Give another file with -p.",
+        )
+    return stored
+
+
+def _parameter_file(path: Path | None, axis: str | None) -> Path:
+    from rovid.axis import YAW, axis_named
+
+    known = axis_named(axis) if axis else YAW
+    return path or Path("parameters.toml" if known is YAW else f"parameters_{known.name}.toml")
+
+
+def _of_yaw(stored: Parameters) -> Parameters:
+    from rovid.axis import YAW
+
+    if stored.axis is not YAW:
+        raise ConfigError(
+            f"holds the parameters of {stored.axis.name}; those of yaw were expected.",
+            where=stored.path,
+            mend="Give the file of yaw with -p.",
+        )
+    return stored
 
 
 def _remembered(stored: Parameters) -> list[Path]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from rovid.axis import AXES, YAW, Axis
 from rovid.errors import ConfigError, nearest
 from rovid.tables import CURVE_COLUMNS, read_table
 from rovid.vehicle import ThrustCurve, Thruster, Vehicle
@@ -21,17 +22,20 @@ FILE_NAME = "rovid.toml"
 ANGLE = {"deg": math.pi / 180.0, "rad": 1.0}
 ANGULAR_RATE = {"deg/s": math.pi / 180.0, "rad/s": 1.0}
 TORQUE = {"N m": 1.0, "kN m": 1000.0}
+FORCE = {"N": 1.0, "kN": 1000.0}
+LENGTH = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+SPEED = {"m/s": 1.0, "cm/s": 0.01, "mm/s": 0.001, "kn": 1852.0 / 3600.0}
 TIME_UNITS = ("auto", "s", "ms", "us", "ns", "iso8601")
 UNITS: Mapping[str, Mapping[str, float]] = {
-    "heading": ANGLE,
-    "roll": ANGLE,
-    "pitch": ANGLE,
-    "yaw_rate": ANGULAR_RATE,
+    **{name: ANGLE if axis.angular else LENGTH for axis in AXES.values() for name in axis.positions},
+    **{axis.rate: ANGULAR_RATE if axis.angular else SPEED for axis in AXES.values()},
     "torque": TORQUE,
+    "force": FORCE,
 }
-_DEFAULT_UNIT = {"heading": "deg", "roll": "deg", "pitch": "deg", "yaw_rate": "rad/s", "torque": "N m"}
-_VEHICLE_KEYS = ("name", "mass", "length", "width", "rigid_body_inertia")
-_THRUSTER_KEYS = ("name", "yaw_arm", "curve", "command", "outside")
+_DEFAULT_UNIT = {name: list(units)[-1 if units is ANGULAR_RATE else 0] for name, units in UNITS.items()}
+_VEHICLE_KEYS = ("name", "mass", "length", "width", "height", "rigid_body_inertia")
+_ARMS = tuple(axis.arm for axis in AXES.values())
+_THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside")
 _NOT_SOURCES = ("unit", "sign")
 
 
@@ -42,7 +46,7 @@ class Signal:
     Attributes
     ----------
     name
-        heading, yaw_rate, roll, pitch, torque, ``command.<thruster>`` or the user's own name.
+        One of ``UNITS``, time, ``command.<thruster>`` or the user's own name.
     sources
         Format (csv, mcap, …) -> column or topic path.
     unit
@@ -59,13 +63,25 @@ class Signal:
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """A read and checked rovid.toml."""
+    """A read and checked rovid.toml.
+
+    Attributes
+    ----------
+    measured
+        Name of the signal that tells where the vehicle is along the axis, or how fast it goes where none does.
+    """
 
     path: Path
     vehicle: Vehicle
     time: Signal
     signals: Mapping[str, Signal]
     commands: tuple[Signal, ...]
+    measured: str = "heading"
+
+    @property
+    def axis(self) -> Axis:
+        """The degree of freedom that is looked at."""
+        return self.vehicle.axis
 
     def wanted(self, kind: str) -> dict[str, Signal]:
         """Every signal that logs of the format ``kind`` are mapped to, time excepted."""
@@ -97,15 +113,15 @@ def find_config(paths: Sequence[Path]) -> Path:
     )
 
 
-def load_config(path: Path) -> Config:
-    """Read and check ``path``.
+def load_config(path: Path, axis: Axis = YAW) -> Config:
+    """Read and check ``path``, of which what concerns ``axis`` is taken.
 
     Raises
     ------
     ConfigError
         With the place inside the file, what was found and what was wanted.
     """
-    return _Reader(path).config(_document(path))
+    return _Reader(path, axis).config(_document(path))
 
 
 def vehicle_of_tables(paths: Sequence[Path]) -> Vehicle:
@@ -114,7 +130,7 @@ def vehicle_of_tables(paths: Sequence[Path]) -> Vehicle:
         path = find_config(paths)
     except ConfigError:
         return Vehicle(name="vehicle", thrusters=())
-    reader = _Reader(path)
+    reader = _Reader(path, YAW)
     return reader.vehicle(reader.table(_document(path), "vehicle"), ())
 
 
@@ -132,33 +148,41 @@ def _document(path: Path) -> dict[str, Any]:
 class _Reader:
     """Walks the document; each complaint names the place inside the file."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, axis: Axis) -> None:
         self.path = path
+        self.axis = axis
 
     def complain(self, place: str, message: str, mend: str = "") -> ConfigError:
         return ConfigError(message, where=f"{self.path}: {place}", mend=mend)
 
     def config(self, document: Mapping[str, Any]) -> Config:
         self.known(document, ("vehicle", "thrusters", "signals"), "top level")
-        signals = self.signals(self.table(document, "signals"))
-        if "heading" not in signals:
-            raise self.complain("[signals]", "has no heading.", 'Add heading = { csv = "<column>", unit = "deg" }.')
+        axis, signals = self.axis, self.signals(self.table(document, "signals"))
+        measured = next((name for name in (*axis.positions, axis.rate) if name in signals), "")
+        # A rate alone would leave the heading unknown, which is what yaw is about.
+        if not measured or (axis is YAW and measured == axis.rate):
+            wanted = axis.position if axis is YAW else f"{' or '.join(axis.positions)} and no {axis.rate}"
+            unit = _DEFAULT_UNIT[axis.position]
+            mend = f'Add {axis.position} = {{ csv = "<column>", unit = "{unit}" }}.'
+            raise self.complain("[signals]", f"has no {wanted}.", mend)
         time = signals.pop("time", Signal(name="time", sources={}, unit="auto"))
         thrusters = document.get("thrusters", [])
         if not isinstance(thrusters, list):
             raise self.complain("thrusters", "must be written [[thrusters]], one block each.")
-        if thrusters and "torque" in signals:
+        if thrusters and axis.push in signals:
             raise self.complain(
-                "[signals] torque",
-                "stands beside [[thrusters]]; the torque comes from one of them.",
+                f"[signals] {axis.push}",
+                f"stands beside [[thrusters]]; the {axis.push} comes from one of them.",
                 "Delete one.",
             )
-        if not thrusters and "torque" not in signals:
-            raise self.complain("[[thrusters]]", "there are none, and no torque is mapped in [signals].")
-        pairs = [self.thruster(index, block) for index, block in enumerate(thrusters)]
-        if "torque" in signals:
-            logged = Thruster(name="torque", yaw_arm=1.0, curve=None)
-            pairs = [(logged, signals.pop("torque"))]
+        if not thrusters and axis.push not in signals:
+            raise self.complain("[[thrusters]]", f"there are none, and no {axis.push} is mapped in [signals].")
+        pairs = [pair for index, block in enumerate(thrusters) if (pair := self.thruster(index, block)) is not None]
+        if axis.push in signals:
+            logged = Thruster(name=axis.push, arm=1.0, curve=None)
+            pairs = [(logged, signals.pop(axis.push))]
+        if not pairs:
+            raise self.complain("[[thrusters]]", f"none has {axis.arm}.", f"Add {axis.arm} = {_example(axis)}.")
         names = [thruster.name for thruster, _ in pairs]
         if len(set(names)) < len(names):
             raise self.complain("[[thrusters]]", f"two have the same name among {names}.", "Name each differently.")
@@ -168,6 +192,7 @@ class _Reader:
             time=time,
             signals=signals,
             commands=tuple(signal for _, signal in pairs),
+            measured=measured,
         )
 
     def table(self, document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
@@ -193,17 +218,21 @@ class _Reader:
         numbers = {
             key: self.number(table[key], f"[vehicle] {key}", positive=True) for key in _VEHICLE_KEYS[1:] if key in table
         }
-        return Vehicle(name=str(table.get("name", "vehicle")), thrusters=thrusters, **numbers)
+        return Vehicle(name=str(table.get("name", "vehicle")), thrusters=thrusters, axis=self.axis, **numbers)
 
-    def thruster(self, index: int, block: Mapping[str, Any]) -> tuple[Thruster, Signal]:
+    def thruster(self, index: int, block: Mapping[str, Any]) -> tuple[Thruster, Signal] | None:
+        """The thruster and its command; None for one that does not push along the axis."""
         place = f"[[thrusters]] number {index + 1}"
         if not isinstance(block, dict):
             raise self.complain(place, f"is {block!r}; a block [[thrusters]] was expected.")
         self.known(block, _THRUSTER_KEYS, place)
         name = str(block.get("name", f"thruster_{index + 1}"))
         place = f"[[thrusters]] {name!r}"
+        arm = self.axis.arm
+        if arm not in block and any(other in block for other in _ARMS):
+            return None
         for key, example in (
-            ("yaw_arm", "0.43"),
+            (arm, _example(self.axis)),
             ("curve", '"thrust_curve.csv"'),
             ("command", '{ csv = "…" }'),
         ):
@@ -214,7 +243,7 @@ class _Reader:
             raise self.complain(f"{place} outside", f'is {outside!r}; "refuse" or "clamp" was expected.')
         thruster = Thruster(
             name=name,
-            yaw_arm=self.number(block["yaw_arm"], f"{place} yaw_arm"),
+            arm=self.number(block[arm], f"{place} {arm}"),
             curve=read_curve(self.path.parent / str(block["curve"])),
             clamp=outside == "clamp",
         )
@@ -239,6 +268,10 @@ class _Reader:
         if units is not None and unit not in units:
             raise self.complain(f"{place} unit", f"is {unit!r}; one of {', '.join(units)} was expected.")
         return Signal(name=name, sources=sources, unit=unit, factor=sign * (units or {}).get(unit, 1.0))
+
+
+def _example(axis: Axis) -> str:
+    return "0.43" if axis.angular else "1.0"
 
 
 def read_curve(path: Path) -> ThrustCurve:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rovid.axis import YAW, Axis
 from rovid.control.design import Control, RunResult
 from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.diagnosis import Diagnosis, Finding, Side, not_identifiable
@@ -21,10 +22,10 @@ from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.identify.likelihood import LikelihoodFit
 from rovid.identify.sine import Inertia
 from rovid.identify.steady import DragFit, SteadyPoint
-from rovid.model import effect_ids
+from rovid.model import effect_ids, unit_of
 from rovid.parameters import Parameters
 from rovid.runs import Runs
-from rovid.simulation import TrialSimulation, overall
+from rovid.simulation import HORIZONS, TrialSimulation, overall
 from rovid.study import Study
 from rovid.trial import Remark, Trial
 
@@ -54,6 +55,7 @@ def _fit_document(estimate: Estimate, study: Study) -> Document:
         "samples": estimate.samples,
         "method": estimate.method,
         "not_identifiable": ["thrust_scale", *estimate.refused],
+        **axis_document(estimate.axis),
         "filter": None if study.runs is None else filter_document(study.runs),
         "warnings": [*study.remarks(), *estimate.warnings],
     }
@@ -61,14 +63,22 @@ def _fit_document(estimate: Estimate, study: Study) -> Document:
 
 def filter_document(runs: Runs) -> Document:
     """The low pass and the standard deviation of the sensor noise behind it."""
-    heading, rate, acceleration = runs.noise()
+    measured, rate, acceleration = runs.noise()
+    axis = runs.axis
+    noise = {f"{axis.rate}_noise": {"value": rate, "unit": axis.rate_unit}}
+    if not runs.integrated:
+        noise = {f"{axis.position}_noise": {"value": measured, "unit": axis.unit("rad")}} | noise
     return {
         "cutoff_hz": runs.cutoff,
         "cutoff_chosen_from_data": runs.chosen,
-        "heading_noise": {"value": heading, "unit": "rad"},
-        "yaw_rate_noise": {"value": rate, "unit": "rad/s"},
-        "acceleration_noise": {"value": acceleration, "unit": "rad/s^2"},
+        **noise,
+        "acceleration_noise": {"value": acceleration, "unit": f"{axis.rate_unit}^2"},
     }
+
+
+def axis_document(axis: Axis) -> Document:
+    """The axis, where it is not yaw."""
+    return {} if axis is YAW else {"axis": axis.name}
 
 
 def drag_document(fit: DragFit, study: Study) -> Document:
@@ -80,25 +90,25 @@ def drag_document(fit: DragFit, study: Study) -> Document:
         "degrees_of_freedom": estimate.degrees_of_freedom,
         "different_from_zero": {name: estimate.differs_from_zero(name) for name in estimate.names},
         "steady_states": [
-            _point(point) | {"torque_error": error, "residual": residual, "left_out": _left_out(row)}
+            _point(point, estimate.axis) | {"torque_error": error, "residual": residual, "left_out": _left_out(row)}
             for point, error, residual, row in zip(
                 fit.points, fit.torque_error, fit.residuals, fit.left_out, strict=True
             )
         ],
-        "unsteady": [_point(point) for point in fit.unsteady],
+        "unsteady": [_point(point, estimate.axis) for point in fit.unsteady],
         "directions": {name: parameter_document(each) for name, each in fit.directions.items()},
     }
 
 
-def _point(point: SteadyPoint) -> Document:
+def _point(point: SteadyPoint, axis: Axis) -> Document:
     return {
         "source": point.source,
         "start": point.start,
         "stop": point.stop,
         "command": list(point.command),
-        "torque": point.torque,
-        "yaw_rate": point.yaw_rate,
-        "yaw_rate_error": point.yaw_rate_error,
+        axis.push: point.torque,
+        axis.rate: point.rate,
+        f"{axis.rate}_error": point.rate_error,
         "drift": point.drift,
         "drift_error": point.drift_error,
     }
@@ -119,23 +129,25 @@ def inertia_document(fit: InertiaFit, study: Study) -> Document:
         else {
             "value": fit.added_inertia,
             "standard_error": fit.estimate.standard_error("inertia"),
-            "unit": "kg m^2",
+            "unit": fit.estimate.unit("inertia"),
         },
     }
 
 
 def likelihood_document(fit: LikelihoodFit, study: Study) -> Document:
     """What `rovid fit --json` prints."""
+    axis = fit.estimate.axis
+    measured, unit = (axis.rate, axis.rate_unit) if fit.integrated else (axis.position, axis.unit("rad"))
     return _fit_document(fit.estimate, study) | {
         "log_likelihood": fit.log_likelihood,
         "disturbance": {
             "value": fit.disturbance,
-            "unit": "N m",
+            "unit": axis.push_unit,
             "correlation_time": {"value": fit.correlation_time, "unit": "s"},
             "limit_share_of_torque": fit.limit,
             "at_limit": fit.at_limit,
         },
-        "heading_noise_fitted": {"value": fit.heading_noise, "unit": "rad"},
+        f"{measured}_noise_fitted": {"value": fit.position_noise, "unit": unit},
         "innovations_white": fit.white,
         "free_run_r2": {"this_fit": fit.free_run_r2, "simulation_fit": fit.base_r2},
     }
@@ -143,14 +155,17 @@ def likelihood_document(fit: LikelihoodFit, study: Study) -> Document:
 
 def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
     """What `rovid diagnose --json` prints."""
-    base, extended = diagnosis.base, diagnosis.extended
+    base, extended, axis = diagnosis.base, diagnosis.extended, study.vehicle.axis
     return {
         "schema": "rovid-diagnosis/1",
+        **axis_document(axis),
         "verdict": diagnosis.verdict,
-        "base": _side(base),
+        "base": _side(base, axis),
         "findings": [_finding(finding) for finding in diagnosis.findings],
-        "extended": _side(extended),
-        "held_out_gain": None if base is None or extended is None else _gain(base, extended, diagnosis.noise_floor),
+        "extended": _side(extended, axis),
+        "held_out_gain": None
+        if base is None or extended is None
+        else _gain(base, extended, diagnosis.noise_floor, axis),
         "unexplained": {
             "share_of_torque_variance": diagnosis.unexplained_share,
             "depends_on": list(dict.fromkeys(signal_of(signal) for signal, _ in diagnosis.signals)),
@@ -163,7 +178,7 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
         "detectable": {
             f"{effect.id}.{effect.parameters[0].name}": {
                 "value": size if math.isfinite(size) else None,
-                "unit": effect.parameters[0].unit,
+                "unit": unit_of(f"{effect.key}.{effect.parameters[0].name}", axis),
             }
             for effect, size in diagnosis.detectable
         },
@@ -201,7 +216,7 @@ def _tables(amplitudes: Amplitudes) -> Document:
     }
 
 
-def _side(side: Side | None) -> Document | None:
+def _side(side: Side | None, axis: Axis) -> Document | None:
     if side is None:
         return None
     held = side.held_out
@@ -213,13 +228,21 @@ def _side(side: Side | None) -> Document | None:
         },
         "held_out": {
             "log_likelihood": held.log_likelihood,
-            "yaw_rate_r2": held.yaw_rate_r2,
-            "yaw_rate_rmse": held.yaw_rate_rmse,
-            "heading_error_10s": held.heading_errors[10.0],
-            "heading_error_60s": held.heading_errors[60.0],
-            "units": {"yaw_rate_rmse": "rad/s", "heading_error_10s": "rad", "heading_error_60s": "rad"},
+            f"{axis.rate}_r2": held.rate_r2,
+            f"{axis.rate}_rmse": held.rate_rmse,
+            **_position_errors(held.position_errors, axis),
+            "units": _units(axis),
         },
     }
+
+
+def _position_errors(errors: Mapping[float, float | None], axis: Axis) -> Document:
+    return {f"{axis.position}_error_{horizon:.0f}s": error for horizon, error in errors.items()}
+
+
+def _units(axis: Axis) -> Document:
+    angles = {f"{axis.position}_error_{horizon:.0f}s": axis.unit("rad") for horizon in HORIZONS}
+    return {f"{axis.rate}_rmse": axis.rate_unit, **angles}
 
 
 def _plain(name: str) -> str:
@@ -241,16 +264,18 @@ def _finding(finding: Finding) -> Document:
     }
 
 
-def _gain(base: Side, extended: Side, floor: float) -> Document:
+def _gain(base: Side, extended: Side, floor: float, axis: Axis) -> Document:
     def pair(before: float | None, after: float | None, unit: str) -> Document:
         return {"base": before, "extended": after, "unit": unit}
 
     one, other = base.held_out, extended.held_out
     return {
-        "yaw_rate_rmse": pair(one.yaw_rate_rmse, other.yaw_rate_rmse, "rad/s") | {"noise_floor": floor},
-        "yaw_rate_r2": pair(one.yaw_rate_r2, other.yaw_rate_r2, "1"),
-        "heading_error_10s": pair(one.heading_errors[10.0], other.heading_errors[10.0], "rad"),
-        "heading_error_60s": pair(one.heading_errors[60.0], other.heading_errors[60.0], "rad"),
+        f"{axis.rate}_rmse": pair(one.rate_rmse, other.rate_rmse, axis.rate_unit) | {"noise_floor": floor},
+        f"{axis.rate}_r2": pair(one.rate_r2, other.rate_r2, "1"),
+        **{
+            f"{axis.position}_error_{horizon:.0f}s": pair(error, other.position_errors[horizon], axis.unit("rad"))
+            for horizon, error in one.position_errors.items()
+        },
         "log_likelihood": pair(one.log_likelihood, other.log_likelihood, "1"),
     }
 
@@ -259,7 +284,7 @@ def _method(name: str, inertia: Inertia, fit: InertiaFit) -> Document:
     document: Document = {
         "value": inertia.value,
         "standard_error": inertia.standard_error,
-        "unit": "kg m^2",
+        "unit": fit.estimate.unit("inertia"),
         "description": METHODS[name],
         "runs": [{"source": s, "value": v, "standard_error": e} for s, v, e in inertia.runs],
         "single_inertia_fits_all": inertia.consistent,
@@ -277,10 +302,11 @@ def _method(name: str, inertia: Inertia, fit: InertiaFit) -> Document:
 def simulation_document(
     parameters: Parameters, simulations: Sequence[TrialSimulation], warnings: Sequence[str]
 ) -> Document:
-    """What `rovid simulate --json` prints; heading errors in rad."""
-    total = overall(simulations)
+    """What `rovid simulate --json` prints; position errors in rad or m."""
+    total, axis = overall(simulations), parameters.axis
     return {
         "schema": "rovid-simulation/1",
+        **axis_document(axis),
         "parameters": {
             name: {"value": entry.value, "standard_error": entry.standard_error, "unit": entry.unit}
             for name, entry in parameters.entries.items()
@@ -288,24 +314,24 @@ def simulation_document(
         "effects": parameters.effects,
         "trials": [_trial_simulation(item) for item in simulations],
         "overall": {
-            "yaw_rate_r2": total.r2,
-            "yaw_rate_fit_percent": total.fit_percent,
-            "yaw_rate_rmse": total.rmse,
+            f"{axis.rate}_r2": total.r2,
+            f"{axis.rate}_fit_percent": total.fit_percent,
+            f"{axis.rate}_rmse": total.rmse,
         },
-        "units": {"yaw_rate_rmse": "rad/s", "heading_error_10s": "rad", "heading_error_60s": "rad"},
+        "units": _units(axis),
         "warnings": list(warnings),
     }
 
 
 def _trial_simulation(item: TrialSimulation) -> Document:
+    axis = item.run.trial.axis
     return {
         "name": item.run.trial.name,
         "samples": item.fit.samples,
-        "yaw_rate_r2": item.fit.r2,
-        "yaw_rate_fit_percent": item.fit.fit_percent,
-        "yaw_rate_rmse": item.fit.rmse,
-        "heading_error_10s": item.heading_errors[10.0],
-        "heading_error_60s": item.heading_errors[60.0],
+        f"{axis.rate}_r2": item.fit.r2,
+        f"{axis.rate}_fit_percent": item.fit.fit_percent,
+        f"{axis.rate}_rmse": item.fit.rmse,
+        **_position_errors(item.position_errors, axis),
     }
 
 

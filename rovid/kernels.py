@@ -246,8 +246,8 @@ def simulate_effects(
     moment, race
         (n,) N m s^2 and N^0.5 m^2, see `rovid.model.Drive`.
     base
-        Inertia, quadratic and linear drag, the heading in rad at the first instant, the fastest rate of the effects'
-        own states in 1/s, and room for the race of the moment.
+        Inertia, quadratic and linear drag, the position at the first instant, the fastest rate of the effects' own
+        states in 1/s, room for the race of the moment, and the stiffness of the restoring torque in N m/rad.
     terms, kinds
         (m, 4) parameters of each effect in the equation of motion; (m,) its index in ``rovid.effects.MOTION``.
     start
@@ -368,6 +368,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
             # How fast it may turn before the interval is over, or where drag balances the torque.
             soon = min(abs(r) + interval * abs(push) / inertia, max(abs(r), math.sqrt(abs(push) / (base[1] + _TINY))))
             stiffness = max(damping, (2.0 * base[1] * soon + base[2]) / inertia) + 1.0 / tau
+            stiffness += math.sqrt(base[6] / inertia)
             wanted = interval * stiffness / _FILTER_STEP_SHARE
             steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
             # Most logs are sampled evenly: what depends on the step alone is kept.
@@ -413,6 +414,12 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
                 p11 = f11 * q11 + f12 * q12 + n11
                 p12 = fade * q12 + n12
                 p22 = fade * fade * p22 + fresh
+                if base[6] > 0.0:
+                    # What brings the vehicle back, as an impulse at the end of the step.
+                    pull = base[6] * h / inertia
+                    p11 += pull * (pull * p00 - 2.0 * p01)
+                    p12 -= pull * p02
+                    p01 -= pull * p00
             a += moment[k - 1] / inertia
             r -= damping * moment[k - 1] / inertia
         if angle[k] == angle[k]:
@@ -464,6 +471,7 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
     race: FloatArray,
     moment: FloatArray,
     angle: FloatArray,
+    rate: FloatArray,
     base: FloatArray,
     terms: FloatArray,
     kinds: Any,
@@ -471,7 +479,7 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
     wave: FloatArray,
     start: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """As ``innovations`` of the angle alone, with a narrow-band torque of random phase besides.
+    """As ``innovations``, with a narrow-band torque of random phase besides.
 
     The wave w is a second-order shaping filter driven by white noise (Fossen 2011, section 8.2.6).
 
@@ -525,23 +533,27 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
                 f[1, 1] = 1.0 - part * (1.0 - 0.5 * part * (1.0 - part / 3.0))
                 f[1, 2], f[1, 3] = gain * (1.0 - 0.5 * h / tau - 0.5 * part), gain * (1.0 - 0.5 * part)
                 f[1, 4] = 0.5 * h * gain
+                f[1, 0] = -base[6] * gain
+                f[0, 0] = 1.0 + 0.5 * h * f[1, 0]
                 _congruence(f, p, q, moved)
             a += moment[k - 1] / inertia
             r -= drag * moment[k - 1] / inertia
-        if angle[k] == angle[k]:
-            s = p[0, 0] + noise[2] ** 2
-            e = angle[k] - a
-            innovation[k, 0], variance[k, 0] = e, s
-            a += p[0, 0] / s * e
-            r += p[1, 0] / s * e
-            d += p[2, 0] / s * e
-            w += p[3, 0] / s * e
-            v += p[4, 0] / s * e
-            for i in range(size):
-                moved[0, i] = p[0, i]
-            for i in range(size):
-                for j in range(size):
-                    p[i, j] -= moved[0, i] * moved[0, j] / s
+        for m in range(2):
+            reading, known = (angle[k], a) if m == 0 else (rate[k], r)
+            if not math.isnan(reading):
+                s = p[m, m] + noise[2 + m] ** 2
+                e = reading - known
+                innovation[k, m], variance[k, m] = e, s
+                a += p[0, m] / s * e
+                r += p[1, m] / s * e
+                d += p[2, m] / s * e
+                w += p[3, m] / s * e
+                v += p[4, m] / s * e
+                for i in range(size):
+                    moved[0, i] = p[m, i]
+                for i in range(size):
+                    for j in range(size):
+                        p[i, j] -= moved[0, i] * moved[0, j] / s
     return innovation, variance
 
 

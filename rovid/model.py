@@ -1,4 +1,4 @@
-"""The model: inertia, quadratic and linear drag, and its free-running simulation."""
+"""The model: inertia, drag, what weight and buoyancy do, effects; and its free-running simulation."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rovid.effects import MOTION, Actuation, Effect, effect_named
+from rovid.axis import YAW, Axis
+from rovid.effects import MOTION, Actuation, Effect, effect_named, restoring_of
 from rovid.effects.base import TERM_PARAMETERS, actuation, finer
-from rovid.rates import body_angle, on_grid, uniform_grid
+from rovid.rates import body_position, on_grid, uniform_grid
 from rovid.trial import FloatArray, Trial
 from rovid.vehicle import Vehicle
 
-# Names, and the unit of each, as they stand in the parameter file and in JSON.
+# Names of the base model's parameters, and the unit of each in yaw.
 UNITS = {
     "inertia": "kg m^2",
     "quadratic_drag": "N m s^2/rad^2",
@@ -29,18 +30,26 @@ _NUDGE = 1e-4  # rad
 MOST_PARTS = 8
 
 
-def unit_of(name: str) -> str:
-    """Unit of a parameter, ``inertia`` or ``thruster_lag.time_constant``.
+def base_names(axis: Axis) -> tuple[str, ...]:
+    """Names of the base model's parameters along ``axis``, as they stand in the parameter file and in JSON."""
+    restoring = restoring_of(axis)
+    return (*UNITS, *(parameter.name for parameter in (restoring.parameters if restoring else ())))
+
+
+def unit_of(name: str, axis: Axis = YAW) -> str:
+    """Unit of a parameter, ``inertia`` or ``thruster_lag.time_constant``, along ``axis``.
 
     Raises
     ------
     ConfigError
         There is no such effect.
     """
-    effect, _, parameter = name.rpartition(".")
-    if not effect:
-        return UNITS[name]
-    return next((p.unit for p in effect_named(effect).parameters if p.name == parameter), "")
+    key, _, parameter = name.rpartition(".")
+    if name in UNITS:
+        return axis.unit(UNITS[name])
+    effect = effect_named(key) if key else restoring_of(axis)
+    unit = next((p.unit for p in (effect.parameters if effect else ()) if p.name == parameter), "")
+    return unit if parameter.endswith("frequency") else axis.unit(unit)
 
 
 def effect_ids(names: Iterable[str]) -> list[str]:
@@ -98,22 +107,46 @@ class Drive:
 
 @dataclass(frozen=True, kw_only=True)
 class Model:
-    """``inertia*rdot + quadratic_drag*|r|*r + linear_drag*r = torque``, psidot = r."""
+    """``inertia*rdot + quadratic_drag*|r|*r + linear_drag*r + g(q) = torque``, qdot = r.
+
+    In yaw q is the heading psi. ``g`` is what weight and buoyancy do along ``axis``, see `rovid.effects.restoring`;
+    ``restoring_values`` are its parameters.
+    """
 
     inertia: float
     quadratic_drag: float
     linear_drag: float
     effects: tuple[Effect, ...] = ()
     effect_values: tuple[float, ...] = ()
+    axis: Axis = YAW
+    restoring_values: tuple[float, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all parameters, in the order of ``values``."""
+        return (*base_names(self.axis), *(f"{e.key}.{p.name}" for e in self.effects for p in e.parameters))
+
+    @property
+    def values(self) -> FloatArray:
+        """(p,) all parameters."""
+        base = (self.inertia, self.quadratic_drag, self.linear_drag)
+        return np.array([*base, *self.restoring_values, *self.effect_values])
+
+    @property
+    def stiffness(self) -> float:
+        """How much torque in N m a tilt of one rad from rest would ask for; 0 along an axis without."""
+        return self.restoring_values[0] if self.axis.rights else 0.0
 
     def base(self, trial: Trial) -> FloatArray:
-        """(6,) inertia, drags, first heading, the fastest state of the effects and room, as the kernels take them."""
-        return self.base_from(float(trial.heading[int(np.argmax(trial.measured))]))
+        """(7,) inertia, drags, first position, fastest state, room and stiffness, as the kernels take them."""
+        return self.base_from(float(trial.position[int(np.argmax(trial.measured))]))
 
-    def base_from(self, heading: float) -> FloatArray:
-        """As ``base``, with the first ``heading`` in rad."""
+    def base_from(self, position: float) -> FloatArray:
+        """As ``base``, with the first ``position``."""
         fastest = max((e.fastest(e.values(numbers)) for e, numbers in self._each() if e.fastest), default=0.0)
-        return np.array([self.inertia, self.quadratic_drag, self.linear_drag, heading, fastest, 0.0])
+        fastest = max(fastest, np.sqrt(self.stiffness / self.inertia))
+        drags = self.quadratic_drag, self.linear_drag
+        return np.array([self.inertia, *drags, position, fastest, 0.0, self.stiffness])
 
     def terms(self) -> tuple[FloatArray, NDArray[np.int64]]:
         """(m, 4) parameters of each term of the equation of motion; (m,) its index in ``MOTION``."""
@@ -139,7 +172,7 @@ class Model:
         for effect, numbers in self._each():
             if effect.on_heading is None:
                 continue
-            values, measured = effect.values(numbers), trial.heading[at]
+            values, measured = effect.values(numbers), trial.position[at]
             true = measured
             # Contracts by the deviation's slope, some percent, at each turn.
             for _ in range(_FIXED_POINT_TURNS):
@@ -168,9 +201,11 @@ class Model:
         return heading + self.deviation(heading), rate * gain
 
     def _each(self) -> list[tuple[Effect, FloatArray]]:
-        widths = np.cumsum([0, *(len(effect.parameters) for effect in self.effects)])
-        numbers = np.array(self.effect_values)
-        return [(effect, numbers[a:b]) for effect, a, b in zip(self.effects, widths[:-1], widths[1:], strict=True)]
+        restoring = restoring_of(self.axis)
+        effects = self.effects if restoring is None else (restoring, *self.effects)
+        widths = np.cumsum([0, *(len(effect.parameters) for effect in effects)])
+        numbers = np.array([*self.restoring_values, *self.effect_values])
+        return [(effect, numbers[a:b]) for effect, a, b in zip(effects, widths[:-1], widths[1:], strict=True)]
 
     @property
     def acts_on_drive(self) -> bool:
@@ -242,7 +277,7 @@ class Model:
     ) -> tuple[FloatArray, FloatArray]:
         from rovid.kernels import simulate, simulate_effects
 
-        if any(effect.term is not None for effect in self.effects) or drive.moment.any():
+        if any(effect.term is not None for effect, _ in self._each()) or drive.moment.any():
             series = drive.torque, drive.moment, drive.race
             rate, angle = simulate_effects(time, *series, self.base(trial), *self.terms(), start)
             return rate, angle
@@ -254,24 +289,24 @@ class Model:
 
         Returns
         -------
-        rate, heading
-            (n,) body yaw rate in rad/s and heading in rad at the instants of ``trial``, as they would be measured.
-            The heading starts at the first one measured. Where roll and pitch are logged the body rate turns into
-            the heading's by psidot = (r + thetadot sin(phi)) / (cos(phi) cos(theta)) (Fossen 2011, eq. 2.28).
+        rate, position
+            (n,) body rate and position at the instants of ``trial``, as they would be measured. The position starts at
+            the first one measured. In yaw, where roll and pitch are logged, the body rate turns into the heading's by
+            psidot = (r + thetadot sin(phi)) / (cos(phi) cos(theta)) (Fossen 2011, eq. 2.28).
         """
         rate, angle = self._integrate(trial, trial.time, drive, (initial_rate(trial), 0.0))
-        if trial.roll is not None and trial.pitch is not None:
+        if self.axis is YAW and trial.roll is not None and trial.pitch is not None:
             angle = _euler_heading(trial, rate)
         first = int(np.argmax(trial.measured))
         if not any(effect.on_heading for effect in self.effects):
-            return rate, trial.heading[first] + angle - angle[first]
-        true, _ = self.true_angle(trial, trial.heading, np.arange(len(trial.time)))
+            return rate, trial.position[first] + angle - angle[first]
+        true, _ = self.true_angle(trial, trial.position, np.arange(len(trial.time)))
         heading, rate = self._as_measured(true[first] + angle - angle[first], rate)
         return rate, heading
 
 
 def initial_rate(trial: Trial) -> float:
-    """Yaw rate in rad/s at the first sample: the gyro's, or the slope of the first heading.
+    """Rate at the first sample: the gyro's, or the slope of the first positions.
 
     The slope is taken over two seconds at most, and only until the first command changes: a fast vehicle is elsewhere
     soon after.
@@ -281,9 +316,9 @@ def initial_rate(trial: Trial) -> float:
     known = np.flatnonzero(trial.measured)
     early = known[trial.time[known] <= trial.time[0] + min(steady, _START_SECONDS)]
     early = early if len(early) >= _START_SAMPLES else known[:_START_SAMPLES]
-    if trial.yaw_rate is not None and np.isfinite(trial.yaw_rate[early]).any():
-        return float(np.nanmean(trial.yaw_rate[early][:_START_SAMPLES]))
-    time, angle = trial.time[early] - trial.time[0], body_angle(trial)[early]
+    if trial.rate is not None and np.isfinite(trial.rate[early]).any():
+        return float(np.nanmean(trial.rate[early][:_START_SAMPLES]))
+    time, angle = trial.time[early] - trial.time[0], body_position(trial)[early]
     if len(time) < _START_SAMPLES:
         return 0.0
     return float(np.polynomial.polynomial.polyfit(time, angle - angle[0], 2 if len(time) > _START_SAMPLES else 1)[1])

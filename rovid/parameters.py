@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from rovid import __version__
+from rovid.axis import YAW, Axis, axis_named
 from rovid.effects import effect_named
 from rovid.errors import ConfigError
 from rovid.identify.estimate import Estimate
-from rovid.model import UNITS, Model, effect_ids
+from rovid.model import Model, base_names, effect_ids
 from rovid.output import write_atomic
 from rovid.trial import Campaign
 
@@ -59,6 +60,8 @@ class Parameters:
     covariance
         (first, second) -> covariance of two parameters, in the product of their units; pairs found by
         different methods are taken as uncorrelated and are absent.
+    axis
+        The degree of freedom that they are of.
     """
 
     path: Path
@@ -67,6 +70,7 @@ class Parameters:
     entries: Mapping[str, Entry] = field(default_factory=dict)
     covariance: Mapping[tuple[str, str], float] = field(default_factory=dict)
     sources: tuple[Source, ...] = ()
+    axis: Axis = YAW
 
     def with_estimate(self, estimate: Estimate) -> Parameters:
         """The same with the parameters of ``estimate`` put in or replaced."""
@@ -118,6 +122,7 @@ class Parameters:
             covariance=np.array(covariance),
             method=self.entries[needed].method,
             samples=0,
+            axis=self.axis,
         )
 
     def model(self) -> Model:
@@ -133,6 +138,9 @@ class Parameters:
                 raise ConfigError(f"holds no {name}.", where=self.path, mend=f"Run `rovid {command}` first.")
         linear = self.entries.get("linear_drag")
         effects = tuple(effect_named(name) for name in self.effects)
+        for name in self._restoring:
+            if name not in self.entries:
+                raise ConfigError(f"holds no {name}.", where=self.path, mend="Run `rovid fit-inertia LOGS` first.")
         for name in (f"{effect.key}.{parameter.name}" for effect in effects for parameter in effect.parameters):
             if name not in self.entries:
                 mend = f"Run `rovid fit --effect {name.rpartition('.')[0]}`, or delete what is left of the effect."
@@ -143,7 +151,14 @@ class Parameters:
             linear_drag=0.0 if linear is None else linear.value,
             effects=effects,
             effect_values=tuple(self.entries[f"{e.key}.{p.name}"].value for e in effects for p in e.parameters),
+            axis=self.axis,
+            restoring_values=tuple(self.entries[name].value for name in self._restoring),
         )
+
+    @property
+    def _restoring(self) -> tuple[str, ...]:
+        """Names of the parameters of what weight and buoyancy do."""
+        return base_names(self.axis)[3:]
 
     @property
     def effects(self) -> list[str]:
@@ -162,13 +177,16 @@ class Parameters:
         """Write the file; the old one stays whole if that fails."""
         import tomli_w
 
-        names = [name for name in UNITS if name in self.entries] + [name for name in self.entries if "." in name]
+        names = [name for name in base_names(self.axis) if name in self.entries] + [
+            name for name in self.entries if "." in name
+        ]
         matrix = [[self.covariance.get((a, b), self.covariance.get((b, a), 0.0)) for b in names] for a in names]
         document = {
             "schema": f"{SCHEMA}/{SCHEMA_VERSION}",
             "rovid_version": __version__,
             "written": datetime.now(UTC).replace(microsecond=0),
             "vehicle": self.vehicle,
+            **({} if self.axis is YAW else {"axis": self.axis.name}),
             "logs": [_relative(path, self.path.parent) for path in self.logs],
             "parameters": {
                 name: {"value": e.value, "standard_error": e.standard_error, "unit": e.unit, "method": e.method}
@@ -238,10 +256,10 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
         for name, e in document["parameters"].items()
     }
     for name, entry in entries.items():
-        # Drag may be zero; nothing may be negative, infinite or not a number.
+        # Drag may be zero, not negative.
         if (
             not math.isfinite(entry.value)
-            or ("." not in name and not entry.value >= 0.0)
+            or (name in base_names(YAW) and not entry.value >= 0.0)
             or (name == "inertia" and not entry.value > 0.0)
         ):
             raise ValueError(f"{name} is {entry.value:g}, which no vehicle has")
@@ -249,6 +267,7 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
     return Parameters(
         path=path,
         vehicle=str(document.get("vehicle", "")),
+        axis=axis_named(str(document.get("axis", YAW.name))),
         logs=tuple((path.parent / str(item)).resolve() for item in document["logs"]),
         entries=entries,
         covariance={(a, b): float(matrix[i][j]) for i, a in enumerate(names) for j, b in enumerate(names) if i <= j},

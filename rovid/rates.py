@@ -1,4 +1,4 @@
-"""Heading -> yaw rate and acceleration, by one zero-phase low pass that everything compared goes through."""
+"""Position -> rate and acceleration, by one zero-phase low pass that everything compared goes through."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage, signal
 
+from rovid.axis import YAW
 from rovid.errors import DataError
 from rovid.trial import FloatArray, Trial
 
@@ -97,24 +98,28 @@ class Rates:
     ----------
     time
         (m,) s on the trial's clock.
-    yaw_rate, acceleration
-        (m,) body yaw rate in rad/s and its derivative in rad/s^2; NaN where the filter has no answer.
+    rate, acceleration
+        (m,) body rate along the axis in rad/s or m/s, and its derivative; NaN where the filter has no answer.
+    position
+        (m,) the position of which it is the rate, low-passed, in rad or m.
     kernel
         The filter.
-    heading_noise, yaw_rate_noise, acceleration_noise
-        Standard deviation of the white sensor noise in the heading (rad), and what is left of it.
+    position_noise, rate_noise, acceleration_noise
+        Standard deviation of the white sensor noise in what is measured, the position or else the rate, and what the
+        filter leaves of it.
     from_gyro
-        Whether a logged yaw rate was used in place of the heading's derivative.
+        Whether a logged rate was used in place of the position's derivative.
     gyro_gain, gyro_offset
-        How many times the heading's rate the logged one is, and by how many rad/s it is more; NaN where none is.
+        How many times the position's rate the logged one is, and by how much it is more; NaN where none is.
     """
 
     time: FloatArray
-    yaw_rate: FloatArray
+    rate: FloatArray
     acceleration: FloatArray
+    position: FloatArray
     kernel: ZeroPhaseFilter
-    heading_noise: float
-    yaw_rate_noise: float
+    position_noise: float
+    rate_noise: float
     acceleration_noise: float
     from_gyro: bool
     gyro_gain: float = math.nan
@@ -123,7 +128,7 @@ class Rates:
     @property
     def valid(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
         """(m,) where rate and acceleration are known."""
-        return np.isfinite(self.yaw_rate) & np.isfinite(self.acceleration)
+        return np.isfinite(self.rate) & np.isfinite(self.acceleration)
 
     def held(self, trial: Trial, values: FloatArray) -> FloatArray:
         """(m,) a held signal of the trial, such as torque, through the same filter."""
@@ -134,10 +139,10 @@ class Rates:
         return self.kernel.smooth(np.interp(self.time, trial.time, values))
 
 
-def yaw_rates(trial: Trial, *, cutoff: float) -> Rates:
-    """Yaw rate and acceleration of one trial.
+def rates_of(trial: Trial, *, cutoff: float) -> Rates:
+    """Rate and acceleration of one trial along its axis.
 
-    Where roll and pitch are logged they are those of the body, see ``body_angle``.
+    In yaw, where roll and pitch are logged, they are those of the body, see ``body_position``.
 
     Parameters
     ----------
@@ -158,26 +163,30 @@ def yaw_rates(trial: Trial, *, cutoff: float) -> Rates:
             where=trial.name,
             mend="Raise --cutoff or leave the log out.",
         )
-    angle = on_grid(trial, body_angle(trial), grid)
+    angle = on_grid(trial, body_position(trial), grid)
     noise = white_noise(angle)
     rate, acceleration = kernel.rate(angle), kernel.acceleration(angle)
     rate_noise, acceleration_noise = kernel.noise(noise)
     gyro_gain = gyro_offset = math.nan
-    if trial.yaw_rate is not None:
-        gyro = on_grid(trial, trial.yaw_rate, grid)
+    if trial.rate is not None:
+        gyro = on_grid(trial, trial.rate, grid)
         gyro_gain, gyro_offset = _against_heading(kernel.smooth(gyro), rate)
         rate, acceleration = kernel.smooth(gyro), kernel.rate(gyro)
-        gain = np.linalg.norm([kernel.value, kernel.first], axis=1) * white_noise(gyro)
+        white = white_noise(gyro)
+        gain = np.linalg.norm([kernel.value, kernel.first], axis=1) * white
         rate_noise, acceleration_noise = float(gain[0]), float(gain[1])
+        if trial.integrated:
+            noise, gyro_gain, gyro_offset = white, math.nan, math.nan
     return Rates(
         time=grid,
-        yaw_rate=rate,
+        rate=rate,
         acceleration=acceleration,
+        position=kernel.smooth(angle),
         kernel=kernel,
-        heading_noise=noise,
-        yaw_rate_noise=rate_noise,
+        position_noise=noise,
+        rate_noise=rate_noise,
         acceleration_noise=acceleration_noise,
-        from_gyro=trial.yaw_rate is not None,
+        from_gyro=trial.rate is not None,
         gyro_gain=gyro_gain,
         gyro_offset=gyro_offset,
     )
@@ -197,21 +206,21 @@ def highest_cutoff(trials: Sequence[Trial]) -> float:
     return _MAX_CUTOFF / float(np.median([trial.period for trial in trials]))
 
 
-def body_angle(trial: Trial) -> FloatArray:
-    """(n,) rad, the integral of the body's yaw rate; the heading itself where no tilt is logged.
+def body_position(trial: Trial) -> FloatArray:
+    """(n,) the integral of the body's rate along the axis; what was measured itself, but in yaw where tilt is logged.
 
-    d(angle) = cos(phi) cos(theta) dpsi - sin(phi) dtheta (Fossen 2011, eq. 2.28 solved for r). NaN where the heading
-    was not measured.
+    There d(angle) = cos(phi) cos(theta) dpsi - sin(phi) dtheta (Fossen 2011, eq. 2.28 solved for r). NaN where
+    nothing was measured.
     """
-    if trial.roll is None or trial.pitch is None:
-        return trial.heading
+    if trial.axis is not YAW or trial.roll is None or trial.pitch is None:
+        return trial.position
     known = trial.measured
     roll, pitch = (_filled(trial, values)[known] for values in (trial.roll, trial.pitch))
     level = np.cos(roll) * np.cos(pitch)
-    steps = 0.5 * (level[1:] + level[:-1]) * np.diff(trial.heading[known])
+    steps = 0.5 * (level[1:] + level[:-1]) * np.diff(trial.position[known])
     steps -= 0.5 * (np.sin(roll[1:]) + np.sin(roll[:-1])) * np.diff(pitch)
     angle = np.full(len(trial.time), np.nan)
-    angle[known] = trial.heading[known][0] + np.concatenate(([0.0], np.cumsum(steps)))
+    angle[known] = trial.position[known][0] + np.concatenate(([0.0], np.cumsum(steps)))
     return angle
 
 
@@ -221,7 +230,7 @@ def _filled(trial: Trial, values: FloatArray) -> FloatArray:
 
 
 def uniform_grid(trial: Trial) -> FloatArray:
-    """(m,) instants at the heading's median interval, from its first to its last sample."""
+    """(m,) instants at the position's median interval, from its first to its last sample."""
     measured = trial.time[trial.measured]
     period = trial.period
     count = round((measured[-1] - measured[0]) / period) + 1
@@ -266,12 +275,12 @@ def choose_cutoff(trials: Sequence[Trial]) -> float:
     """Cut-off in Hz that makes the acceleration's expected error smallest over all ``trials``.
 
     What lies above the cut-off is lost, the sensor noise below it is kept. Signal and noise are told apart
-    in the spectrum of the heading's second difference, in which white noise rises as the fourth power of
-    the sine of half the angle.
+    in the spectrum of the position's second difference, in which its white noise rises as the fourth power of
+    the sine of half the angle, a rate's as the square.
     """
     period = float(np.median([trial.period for trial in trials]))
     frequency, spectrum = _acceleration_spectrum(trials, period)
-    shape = (2.0 * np.sin(np.pi * frequency * period)) ** 4
+    shape = (2.0 * np.sin(np.pi * frequency * period)) ** (2 if trials[0].integrated else 4)
     top = frequency > 0.35 / period
     level = float(np.median(spectrum[top] / shape[top]))
     noise = level * shape
@@ -288,8 +297,7 @@ def _acceleration_spectrum(trials: Sequence[Trial], period: float) -> tuple[Floa
     total, weight = np.zeros(length // 2 + 1), 0
     frequency = np.asarray(np.fft.rfftfreq(length, period), dtype=np.float64)
     for trial in trials:
-        heading = on_grid(trial, trial.heading, uniform_grid(trial))
-        second = np.diff(heading, n=2)
+        second = _second_differences(trial)
         for start, stop in finite_stretches(second):
             part = second[start:stop]
             if len(part) < _FEWEST_BENDS:
@@ -299,13 +307,22 @@ def _acceleration_spectrum(trials: Sequence[Trial], period: float) -> tuple[Floa
             total += np.asarray(density) * len(part)
             weight += len(part)
     if not weight:
+        name = trials[0].axis.rate_words if trials[0].integrated else trials[0].axis.position_words
         raise DataError(
-            f"no stretch of heading is long enough to find its noise: {_FEWEST_BENDS + 2} headings without a gap "
+            f"no stretch of {name} is long enough to find its noise: {_FEWEST_BENDS + 2} readings without a gap "
             "between them were expected.",
             where=trials[0].name if len(trials) == 1 else f"{trials[0].name} and {len(trials) - 1} more",
             mend="Record longer runs.",
         )
     return frequency, total / weight
+
+
+def _second_differences(trial: Trial) -> FloatArray:
+    """Of the position on a uniform grid, by the first ones of the rate where that alone was measured."""
+    grid = uniform_grid(trial)
+    if trial.integrated and trial.rate is not None:
+        return np.asarray(np.diff(on_grid(trial, trial.rate, grid)) * trial.period)
+    return np.diff(on_grid(trial, trial.position, grid), n=2)
 
 
 def finite_stretches(values: FloatArray) -> list[tuple[int, int]]:

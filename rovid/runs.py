@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rovid.axis import Axis
 from rovid.errors import ConfigError, DataError
-from rovid.rates import Rates, choose_cutoff, highest_cutoff, yaw_rates
+from rovid.rates import Rates, choose_cutoff, highest_cutoff, rates_of
 from rovid.trial import Campaign, FloatArray, Remark, Trial
 from rovid.vehicle import Vehicle
 
@@ -52,14 +53,24 @@ class Runs:
     chosen: bool
     remarks: tuple[Remark, ...]
 
-    def noise(self) -> tuple[float, float, float]:
-        """Median over the runs of the sensor's noise in heading (rad), and what the low pass leaves of it.
+    @property
+    def axis(self) -> Axis:
+        """The degree of freedom that is looked at."""
+        return self.items[0].trial.axis
 
-        Standard deviations; rate in rad/s, acceleration in rad/s^2.
+    @property
+    def integrated(self) -> bool:
+        """Whether the rate alone was measured."""
+        return self.items[0].trial.integrated
+
+    def noise(self) -> tuple[float, float, float]:
+        """Median over the runs of the sensor's noise in what is measured, and what the low pass leaves of it.
+
+        Standard deviations; of the position, or of the rate where that alone was measured, of rate and of acceleration.
         """
-        rows = [(r.rates.heading_noise, r.rates.yaw_rate_noise, r.rates.acceleration_noise) for r in self.items]
-        heading, rate, acceleration = np.median(rows, axis=0)
-        return float(heading), float(rate), float(acceleration)
+        rows = [(r.rates.position_noise, r.rates.rate_noise, r.rates.acceleration_noise) for r in self.items]
+        measured, rate, acceleration = np.median(rows, axis=0)
+        return float(measured), float(rate), float(acceleration)
 
 
 def prepare(campaign: Campaign, vehicle: Vehicle, *, cutoff: float | None = None) -> Runs:
@@ -82,7 +93,7 @@ def prepare(campaign: Campaign, vehicle: Vehicle, *, cutoff: float | None = None
     for trial in campaign.trials:
         torque = vehicle.torque(trial)
         try:
-            rates = yaw_rates(trial, cutoff=shared)
+            rates = rates_of(trial, cutoff=shared)
         except DataError as error:
             remarks.append(Remark(kind="left out", count=len(trial.time), text=str(error)))
             continue
@@ -94,20 +105,22 @@ def prepare(campaign: Campaign, vehicle: Vehicle, *, cutoff: float | None = None
 
 
 def _gyro_is_off(rates: Rates) -> bool:
-    known = rates.yaw_rate[np.isfinite(rates.yaw_rate)]
+    known = rates.rate[np.isfinite(rates.rate)]
     typical = float(np.linalg.norm(known)) / max(len(known), 1) ** 0.5
     return abs(rates.gyro_gain - 1.0) > _GYRO_GAIN or abs(rates.gyro_offset) > _GYRO_OFFSET * typical
 
 
 def _gyro_remarks(off: Sequence[Run]) -> list[Remark]:
-    """Say where a logged yaw rate is not the heading's, which a bias, a unit or a sign would do."""
+    """Say where a logged rate is not the position's, which a bias, a unit or a sign would do."""
     if not off:
         return []
+    axis = off[0].trial.axis
     gain, offset = np.median([(run.rates.gyro_gain, run.rates.gyro_offset) for run in off], axis=0)
     text = (
-        f"{', '.join(run.trial.name for run in off)}: the logged yaw rate is {gain:.3g} times the heading's rate, with "
-        f"an offset of {offset:.2g} rad/s, and the results rest on it. Check its unit and sign, or delete yaw_rate in "
-        "rovid.toml: the heading's own rate is then used."
+        f"{', '.join(run.trial.name for run in off)}: the logged {axis.rate_words} is {gain:.3g} times the "
+        f"{axis.position_words}'s rate, with an offset of {offset:.2g} {axis.rate_unit}, and the results rest on it. "
+        f"Check its unit and sign, or delete {axis.rate} in rovid.toml: the {axis.position_words}'s own rate is then "
+        "used."
     )
     return [Remark(kind="gyro", count=len(off), text=text)]
 
@@ -120,6 +133,6 @@ def channels(runs: Sequence[Run]) -> set[str]:
 
 def stack(runs: Sequence[Run]) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.intp]]:
     """Concatenate the valid rate, acceleration and torque of ``runs``, with the index of the run of each."""
-    parts = [(run.rates.yaw_rate[run.valid], run.rates.acceleration[run.valid], run.drive[run.valid]) for run in runs]
+    parts = [(run.rates.rate[run.valid], run.rates.acceleration[run.valid], run.drive[run.valid]) for run in runs]
     rate, acceleration, torque = (np.concatenate(column) for column in zip(*parts, strict=True))
     return rate, acceleration, torque, np.repeat(np.arange(len(runs)), [len(part[0]) for part in parts])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.model import Drive, Model
-from rovid.rates import body_angle, on_grid
+from rovid.rates import body_position, on_grid
 from rovid.runs import Run
 from rovid.trial import FloatArray
 from rovid.vehicle import Vehicle
@@ -57,8 +57,8 @@ class TrialSimulation:
     fit: Fit
     measured: FloatArray
     simulated: FloatArray
-    heading: FloatArray
-    heading_errors: dict[float, float | None]
+    position: FloatArray
+    position_errors: dict[float, float | None]
 
 
 def simulate_runs(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[TrialSimulation]:
@@ -100,25 +100,25 @@ def _simulate(run: Run, model: Model, drive: Drive) -> TrialSimulation:
     simulated = run.rates.smooth_samples(run.trial, rate)
     return TrialSimulation(
         run=run,
-        fit=compare(run.rates.yaw_rate, simulated),
-        measured=run.rates.yaw_rate,
+        fit=compare(run.rates.rate, simulated),
+        measured=run.rates.rate,
         simulated=simulated,
-        heading=heading,
-        heading_errors={horizon: _heading_error(run, model, drive, horizon) for horizon in HORIZONS},
+        position=heading,
+        position_errors={horizon: _heading_error(run, model, drive, horizon) for horizon in HORIZONS},
     )
 
 
 def _heading_error(run: Run, model: Model, drive: Drive, horizon: float) -> float | None:
     rates, trial = run.rates, run.trial
     # About the body's own axis: the heading itself, but for what a logged tilt adds to it.
-    angle = on_grid(trial, body_angle(trial), rates.time)
+    angle = on_grid(trial, body_position(trial), rates.time)
     at_grid = np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1
     torque, race = drive.torque[at_grid], drive.race[at_grid]
     length = round(horizon / rates.kernel.period)
     errors = []
     for start in range(0, len(rates.time) - length, length):
         stop = start + length
-        known = np.flatnonzero(np.isfinite(rates.yaw_rate[start:stop]))
+        known = np.flatnonzero(np.isfinite(rates.rate[start:stop]))
         # The filter has no rate at the very start of a trial or behind a gap: restart where it has.
         if not known.size or known[0] > rates.kernel.half_width / rates.kernel.period + 1:
             continue
@@ -128,7 +128,7 @@ def _heading_error(run: Run, model: Model, drive: Drive, horizon: float) -> floa
         if end >= len(angle) or not np.isfinite(angle[at : end + 1]).all():
             continue
         part = slice(at, end + 1)
-        begin = (float(rates.yaw_rate[at]), float(angle[at] - angle[np.isfinite(angle)][0]))
+        begin = (float(rates.rate[at]), float(angle[at] - angle[np.isfinite(angle)][0]))
         simulated = model.turned(trial, rates.time[part], Drive.held(torque[part], race[part]), begin)
         errors.append(simulated - (angle[end] - angle[at]))
     return float(np.sqrt(np.mean(np.square(errors)))) if errors else None

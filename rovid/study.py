@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rovid.axis import YAW, Axis
 from rovid.config import find_config, load_config, vehicle_of_tables
 from rovid.diagnose.amplitudes import Amplitudes, explain
 from rovid.diagnose.diagnosis import Diagnosis, diagnose
@@ -65,7 +66,12 @@ class Study:
             There are none.
         """
         if self.runs is not None:
-            return fit_drag(steady_points(self.runs.items, self.vehicle))
+            if self.vehicle.axis.rights:
+                raise DataError(
+                    f"no constant torque keeps {self.vehicle.axis.name} turning: drag is found with the inertia.",
+                    mend="Run `rovid fit-inertia`.",
+                )
+            return fit_drag(steady_points(self.runs.items, self.vehicle), self.vehicle.axis)
         if self.steady is None:
             raise DataError(f"there is no table of steady states (columns {', '.join(STEADY_COLUMNS)}).")
         return fit_drag(points_from_table(read_table(self.steady)))
@@ -86,7 +92,7 @@ class Study:
         return fit_inertia_table(read_table(self.sine), drag=drag, rigid_body=rigid_body)
 
     def require(self, effects: Sequence[Effect]) -> None:
-        """Refuse effects on a thruster that this vehicle lacks, or on its only one, which yaw data do not show.
+        """Refuse effects that this axis does not know, or on a thruster that the vehicle lacks or has none beside.
 
         Raises
         ------
@@ -95,6 +101,8 @@ class Study:
         """
         known = [form.key for form in forms_for(self.vehicle) if form.each_thruster]
         for effect in effects:
+            if effect.axes and self.vehicle.axis.name not in effect.axes:
+                raise ConfigError(f"is nothing that acts in {self.vehicle.axis.name}.", where=effect.key)
             if effect.each_thruster and effect.key not in known:
                 raise ConfigError(
                     f"does not suit the thrusters of this vehicle. {nearest(effect.key, known)}", where=effect.key
@@ -138,7 +146,7 @@ class Study:
         rigid_body = self.vehicle.rigid_body_inertia
         return explain(read_table(self.sine), steady, drag, self.inertia(drag), rigid_body)
 
-    def heading_noise(self) -> float | None:
+    def position_noise(self) -> float | None:
         """Median standard deviation of the headings' noise in rad; None for tables."""
         return None if self.runs is None else self.runs.noise()[0]
 
@@ -169,7 +177,7 @@ class Study:
         return diagnose(self.runs, self.vehicle, report)
 
 
-def open_study(paths: Sequence[Path], *, cutoff: float | None = None) -> Study:
+def open_study(paths: Sequence[Path], *, cutoff: float | None = None, axis: Axis = YAW) -> Study:
     """Read whatever ``paths`` hold.
 
     Raises
@@ -178,9 +186,9 @@ def open_study(paths: Sequence[Path], *, cutoff: float | None = None) -> Study:
         The logs or rovid.toml cannot be read.
     """
     steady, sine = find_table(paths, STEADY_COLUMNS), find_table(paths, SINE_COLUMNS)
-    if steady is not None or sine is not None:
+    if (steady is not None or sine is not None) and axis is YAW:
         return Study(paths=tuple(paths), vehicle=vehicle_of_tables(paths), steady=steady, sine=sine)
-    config = load_config(find_config(paths))
+    config = load_config(find_config(paths), axis)
     campaign = read_campaign(paths, config)
     runs = prepare(campaign, config.vehicle, cutoff=cutoff)
     return Study(paths=tuple(paths), vehicle=config.vehicle, campaign=campaign, runs=runs)

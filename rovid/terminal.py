@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from rovid.axis import YAW
 from rovid.export import Exported
 from rovid.identify.bench import BenchFit
 from rovid.identify.estimate import Estimate
@@ -70,10 +71,12 @@ def show_export(console: Console, path: Path, made: Exported) -> None:
 
 def show_filter(console: Console, runs: Runs) -> None:
     """Print the low pass and the noise that it leaves."""
-    heading, rate, acceleration = runs.noise()
+    noise, rate, acceleration = runs.noise()
+    name, shown, factor = runs.axis.measured(integrated=runs.integrated)
+    unit = runs.axis.rate_unit
     console.print(
-        f"low pass {runs.cutoff:.3g} Hz, {'chosen from the data' if runs.chosen else 'as given'}; noise: heading "
-        f"{math.degrees(heading):.2g} deg, rate {rate:.2g} rad/s, acceleration {acceleration:.2g} rad/s²",
+        f"low pass {runs.cutoff:.3g} Hz, {'chosen from the data' if runs.chosen else 'as given'}; noise: "
+        f"{name} {noise * factor:.2g} {shown}, rate {rate:.2g} {unit}, acceleration {acceleration:.2g} {unit}²",
         highlight=False,
     )
 
@@ -96,16 +99,17 @@ def show_parameters(console: Console, estimate: Estimate) -> None:
 
 def show_drag(console: Console, fit: DragFit) -> None:
     """Print what `rovid fit-drag` found."""
+    axis = fit.estimate.axis
     rows = table(
         "Steady states",
         "log",
         "from s",
         "to s",
         "command",
-        "torque N m",
-        "rate rad/s",
-        "± rad/s",
-        "residual N m",
+        f"{axis.push} {axis.push_unit}",
+        f"rate {axis.rate_unit}",
+        f"± {axis.rate_unit}",
+        f"residual {axis.push_unit}",
         "without it DQ",
         "DL",
     )
@@ -128,7 +132,7 @@ def show_drag(console: Console, fit: DragFit) -> None:
     )
     for name, each in fit.directions.items():
         quadratic, linear = (plus_minus(each.value(key), each.standard_error(key)) for key in each.names)
-        console.print(f"heading {name} alone: DQ {quadratic}, DL {linear}", highlight=False)
+        console.print(f"{axis.position_words} {name} alone: DQ {quadratic}, DL {linear}", highlight=False)
 
 
 def _point_cells(point: SteadyPoint) -> list[str]:
@@ -138,14 +142,15 @@ def _point_cells(point: SteadyPoint) -> list[str]:
         number(point.stop, ".0f"),
         escape(" ".join(f"{value:.4g}" for value in point.command)),
         number(point.torque, ".1f"),
-        number(point.yaw_rate, ".4f"),
-        number(point.yaw_rate_error, ".4f"),
+        number(point.rate, ".4f"),
+        number(point.rate_error, ".4f"),
     ]
 
 
 def show_inertia(console: Console, fit: InertiaFit) -> None:
     """Print what `rovid fit-inertia` found."""
-    rows = table("Inertia, kg m²", "method", "value ± standard error", "note")
+    unit = fit.estimate.unit("inertia").replace("^2", "²")
+    rows = table(f"Inertia, {unit}", "method", "value ± standard error", "note")
     for name, inertia in fit.methods.items():
         note = "used" if name == fit.chosen else ""
         if name == "peak" and fit.peak_bias is not None:
@@ -161,7 +166,7 @@ def show_inertia(console: Console, fit: InertiaFit) -> None:
     if fit.added_inertia is not None:
         error = fit.estimate.standard_error("inertia")
         console.print(
-            f"added inertia (inertia less the rigid body's): {plus_minus(fit.added_inertia, error)} kg m²",
+            f"added inertia (inertia less the rigid body's): {plus_minus(fit.added_inertia, error)} {unit}",
             highlight=False,
         )
 
@@ -169,33 +174,34 @@ def show_inertia(console: Console, fit: InertiaFit) -> None:
 def show_likelihood(console: Console, fit: LikelihoodFit) -> None:
     """Print what `rovid fit` found."""
     show_parameters(console, fit.estimate)
+    axis = fit.estimate.axis
+    name, unit, factor = axis.measured(integrated=fit.integrated)
     console.print(
-        f"{fit.estimate.method}: log-likelihood {fit.log_likelihood:.1f} over {fit.estimate.samples} headings; "
+        f"{fit.estimate.method}: log-likelihood {fit.log_likelihood:.1f} over {fit.estimate.samples} readings; "
         f"innovations {'white' if fit.white else 'not white'}\n"
-        f"disturbance torque {fit.disturbance:.3g} N m with a memory of {fit.correlation_time:.2g} s; heading noise "
-        f"{math.degrees(fit.heading_noise):.2g} deg\n"
-        f"free-running yaw rate R² {fit.free_run_r2:.4f}; the fit that looks at nothing else reaches {fit.base_r2:.4f}",
+        f"disturbance {axis.push} {fit.disturbance:.3g} {axis.push_unit} with a memory of "
+        f"{fit.correlation_time:.2g} s; {name} noise {factor * fit.position_noise:.2g} {unit}\n"
+        f"free-running {axis.rate_words} R² {fit.free_run_r2:.4f}; the fit that looks at nothing else reaches "
+        f"{fit.base_r2:.4f}",
         highlight=False,
     )
 
 
 def show_simulation(console: Console, simulations: Sequence[TrialSimulation]) -> None:
     """Print how well the free-running simulation follows each trial."""
+    axis = simulations[0].run.trial.axis
     rows = table(
-        "Free-running simulation against measurement, yaw rate",
+        f"Free-running simulation against measurement, {axis.rate_words}",
         "trial",
         "samples",
         "R²",
         "fit %",
-        "RMSE rad/s",
-        "heading after 10 s, deg",
-        "after 60 s, deg",
+        f"RMSE {axis.rate_unit}",
+        f"{axis.position_words} after 10 s, {axis.shown[0]}",
+        f"after 60 s, {axis.shown[0]}",
     )
     for item in simulations:
-        errors = [
-            None if item.heading_errors[h] is None else math.degrees(item.heading_errors[h] or 0.0)
-            for h in (10.0, 60.0)
-        ]
+        errors = [axis.in_shown(item.position_errors[horizon]) for horizon in (10.0, 60.0)]
         rows.add_row(
             escape(item.run.trial.name),
             str(item.fit.samples),
@@ -235,15 +241,19 @@ def show_bench(console: Console, fit: BenchFit, output: Path) -> None:
 
 def show_check(console: Console, rows: Sequence[tuple[Trial, Mapping[str, Any]]], problems: Mapping[str, str]) -> None:
     """Print what each log holds and what is wrong with it."""
-    shown = table("Logs", "log", "s", "samples", "Hz", "noise deg", "turned deg", "held", "sines", "remarks")
+    axis, integrated = (rows[0][0].axis, rows[0][0].integrated) if rows else (YAW, False)
+    _, unit, factor = axis.measured(integrated=integrated)
+    way, far = axis.shown
+    went = f"{'turned' if axis.angular else 'went'} {way}"
+    shown = table("Logs", "log", "s", "samples", "Hz", f"noise {unit}", went, "held", "sines", "remarks")
     for trial, facts in rows:
         shown.add_row(
             escape(trial.name),
             f"{trial.duration:.0f}",
             str(facts["samples"]),
             f"{1.0 / trial.period:.3g}",
-            f"{facts['heading_noise_deg']:.2g}",
-            f"{facts['heading_travel_deg']:.0f}",
+            f"{factor * facts['noise']:.2g}",
+            f"{far * facts['travel']:.0f}",
             str(facts["held_commands"]),
             str(facts["sine_runs"]),
             ", ".join(f"{remark.count} {remark.kind}" for remark in trial.remarks) or "none",

@@ -10,6 +10,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rovid.axis import YAW, Axis
+
 FloatArray = NDArray[np.float64]
 
 
@@ -39,7 +41,7 @@ class Trial:
     """One run of the vehicle.
 
     All arrays have one row for each instant of ``time``, which is the union of the instants at which the
-    heading was measured and those at which a command changed. A heading that was not measured at an instant
+    position was measured and those at which a command changed. A position that was not measured at an instant
     is NaN; a command holds its value until the next instant.
 
     Attributes
@@ -50,12 +52,13 @@ class Trial:
         The file itself.
     time
         (n,) s, strictly increasing from 0.
-    heading
-        (n,) rad, unwrapped, positive in the sense in which the log's heading grows; NaN where not measured.
+    position
+        (n,) along ``axis``, in yaw the heading: rad, unwrapped, or m; positive in the sense in which the log's grows.
+        NaN where not measured.
     commands
         (n, k) each actuator's command in the unit of its thrust curve (N m for a logged torque), held.
-    yaw_rate, roll, pitch
-        (n,) rad/s, rad, rad or None where not logged; linear between neighbours where they have a clock of
+    rate, roll, pitch
+        (n,) rad/s or m/s, rad, rad or None where not logged; linear between neighbours where they have a clock of
         their own, NaN where those are farther apart than a gap.
     extras
         Any further mapped channel, (n,), held, in the unit of the log.
@@ -63,19 +66,23 @@ class Trial:
         Median of each further channel over the whole campaign.
     remarks
         What the reader noticed.
+    integrated
+        Whether the rate alone was measured, of which ``position`` is then the integral.
     """
 
     name: str
     path: Path
     time: FloatArray
-    heading: FloatArray
+    position: FloatArray
     commands: FloatArray
-    yaw_rate: FloatArray | None = None
+    rate: FloatArray | None = None
     roll: FloatArray | None = None
     pitch: FloatArray | None = None
     extras: Mapping[str, FloatArray] = field(default_factory=dict)
     reference: Mapping[str, float] = field(default_factory=dict)
     remarks: tuple[Remark, ...] = ()
+    axis: Axis = YAW
+    integrated: bool = False
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -84,8 +91,8 @@ class Trial:
                 object.__setattr__(self, item.name, read_only(value))
         extras = {name: read_only(values) for name, values in self.extras.items()}
         object.__setattr__(self, "extras", MappingProxyType(extras))
-        if self.commands.ndim != 2 or not len(self.commands) == len(self.time) == len(self.heading):
-            msg = f"{self.name}: time {self.time.shape}, heading {self.heading.shape}, {self.commands.shape}"
+        if self.commands.ndim != 2 or not len(self.commands) == len(self.time) == len(self.position):
+            msg = f"{self.name}: time {self.time.shape}, position {self.position.shape}, {self.commands.shape}"
             raise ValueError(msg)
 
     @property
@@ -95,12 +102,12 @@ class Trial:
 
     @property
     def measured(self) -> NDArray[np.bool_]:
-        """(n,) where the heading was measured."""
-        return np.isfinite(self.heading)
+        """(n,) where the position was measured."""
+        return np.isfinite(self.position)
 
     @property
     def period(self) -> float:
-        """Median interval between measured headings in s."""
+        """Median interval between measured positions in s."""
         return float(np.median(np.diff(self.time[self.measured])))
 
 
@@ -114,5 +121,5 @@ class Campaign:
 
     @property
     def samples(self) -> int:
-        """Number of measured headings."""
+        """Number of measured positions."""
         return int(sum(trial.measured.sum() for trial in self.trials))

@@ -1,4 +1,4 @@
-"""The vehicle: from thruster commands to yaw torque."""
+"""The vehicle: from thruster commands to the torque, or the force, along one axis."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rovid.axis import YAW, Axis
 from rovid.errors import ConfigError
 from rovid.trial import FloatArray, Trial, read_only
 
@@ -53,20 +54,22 @@ class ThrustCurve:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Thruster:
-    """One actuator: ``torque = yaw_arm * curve(command)``; positive torque turns the heading up.
+    """One actuator: ``torque = arm * curve(command)``; positive torque turns the heading up.
+
+    Along an axis that is no angle the arm is the share of the thrust, and a torque is a force.
 
     A logged torque is an actuator whose ``curve`` is None: its command is the torque in N m, its arm 1.
     ``clamp`` allows commands outside the curve, at the curve's end values.
     """
 
     name: str
-    yaw_arm: float
+    arm: float
     curve: ThrustCurve | None
     clamp: bool = False
 
     def torque(self, command: FloatArray) -> FloatArray:
         """(n,) N m for (n,) commands."""
-        return self.yaw_arm * (command if self.curve is None else self.curve(command))
+        return self.arm * (command if self.curve is None else self.curve(command))
 
     def command_range(self) -> float:
         """Width of the commands that the curve knows; NaN for a logged torque."""
@@ -80,9 +83,12 @@ class Vehicle:
     Attributes
     ----------
     rigid_body_inertia
-        kg m^2 about the vertical axis, or None where neither it nor mass and size are given.
+        kg m^2 about the axis, or kg along it; None where neither it nor mass and size are given. What is given is
+        about the vertical axis.
     thrusters
         In the order of the columns of ``Trial.commands``.
+    axis
+        The degree of freedom that all this is about.
     """
 
     name: str
@@ -90,13 +96,21 @@ class Vehicle:
     mass: float | None = None
     length: float | None = None
     width: float | None = None
+    height: float | None = None
     rigid_body_inertia: float | None = None
+    axis: Axis = YAW
 
     def __post_init__(self) -> None:
-        box = (self.mass, self.length, self.width)
-        if self.rigid_body_inertia is None and None not in box:
-            inertia = box_inertia(*(float(value) for value in box if value is not None))
-            object.__setattr__(self, "rigid_body_inertia", inertia)
+        if self.axis is not YAW or self.rigid_body_inertia is None:
+            object.__setattr__(self, "rigid_body_inertia", self._inertia())
+
+    def _inertia(self) -> float | None:
+        """Of the body alone, if it were a uniform box."""
+        if not self.axis.angular or self.mass is None:
+            return self.mass
+        across = {"yaw": (self.length, self.width), "pitch": (self.length, self.height)}
+        first, second = across.get(self.axis.name, (self.width, self.height))
+        return None if first is None or second is None else box_inertia(self.mass, first, second)
 
     def thrust(self, commands: FloatArray) -> FloatArray:
         """(n, k) thrust in N for (n, k) commands; the torque itself for a logged torque."""
@@ -104,7 +118,7 @@ class Vehicle:
         return np.column_stack([u if thruster.curve is None else thruster.curve(u) for thruster, u in columns])
 
     def torque(self, trial: Trial) -> FloatArray:
-        """(n,) yaw torque in N m, held until the next instant of ``trial.time``.
+        """(n,) torque in N m, held until the next instant of ``trial.time``.
 
         Raises
         ------
@@ -120,7 +134,7 @@ class Vehicle:
 
 
 def box_inertia(mass: float, length: float, width: float) -> float:
-    """Yaw inertia in kg m^2 of a uniform box of ``mass`` kg, ``length`` and ``width`` m."""
+    """Inertia in kg m^2 of a uniform box of ``mass`` kg, ``length`` and ``width`` m across the axis."""
     return mass * (length**2 + width**2) / 12.0
 
 

@@ -8,15 +8,15 @@ import numpy as np
 
 from rovid.kernels import simulate
 from rovid.model import Model
-from rovid.rates import yaw_rates
+from rovid.rates import rates_of
 from rovid.runs import Run
 from rovid.trial import FloatArray, Trial
 from rovid.vehicle import ThrustCurve, Thruster, Vehicle
 
 ROSUB = Model(inertia=5057.0, quadratic_drag=3532.0, linear_drag=132.0)
 VOLTS = ThrustCurve(command=np.array([-5.0, 5.0]), thrust=np.array([-500.0, 500.0]))
-VEHICLE = Vehicle(name="test", thrusters=(Thruster(name="a", yaw_arm=1.0, curve=VOLTS),))
-LOGGED = Vehicle(name="test", thrusters=(Thruster(name="torque", yaw_arm=1.0, curve=None),))
+VEHICLE = Vehicle(name="test", thrusters=(Thruster(name="a", arm=1.0, curve=VOLTS),))
+LOGGED = Vehicle(name="test", thrusters=(Thruster(name="torque", arm=1.0, curve=None),))
 
 
 def clock(duration: float, rate: float = 20.0) -> FloatArray:
@@ -31,17 +31,17 @@ def trial(
     name: str = "log",
     roll: FloatArray | None = None,
     pitch: FloatArray | None = None,
-    yaw_rate: FloatArray | None = None,
+    rate: FloatArray | None = None,
 ) -> Trial:
     return Trial(
         name=name,
         path=Path(name),
         time=time,
-        heading=np.zeros(len(time)) if heading is None else heading,
+        position=np.zeros(len(time)) if heading is None else heading,
         commands=command[:, None],
         roll=roll,
         pitch=pitch,
-        yaw_rate=yaw_rate,
+        rate=rate,
     )
 
 
@@ -58,7 +58,7 @@ def run(
     total = torque if disturbance is None else torque + disturbance
     _, angle = simulate(time, total, model.inertia, model.quadratic_drag, model.linear_drag, 0.0)
     log = trial(time, torque, angle if noise is None else angle + noise)
-    rates = yaw_rates(log, cutoff=cutoff)
+    rates = rates_of(log, cutoff=cutoff)
     return Run(trial=log, torque=torque, rates=rates, drive=rates.held(log, torque))
 
 

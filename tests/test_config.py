@@ -48,8 +48,8 @@ def test_everything_is_read(tmp_path: Path) -> None:
     assert config.vehicle.name == "Test vehicle"
     assert config.vehicle.rigid_body_inertia == pytest.approx(2334.9, abs=0.1)
     fore, aft = config.vehicle.thrusters
-    assert (fore.name, fore.yaw_arm, fore.clamp) == ("fore", 0.43, False)
-    assert (aft.name, aft.yaw_arm, aft.clamp) == ("thruster_2", -0.43, True)
+    assert (fore.name, fore.arm, fore.clamp) == ("fore", 0.43, False)
+    assert (aft.name, aft.arm, aft.clamp) == ("thruster_2", -0.43, True)
     assert fore.torque(np.array([2.5]))[0] == pytest.approx(43.0)
     assert config.signals["heading"].factor == pytest.approx(-math.pi / 180.0)
     assert config.signals["yaw_rate"].factor == pytest.approx(math.pi / 180.0)

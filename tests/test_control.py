@@ -49,8 +49,8 @@ CURVE = ThrustCurve(
 VEHICLE = Vehicle(
     name="test",
     thrusters=(
-        Thruster(name="fore", yaw_arm=0.43, curve=CURVE),
-        Thruster(name="aft", yaw_arm=-0.43, curve=CURVE),
+        Thruster(name="fore", arm=0.43, curve=CURVE),
+        Thruster(name="aft", arm=-0.43, curve=CURVE),
     ),
 )
 SCALES = Scales(command=2.0, torque=126.0, rate=0.17, race=11.0)
@@ -145,7 +145,7 @@ def test_recorded_commands_drive_the_open_loop_to_the_same_heading(effect: Effec
     # What an effect remembers from before the window of 20 s.
     assert differs <= 1e-4 * np.max(np.abs(drive.torque))
     # It starts at the rate that is logged first.
-    rate, heading = model.simulate(replace(course.trial(), yaw_rate=np.zeros(len(course.time))), drive)
+    rate, heading = model.simulate(replace(course.trial(), rate=np.zeros(len(course.time))), drive)
     # Steps of the integration, what is forgotten, and a true heading that is found from the instrument's by turns.
     reach = 1e-3 if effect.on_heading else 6e-6 + 0.01 * differs
     if effect.on_heading is None:
@@ -189,7 +189,7 @@ def test_the_aid_undoes_what_diagnosis_found_of_the_thrust(key: str, values: tup
     for allocation in (bench, known):
         commands = np.repeat(allocation(np.array([100.0])), 2, axis=0)
         course = closed(PAPER, law(), seconds=1.0).trial()
-        held = replace(course, time=course.time[:2], heading=course.heading[:2], commands=commands)
+        held = replace(course, time=course.time[:2], position=course.position[:2], commands=commands)
         torques.append(model.drive(VEHICLE, held).torque[0])
     assert torques[1] == pytest.approx(100.0, abs=0.1)
     assert abs(torques[0] - 100.0) > 2.0

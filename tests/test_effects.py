@@ -47,8 +47,8 @@ CURVE = ThrustCurve(command=np.array([-5.0, -0.3, 0.3, 5.0]), thrust=np.array([-
 VEHICLE = Vehicle(
     name="test",
     thrusters=(
-        Thruster(name="fore", yaw_arm=0.43, curve=CURVE),
-        Thruster(name="aft", yaw_arm=-0.43, curve=CURVE),
+        Thruster(name="fore", arm=0.43, curve=CURVE),
+        Thruster(name="aft", arm=-0.43, curve=CURVE),
     ),
 )
 COMMAND = np.column_stack((2.0 * np.sin(0.3 * TIME), np.where(TIME % 20.0 < 10.0, 1.5, -0.7)))

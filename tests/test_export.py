@@ -305,9 +305,9 @@ def rovid_rates(parameters: Path) -> FloatArray:
         name="test",
         path=Path("test"),
         time=time,
-        heading=np.zeros(len(time)),
+        position=np.zeros(len(time)),
         commands=np.column_stack([commands] * len(vehicle.thrusters)),
-        yaw_rate=np.zeros(len(time)),
+        rate=np.zeros(len(time)),
     )
     return model.simulate(trial, model.drive(vehicle, trial))[0][::parts]
 

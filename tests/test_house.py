@@ -13,6 +13,7 @@ import rovid
 
 HOUSE = [
     "errors",
+    "axis",
     "workers",
     "trial",
     "vehicle",

@@ -14,7 +14,7 @@ import pytest
 from rovid.identify.likelihood import fit_likelihood, innovations_are_white
 from rovid.kernels import innovations, simulate
 from rovid.model import Model
-from rovid.rates import yaw_rates
+from rovid.rates import rates_of
 from rovid.runs import Run
 from rovid.trial import FloatArray
 from tests.conftest import SAMPLES, Rovid
@@ -229,8 +229,8 @@ def test_a_gyro_narrows_what_a_poor_compass_leaves_open(bias: float) -> None:
         wind = gauss_markov(len(time), 0.1, 3.0, 4.0, rng)
         rate, angle = simulate(time, torque + wind, 5057.0, 3532.0, 132.0, 0.0)
         gyro = rate + bias + rng.normal(0.0, 0.002, len(time))
-        log = trial(time, torque, angle + rng.normal(0.0, np.deg2rad(2.0), len(time)), yaw_rate=gyro)
-        rates = yaw_rates(log, cutoff=0.5)
+        log = trial(time, torque, angle + rng.normal(0.0, np.deg2rad(2.0), len(time)), rate=gyro)
+        rates = rates_of(log, cutoff=0.5)
         runs.append(Run(trial=log, torque=torque, rates=rates, drive=rates.held(log, torque)))
     alone, both = (fit_likelihood(runs, gyro=use).estimate for use in (False, True))
     for name, truth in TRUTH.items():

@@ -90,7 +90,7 @@ def test_a_drag_at_its_bound_leaves_the_other_one_uncertain() -> None:
 
 def late(log: Run, start: float) -> Run:
     """The same, as if the rate were known from ``start`` s on."""
-    rates = replace(log.rates, yaw_rate=np.where(log.rates.time < start, np.nan, log.rates.yaw_rate))
+    rates = replace(log.rates, rate=np.where(log.rates.time < start, np.nan, log.rates.rate))
     return replace(log, rates=rates)
 
 

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from rovid.kernels import simulate
 from rovid.model import Model, initial_rate
-from rovid.rates import body_angle, yaw_rates
+from rovid.rates import body_position, rates_of
 from rovid.runs import Run
 from rovid.simulation import compare, overall, simulate_runs
 from rovid.trial import FloatArray
@@ -97,7 +97,7 @@ def swaying(*, tilt: float) -> Run:
     slope = (rate + np.gradient(pitch, time) * np.sin(roll)) / (np.cos(roll) * np.cos(pitch))
     heading = 1.0 + np.concatenate(([0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(time))))
     log = trial(time, torque, heading, roll=roll, pitch=pitch)
-    rates = yaw_rates(log, cutoff=1.0)
+    rates = rates_of(log, cutoff=1.0)
     return Run(trial=log, torque=torque, rates=rates, drive=rates.held(log, torque))
 
 
@@ -110,31 +110,31 @@ def test_a_tilted_vehicle_is_simulated_about_its_own_axis(tilt: float) -> None:
     (result,) = simulate_runs([swaying(tilt=tilt)], ROSUB, LOGGED)
     assert result.fit.r2 > 0.99999
     # The first rate, read from two seconds of heading under a step, is 6e-4 rad/s off and forgotten in some seconds.
-    assert np.abs(result.heading - result.run.trial.heading).max() < 6e-3
+    assert np.abs(result.position - result.run.trial.position).max() < 6e-3
     for horizon in (10.0, 60.0):
-        error = result.heading_errors[horizon]
+        error = result.position_errors[horizon]
         assert error is not None
         assert error < 0.02  # a restart from the smoothed rate beside a step; untransformed 20 deg would add 0.7
 
 
-def test_body_angle_is_the_heading_where_the_vehicle_is_level() -> None:
+def test_body_position_is_the_heading_where_the_vehicle_is_level() -> None:
     log = swaying(tilt=0.0).trial
-    assert body_angle(log) == pytest.approx(log.heading, abs=1e-12)
+    assert body_position(log) == pytest.approx(log.position, abs=1e-12)
 
 
 def test_heading_errors_need_their_horizon_without_a_gap() -> None:
     (short,) = simulate_runs([run(clock(30.0), np.full(601, 100.0))], ROSUB, LOGGED)
-    assert short.heading_errors[10.0] == pytest.approx(0.0, abs=1e-4)
-    assert short.heading_errors[60.0] is None
+    assert short.position_errors[10.0] == pytest.approx(0.0, abs=1e-4)
+    assert short.position_errors[60.0] is None
     time = clock(70.0)
     whole = run(time, np.full(1401, 100.0))
-    heading = np.where((time > 30.0) & (time < 36.0), np.nan, whole.trial.heading)
+    heading = np.where((time > 30.0) & (time < 36.0), np.nan, whole.trial.position)
     # The turns made inside the gap are unknown: twenty more of them may not show as an error.
     log = trial(time, whole.torque, heading + 40.0 * np.pi * (time >= 36.0))
-    rates = yaw_rates(log, cutoff=1.0)
+    rates = rates_of(log, cutoff=1.0)
     (gapped,) = simulate_runs([Run(trial=log, torque=whole.torque, rates=rates, drive=whole.drive)], ROSUB, LOGGED)
-    assert gapped.heading_errors[60.0] is None
-    error = gapped.heading_errors[10.0]
+    assert gapped.position_errors[60.0] is None
+    error = gapped.position_errors[10.0]
     assert error is not None
     assert error < 1e-3
 
@@ -156,6 +156,6 @@ def test_first_rate_is_that_of_the_first_sample(source: str) -> None:
     time = clock(10.0)
     heading = 0.2 * time + 0.03 * time**2
     gyro = 0.2 + 0.06 * time
-    log = trial(time, np.zeros(len(time)), heading, yaw_rate=gyro if source == "gyro" else None)
+    log = trial(time, np.zeros(len(time)), heading, rate=gyro if source == "gyro" else None)
     # The gyro's first five samples are averaged: 0.1 s of 0.06 rad/s^2 on.
     assert initial_rate(log) == pytest.approx(0.2, abs=1e-9 if source == "heading" else 0.0061)

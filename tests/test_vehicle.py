@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -16,12 +18,12 @@ CURVE = ThrustCurve(command=np.array([-2.0, -0.5, 0.5, 2.0]), thrust=np.array([-
 def log(*commands: FloatArray) -> Trial:
     time = np.arange(len(commands[0])) / 10.0
     return Trial(
-        name="log.csv", path=trial(time, time).path, time=time, heading=0.0 * time, commands=np.column_stack(commands)
+        name="log.csv", path=trial(time, time).path, time=time, position=0.0 * time, commands=np.column_stack(commands)
     )
 
 
 def vehicle(*arms: float, clamp: bool = False) -> Vehicle:
-    thrusters = tuple(Thruster(name=f"t{k}", yaw_arm=arm, curve=CURVE, clamp=clamp) for k, arm in enumerate(arms))
+    thrusters = tuple(Thruster(name=f"t{k}", arm=arm, curve=CURVE, clamp=clamp) for k, arm in enumerate(arms))
     return Vehicle(name="v", thrusters=thrusters)
 
 
@@ -67,7 +69,7 @@ def test_rounding_of_the_log_is_not_outside() -> None:
         ({"mass": 2604.0, "length": 2.6, "width": 2.0, "rigid_body_inertia": 2000.0}, 2000.0),
     ],
 )
-def test_rigid_body_inertia_is_a_box_unless_it_is_given(given: dict[str, float], expected: float | None) -> None:
+def test_rigid_body_inertia_is_a_box_unless_it_is_given(given: dict[str, Any], expected: float | None) -> None:
     found = Vehicle(name="v", thrusters=(), **given).rigid_body_inertia
     assert found == (None if expected is None else pytest.approx(expected, abs=0.5))
     assert box_inertia(12.0, 1.0, 2.0) == pytest.approx(5.0)
@@ -82,6 +84,6 @@ def test_a_trial_whose_arrays_differ_in_length_is_a_mistake() -> None:
 
 def test_arrays_are_read_only() -> None:
     record = trial(clock(1.0), np.zeros(21))
-    for array in (record.time, record.heading, record.commands, CURVE.thrust):
+    for array in (record.time, record.position, record.commands, CURVE.thrust):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0

@@ -70,7 +70,7 @@ def bare_actuation(vehicle: Vehicle, time: FloatArray, parts: int = 1) -> Actuat
     """What effects need to know of ``vehicle`` at the instants ``time``, without further channels."""
     nothing = np.zeros(len(time))
     trial = Trial(
-        name="", path=Path(), time=time, heading=nothing, commands=np.zeros((len(time), len(vehicle.thrusters)))
+        name="", path=Path(), time=time, position=nothing, commands=np.zeros((len(time), len(vehicle.thrusters)))
     )
     return actuation_of(vehicle, trial, parts)
 
@@ -81,7 +81,7 @@ def _half(vehicle: Vehicle, model: Model, way: float) -> tuple[FloatArray, Float
     share = np.linspace(0.0, 1.0, _LEVELS)
     columns = []
     for at, thruster in enumerate(vehicle.thrusters):
-        push = math.copysign(1.0, thruster.yaw_arm) * way
+        push = math.copysign(1.0, thruster.arm) * way
         if thruster.curve is None:
             columns.append(push * _UNLIMITED)
             continue

@@ -284,7 +284,7 @@ def control_of(parameters: Parameters, vehicle: Vehicle, setting: Setting, optio
     model = parameters.model()
     if not vehicle.thrusters:
         # Tables know no thrusters: the torque itself is commanded.
-        vehicle = replace(vehicle, thrusters=(Thruster(name="torque", yaw_arm=1.0, curve=None),))
+        vehicle = replace(vehicle, thrusters=(Thruster(name="torque", arm=1.0, curve=None),))
     allocation = allocate(vehicle, model)
     if options.kp is not None and options.kd is not None:
         given = options.kp, options.kd

@@ -82,7 +82,7 @@ class Course:
 
     def trial(self) -> Trial:
         """As a log would hold it."""
-        return Trial(name="closed loop", path=Path(), time=self.time, heading=self.heading, commands=self.commands)
+        return Trial(name="closed loop", path=Path(), time=self.time, position=self.heading, commands=self.commands)
 
 
 def ticks(period: float) -> int:

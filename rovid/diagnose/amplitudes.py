@@ -274,14 +274,14 @@ def _hold(torque: float, rate: float, start: Model) -> Trial:
 
 
 def _run(kind: str, time: FloatArray, torque: FloatArray) -> Trial:
-    return Trial(name=kind, path=Path(), time=time, heading=np.zeros(len(time)), commands=torque[:, None])
+    return Trial(name=kind, path=Path(), time=time, position=np.zeros(len(time)), commands=torque[:, None])
 
 
 def _of_torque(most: float) -> Vehicle:
     """A vehicle whose command is the torque itself, up to ``most`` N m."""
     ends = np.array([-most, 0.0, most])
     curve = ThrustCurve(command=ends, thrust=ends)
-    return Vehicle(name="", thrusters=(Thruster(name="torque", yaw_arm=1.0, curve=curve, clamp=True),))
+    return Vehicle(name="", thrusters=(Thruster(name="torque", arm=1.0, curve=curve, clamp=True),))
 
 
 def _unlikely(fit: Explanation) -> tuple[float, float]:

@@ -20,7 +20,6 @@ from rovid.identify.free_run import fit_free_run, free_run_r2
 from rovid.identify.innovations import Records
 from rovid.identify.likelihood import (
     CERTAINTY,
-    NAMES,
     TRUSTED_R2,
     canonical,
     covariance,
@@ -342,12 +341,14 @@ def _lack(runs: Sequence[Run], part: float) -> str:
 
 
 def _moves(run: Run) -> bool:
-    rate = run.rates.yaw_rate[np.isfinite(run.rates.yaw_rate)]
-    return bool(np.linalg.norm(rate) > _MOTION * run.rates.yaw_rate_noise * math.sqrt(len(rate)))
+    rate = run.rates.rate[np.isfinite(run.rates.rate)]
+    return bool(np.linalg.norm(rate) > _MOTION * run.rates.rate_noise * math.sqrt(len(rate)))
 
 
 def _interval(runs: Sequence[Run], start: Model, rate: float) -> float:
     constant = start.inertia / max(2.0 * start.quadratic_drag * rate + start.linear_drag, 1e-12)
+    if start.stiffness > 0.0:
+        constant = min(constant, math.sqrt(start.inertia / start.stiffness))
     wanted = min(_THINNED * constant, _THINNED_SECONDS)
     period = float(np.median([run.trial.period for run in runs]))
     return wanted if wanted >= 2.0 * period else 0.0
@@ -356,7 +357,7 @@ def _interval(runs: Sequence[Run], start: Model, rate: float) -> float:
 def _significance(fitted: Fitted, effect: Effect) -> float:
     """Distance of the effect's size from nothing, in standard errors."""
     size = effect.parameters[0]
-    names = _names(fitted.effects)
+    names = fitted.likelihood.model(fitted.x).names
     at = names.index(f"{effect.key}.{size.name}")
     spread = covariance(fitted.likelihood, fitted.x, sandwich=not likelihood_is_white(fitted.likelihood, fitted.x))
     value = physical(fitted.likelihood, fitted.x)[at]
@@ -364,10 +365,6 @@ def _significance(fitted: Fitted, effect: Effect) -> float:
     # The inverse of an endless null is the quantity that is nothing at nothing.
     error = math.sqrt(spread[at, at])
     return float(abs(value if abs(size.null) > _ENDLESS else value - null) / error)
-
-
-def _names(effects: Sequence[Effect]) -> tuple[str, ...]:
-    return (*NAMES, *(f"{effect.key}.{p.name}" for effect in effects for p in effect.parameters))
 
 
 def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diagnosis:
@@ -406,13 +403,15 @@ def _side(work: _Work, quick: Fitted, fitted: Fitted, estimate: Estimate) -> Sid
 
 
 def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
-    x, names = canonical(fitted.likelihood, fitted.x), _names(fitted.effects)
+    x = canonical(fitted.likelihood, fitted.x)
+    names = fitted.likelihood.model(x).names
     # What follows a signal is a dependence; it is no parameter of the vehicle.
     at = [k for k, name in enumerate(names) if not name.startswith(PREFIX)]
     return Estimate(
         names=tuple(names[k] for k in at),
         values=physical(fitted.likelihood, x)[at],
         covariance=covariance(fitted.likelihood, x, sandwich=not white)[np.ix_(at, at)],
+        axis=fitted.likelihood.records.axis,
         method=fitted.likelihood.method,
         samples=len(fitted.likelihood.records.trial),
     )
@@ -444,7 +443,7 @@ def _finding(work: _Work, found: Found, estimate: Estimate, *, white: bool) -> F
 
 def _noise_floor(fitted: Fitted) -> float:
     """RMS yaw rate in rad/s that the disturbance drives, and what the low pass leaves of the sensor's noise."""
-    noise = float(np.median([run.rates.yaw_rate_noise for run in fitted.likelihood.records.runs]))
+    noise = float(np.median([run.rates.rate_noise for run in fitted.likelihood.records.runs]))
     return math.hypot(fitted.likelihood.driven_rate(fitted.x), noise)
 
 

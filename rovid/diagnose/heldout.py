@@ -31,9 +31,9 @@ class HeldOut:
     """
 
     log_likelihood: float
-    yaw_rate_r2: float
-    yaw_rate_rmse: float
-    heading_errors: dict[float, float | None]
+    rate_r2: float
+    rate_rmse: float
+    position_errors: dict[float, float | None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,12 +69,12 @@ def simulate_folds(fitted: Fitted, folds: Sequence[Fold]) -> HeldOut:
         model = fitted.likelihood.model(fold.x)
         simulations += simulate_runs([records.runs[k] for k in fold.trials], model, records.vehicle)
     fit = overall(simulations)
-    errors = {horizon: _mean([item.heading_errors[horizon] for item in simulations]) for horizon in HORIZONS}
+    errors = {horizon: _mean([item.position_errors[horizon] for item in simulations]) for horizon in HORIZONS}
     return HeldOut(
         log_likelihood=sum(fold.log_likelihood for fold in folds),
-        yaw_rate_r2=fit.r2,
-        yaw_rate_rmse=fit.rmse,
-        heading_errors=errors,
+        rate_r2=fit.r2,
+        rate_rmse=fit.rmse,
+        position_errors=errors,
     )
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rovid.effects import Effect
-from rovid.identify.innovations import BASE, Likelihood, Slopes
+from rovid.identify.innovations import Likelihood, Slopes
 from rovid.identify.likelihood import likelihood_is_white, starts
 from rovid.trial import FloatArray
 from rovid.workers import spread
@@ -65,7 +65,7 @@ class Fitted:
 
     def own(self, effect: Effect) -> FloatArray:
         """Coordinates of ``effect``."""
-        at = BASE
+        at = self.likelihood.base
         for other in self.effects:
             width = len(other.parameters)
             if other is effect:
@@ -85,7 +85,7 @@ class Fitted:
     def without(self, effect: Effect) -> tuple[tuple[Effect, ...], FloatArray]:
         """The other effects, and the coordinates that are left."""
         rest = tuple(other for other in self.effects if other is not effect)
-        return rest, np.concatenate((self.x[:BASE], *(self.own(other) for other in rest)))
+        return rest, np.concatenate((self.x[: self.likelihood.base], *(self.own(other) for other in rest)))
 
 
 @dataclass(frozen=True, eq=False)

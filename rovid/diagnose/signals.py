@@ -36,7 +36,7 @@ def drivers(runs: Sequence[Run]) -> tuple[Effect, ...]:
     Signals are taken less their mean, over their standard deviation: sizes are those of one standard deviation, and
     of drag at the usual rate.
     """
-    usual = float(np.sqrt(np.nanmean(np.concatenate([run.rates.yaw_rate for run in runs]) ** 2)))
+    usual = float(np.sqrt(np.nanmean(np.concatenate([run.rates.rate for run in runs]) ** 2)))
     rates = {run.trial.name: _rate(run) / max(usual, 1e-12) for run in runs}
     courses = {name: _standardised(runs, name) for name in signal_names(runs)}
     return tuple(
@@ -85,11 +85,11 @@ def _standardised(runs: Sequence[Run], name: str) -> dict[str, FloatArray] | Non
 
 def _rate(run: Run) -> FloatArray:
     """(n,) measured rate in rad/s in the middle of each interval, for all of which it stands."""
-    known, time = np.isfinite(run.rates.yaw_rate), run.trial.time
+    known, time = np.isfinite(run.rates.rate), run.trial.time
     if not known.any():
         return np.zeros(len(time))
     middle = time + 0.5 * np.diff(time, append=time[-1])
-    return np.interp(middle, run.rates.time[known], run.rates.yaw_rate[known])
+    return np.interp(middle, run.rates.time[known], run.rates.rate[known])
 
 
 def _driver(name: str, way: str, course: Mapping[str, FloatArray], rates: Mapping[str, FloatArray]) -> Effect:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+from rovid.axis import Axis
 from rovid.effects import (
     added_mass_memory,
     advance_speed_loss,
@@ -17,6 +18,7 @@ from rovid.effects import (
     heading_dependent_torque,
     heading_deviation,
     oscillatory_drag,
+    restoring,
     slew_limit,
     supply_sag,
     tank_seiche,
@@ -58,9 +60,15 @@ FORMS: tuple[Effect, ...] = (
     *heading_deviation.FORMS,
 )
 CATALOGUE: tuple[Effect, ...] = tuple(effect for effect in FORMS if not effect.form)
+# What weight and buoyancy do; part of the base model of these axes.
+_RESTORING = {"heave": restoring.LIFT, "roll": restoring.RIGHTING, "pitch": restoring.RIGHTING}
 # Compiled terms of the equation of motion, in the order in which their parameters stand in the kernels' arrays.
-MOTION: tuple[Effect, ...] = tuple(effect for effect in FORMS if effect.term is not None)
-TERMS = tuple(effect.term for effect in FORMS if effect.term is not None)
+MOTION: tuple[Effect, ...] = (
+    *(effect for effect in FORMS if effect.term is not None),
+    restoring.LIFT,
+    restoring.RIGHTING,
+)
+TERMS = tuple(effect.term for effect in MOTION if effect.term is not None)
 
 __all__ = [
     "CATALOGUE",
@@ -72,13 +80,21 @@ __all__ = [
     "EffectParameter",
     "effect_named",
     "forms_for",
+    "restoring_of",
 ]
+
+
+def restoring_of(axis: Axis) -> Effect | None:
+    """What weight and buoyancy do along ``axis``; None where they do nothing."""
+    return _RESTORING.get(axis.name)
 
 
 def forms_for(vehicle: Vehicle, channels: Collection[str] = ()) -> tuple[Effect, ...]:
     """Every form that can be tried on ``vehicle`` with these further ``channels`` in its logs."""
     found: list[Effect] = []
     for effect in FORMS:
+        if effect.axes and vehicle.axis.name not in effect.axes:
+            continue
         if effect.each_thruster:
             # One thruster alone only scales the torque, which yaw data do not show.
             names = [t.name for t in vehicle.thrusters if t.curve is not None]

@@ -144,7 +144,7 @@ class Effect:
         (n,) torque in N m -> torque, each value the mean until the next instant.
     term
         Compiled; torque in N m from (rate, angle since the start, push, base, p, x, dx), with ``base`` the inertia,
-        quadratic and linear drag, the first heading, the fastest state and the thrusters' race, ``p`` the effect's
+        quadratic and linear drag, the first position, the fastest state and the thrusters' race, ``p`` the effect's
         parameters in their order, ``x`` its states and ``dx`` their rates of change to be filled in.
     fastest
         (parameters) -> the fastest rate of the term's states in 1/s, for the step of the integration.
@@ -164,6 +164,8 @@ class Effect:
         Whether it acts on one thruster, whose name is the form.
     canonical
         (parameters) -> the same, in the range in which people expect them.
+    axes
+        Names of the axes along which there is such a thing; empty for all.
     """
 
     id: str
@@ -186,6 +188,7 @@ class Effect:
     needs: str = ""
     each_thruster: bool = False
     canonical: Callable[[FloatArray], FloatArray] | None = None
+    axes: tuple[str, ...] = ()
 
     @property
     def key(self) -> str:
@@ -250,14 +253,14 @@ def actuation(vehicle: Vehicle, trial: Trial, parts: int = 1) -> Actuation:
         trial=trial.name,
         parts=parts,
         neutral=neutral_commands(vehicle),
-        arms=np.array([thruster.yaw_arm for thruster in vehicle.thrusters]),
+        arms=np.array([thruster.arm for thruster in vehicle.thrusters]),
         full_thrust=np.array([1.0 if c is None else float(np.max(np.abs(c.thrust))) for c in curves]),
     )
 
 
 def race_of(vehicle: Vehicle, trial: Trial) -> FloatArray:
     """(n,) N^0.5 m^2; sum over the thrusters of the root of the bench's thrust times their arm squared."""
-    arms = np.array([thruster.yaw_arm for thruster in vehicle.thrusters])
+    arms = np.array([thruster.arm for thruster in vehicle.thrusters])
     return np.asarray(np.sqrt(np.abs(vehicle.thrust(trial.commands))) @ arms**2)
 
 

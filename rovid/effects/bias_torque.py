@@ -14,6 +14,7 @@ def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx:
 
 EFFECT: Effect = Effect(
     id="bias_torque",
+    axes=("yaw", "surge", "sway"),
     title="constant torque",
     parameters=(
         EffectParameter(name="torque", unit="N m", null=0.0, low=-1.0, high=1.0, starts=(0.02, -0.02), scale="torque"),

@@ -36,6 +36,7 @@ def _fastest(values: Values) -> float:
 
 EFFECT: Effect = Effect(
     id="entrained_swirl",
+    axes=("yaw",),
     title="entrained swirl",
     parameters=(
         EffectParameter(name="coupling", unit="1", null=0.0, low=0.0, high=0.9, starts=(0.1,)),

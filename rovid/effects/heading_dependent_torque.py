@@ -40,6 +40,7 @@ _FIRST = _pair("", (0.0, 1.57))
 
 EFFECT: Effect = Effect(
     id="heading_dependent_torque",
+    axes=("yaw",),
     title="torque that depends on heading",
     parameters=_FIRST,
     equation="+ a·sin(ψ + φ)",

@@ -36,6 +36,7 @@ _FIRST = _pair("", 0.01, (0.0, math.pi / 2.0))
 
 EFFECT: Effect = Effect(
     id="heading_deviation",
+    axes=("yaw",),
     title="deviation of the heading",
     parameters=_FIRST,
     equation="ψ measured = ψ + a·sin(ψ + φ)",

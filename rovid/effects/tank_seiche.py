@@ -32,6 +32,7 @@ _FREQUENCIES = tuple(0.5 * 1.08**k for k in range(37))
 
 EFFECT: Effect = Effect(
     id="tank_seiche",
+    axes=("yaw", "surge", "sway"),
     title="tank seiche",
     parameters=(
         EffectParameter(name="gain", unit="1", null=0.0, low=0.0, high=2.0, starts=(0.1,)),

@@ -25,6 +25,7 @@ _STIFFNESS = EffectParameter(
 
 EFFECT: Effect = Effect(
     id="tether_torsion",
+    axes=("yaw",),
     title="tether torsion",
     parameters=(_STIFFNESS,),
     equation="− k·(ψ − ψ at the start of the trial)",

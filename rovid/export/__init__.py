@@ -91,7 +91,7 @@ def subject_of(stored: Parameters, study: Study | None) -> Subject:
     notes: list[str] = []
     if study is not None and study.runs is not None and study.campaign is not None:
         study.require(model.effects)
-        rate = float(max(np.nanmax(np.abs(run.rates.yaw_rate)) for run in study.runs.items))
+        rate = float(max(np.nanmax(np.abs(run.rates.rate)) for run in study.runs.items))
         every = np.concatenate([trial.commands for trial in study.campaign.trials])
         used = np.column_stack([np.nanmin(every, axis=0), np.nanmax(every, axis=0)])
         reference = dict(study.campaign.trials[0].reference)
@@ -102,7 +102,7 @@ def subject_of(stored: Parameters, study: Study | None) -> Subject:
         )
     if used is None:
         largest = float(model.drag(np.array(rate)))
-        vehicle = replace(vehicle, thrusters=(Thruster(name="yaw_torque", yaw_arm=1.0, curve=None),))
+        vehicle = replace(vehicle, thrusters=(Thruster(name="yaw_torque", arm=1.0, curve=None),))
         used = np.array([[-largest, largest]])
     needed = {effect.needs for effect in model.effects if effect.needs}
     return Subject(

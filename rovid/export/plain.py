@@ -88,9 +88,9 @@ def _thruster(subject: Subject, index: int, made: Any) -> dict[str, Any]:
     thruster = subject.vehicle.thrusters[index]
     if thruster.curve is None:
         ends = made(subject.commands[index])
-        return {"name": thruster.name, "yaw_arm": thruster.yaw_arm, "command": ends, "thrust": ends}
+        return {"name": thruster.name, "yaw_arm": thruster.arm, "command": ends, "thrust": ends}
     command, thrust = (made(values) for values in (thruster.curve.command, thruster.curve.thrust))
-    return {"name": thruster.name, "yaw_arm": thruster.yaw_arm, "command": command, "thrust": thrust}
+    return {"name": thruster.name, "yaw_arm": thruster.arm, "command": command, "thrust": thrust}
 
 
 def _document(subject: Subject) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import special
 
+from rovid.axis import YAW, Axis
 from rovid.model import unit_of
 from rovid.trial import FloatArray, read_only
 
@@ -30,6 +31,8 @@ class Estimate:
         Parameter -> why these data cannot determine it.
     warnings
         Full sentences.
+    axis
+        Along which they are.
     """
 
     names: tuple[str, ...]
@@ -40,6 +43,7 @@ class Estimate:
     degrees_of_freedom: float = float("inf")
     refused: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    axis: Axis = YAW
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(self.values))
@@ -72,7 +76,7 @@ class Estimate:
 
     def unit(self, name: str) -> str:
         """Unit of the parameter ``name``."""
-        return unit_of(name)
+        return unit_of(name, self.axis)
 
 
 def student_t(probability: float, degrees_of_freedom: float) -> float:

@@ -7,11 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import least_squares
 
+from rovid.axis import Axis
 from rovid.identify.regression import fit_regression
 from rovid.model import Drive, Model
 from rovid.runs import Run
 from rovid.simulation import compare, simulated_rate
 from rovid.trial import FloatArray
+
+# Of a trim in rad, or a lift in N.
+_LEAST = 1e-2
 
 
 def fit_free_run(runs: Sequence[Run]) -> Model:
@@ -22,36 +26,45 @@ def fit_free_run(runs: Sequence[Run]) -> Model:
     DataError
         The vehicle was not excited enough to start from.
     """
+    axis = runs[0].trial.axis
     # Where the model misses much the regression is uncertain, and good enough to start from.
     start = fit_regression(runs, certainty=2.0).estimate.values
-    # A drag at its bound still needs a scale to move by.
-    rate = max(float(np.sqrt(np.nanmean(np.concatenate([run.rates.yaw_rate for run in runs]) ** 2))), 1e-9)
+    # A drag at its bound still needs a scale to move by; so does what weight and buoyancy do.
+    rate = max(float(np.sqrt(np.nanmean(np.concatenate([run.rates.rate for run in runs]) ** 2))), 1e-9)
     drag = start[1] * rate + start[2]
-    scale = np.array([start[0], drag / rate, drag])
+    scale = np.array([start[0], drag / rate, drag, *np.maximum(np.abs(start[3:]), _LEAST)])
 
     def misfit(x: FloatArray) -> FloatArray:
-        return _misfit(runs, _model(x * scale))
+        return _misfit(runs, _model(x * scale, axis))
 
+    more = np.full(len(start) - 3, np.inf)
     solution = least_squares(
         misfit,
         start / scale,
-        bounds=(np.array([0.05, 0.0, 0.0]), np.array([20.0, np.inf, np.inf])),
-        x_scale=np.maximum(start / scale, 0.1),
+        bounds=(np.array([0.05, 0.0, 0.0, *-more]), np.array([20.0, np.inf, np.inf, *more])),
+        x_scale=np.maximum(np.abs(start / scale), 0.1),
     )
-    return _model(solution.x * scale)
+    return _model(solution.x * scale, axis)
 
 
 def free_run_r2(runs: Sequence[Run], model: Model) -> float:
     """R^2 of yaw rate over all runs, each simulated freely from its first sample."""
-    measured = np.concatenate([run.rates.yaw_rate for run in runs])
+    measured = np.concatenate([run.rates.rate for run in runs])
     return compare(measured, np.concatenate([simulated_rate(run, model, Drive.held(run.torque)) for run in runs])).r2
 
 
-def _model(values: FloatArray) -> Model:
-    return Model(inertia=float(values[0]), quadratic_drag=float(values[1]), linear_drag=float(values[2]))
+def _model(values: FloatArray, axis: Axis) -> Model:
+    inertia, quadratic, linear, *restoring = (float(value) for value in values)
+    return Model(
+        inertia=inertia,
+        quadratic_drag=quadratic,
+        linear_drag=linear,
+        axis=axis,
+        restoring_values=tuple(restoring),
+    )
 
 
 def _misfit(runs: Sequence[Run], model: Model) -> FloatArray:
     return np.concatenate(
-        [np.nan_to_num(run.rates.yaw_rate - simulated_rate(run, model, Drive.held(run.torque))) for run in runs]
+        [np.nan_to_num(run.rates.rate - simulated_rate(run, model, Drive.held(run.torque))) for run in runs]
     )

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rovid.axis import Axis
 from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
 from rovid.identify.regression import Regression, fit_regression
@@ -90,7 +91,8 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
     DataError
         No method has the data it needs, or the result is impossible beside the rigid body.
     """
-    trials = sine_trials(runs)
+    axis = runs[0].trial.axis
+    trials = [] if axis.rights else sine_trials(runs)
     refused: dict[str, str] = {}
     regression: Regression | None = None
     try:
@@ -99,7 +101,11 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
         refused["regression"] = str(error)
     methods = _sine_methods(trials, drag)
     if not trials:
-        text = f"the logs hold no sine-shaped torque of three or more equal periods. {SINE_ADVICE}"
+        text = (
+            "in a sine, what brings the vehicle back looks like less inertia."
+            if axis.rights
+            else f"the logs hold no sine-shaped {axis.push} of three or more equal periods. {SINE_ADVICE}"
+        )
         refused |= dict.fromkeys(("peak", "orbit_integral", "harmonic_balance"), text)
     if regression is not None:
         methods["regression"] = _as_inertia(regression)
@@ -108,12 +114,12 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
     # Without a steady drag the regression gives inertia and drag that belong together.
     chosen = "orbit_integral" if trials and (drag is not None or regression is None) else "regression"
     if regression is None or chosen != "regression":
-        estimate = _single(methods["orbit_integral"], trials)
+        estimate = _single(methods["orbit_integral"], trials, axis)
     else:
         estimate = regression.estimate if drag is None else _inertia_alone(regression.estimate)
     warnings = (
         *estimate.warnings,
-        *_method_warnings(methods, refused),
+        *_method_warnings(methods, refused, axis),
         *_plausibility(estimate, rigid_body),
     )
     bias = None
@@ -180,8 +186,9 @@ def _inertia_alone(estimate: Estimate) -> Estimate:
     )
 
 
-def _single(reading: Inertia, trials: Sequence[SineTrial]) -> Estimate:
+def _single(reading: Inertia, trials: Sequence[SineTrial], axis: Axis) -> Estimate:
     return Estimate(
+        axis=axis,
         names=("inertia",),
         values=np.array([reading.value]),
         covariance=np.array([[reading.standard_error**2]]),
@@ -195,8 +202,8 @@ def _with_warnings(estimate: Estimate, warnings: tuple[str, ...]) -> Estimate:
     return replace(estimate, warnings=warnings)
 
 
-def _method_warnings(methods: dict[str, Inertia], refused: dict[str, str]) -> list[str]:
-    texts = []
+def _method_warnings(methods: dict[str, Inertia], refused: dict[str, str], axis: Axis) -> list[str]:
+    texts, unit = [], axis.unit("kg m^2")
     for reason in dict.fromkeys(refused.values()):
         names = " and ".join(METHODS[name] for name in refused if refused[name] == reason and name != "peak")
         texts.append(f"Not possible, {names}: {reason}")
@@ -204,7 +211,7 @@ def _method_warnings(methods: dict[str, Inertia], refused: dict[str, str]) -> li
     if orbit is not None and orbit.consistent is False:
         runs = ", ".join(f"{name} {value:.4g} ± {error:.2g}" for name, value, error in orbit.runs)
         texts.append(
-            f"No single inertia fits all sine runs ({runs} kg m^2): lag, delay or water set in motion, not drag, "
+            f"No single inertia fits all sine runs ({runs} {unit}): lag, delay or water set in motion, not drag, "
             "makes the orbit integral change with period or amplitude."
         )
     sure = [name for name in ("orbit_integral", "harmonic_balance", "regression") if name in methods]
@@ -215,33 +222,33 @@ def _method_warnings(methods: dict[str, Inertia], refused: dict[str, str]) -> li
             if gap > _DISAGREE_SIGMAS:
                 texts.append(
                     f"{METHODS[first]} and {METHODS[second]} disagree by {gap:.0f} standard errors "
-                    f"({a.value:.4g} against {b.value:.4g} kg m^2): the base model misses something."
+                    f"({a.value:.4g} against {b.value:.4g} {unit}): the base model misses something."
                 )
     return texts
 
 
 def _plausibility(estimate: Estimate, rigid_body: float | None) -> list[str]:
-    value = estimate.value("inertia")
+    value, axis, unit = estimate.value("inertia"), estimate.axis, estimate.unit("inertia")
     if not value > 0.0:
         raise DataError(
-            f"the inertia comes out at {value:.3g} kg m^2: the vehicle turns against its torque.",
-            mend="Check in rovid.toml the signs of yaw_arm, command and heading.",
+            f"the inertia comes out at {value:.3g} {unit}: the vehicle moves against its {axis.push}.",
+            mend=f"Check in rovid.toml the signs of {axis.arm}, command and {axis.position}.",
         )
     if rigid_body is None:
         return []
     ratio = value / rigid_body
     if ratio > _IMPOSSIBLE_RATIO or ratio < 1.0 / _IMPOSSIBLE_RATIO:
         raise DataError(
-            f"the inertia comes out at {value:.3g} kg m^2, {ratio:.2g} times the rigid body's {rigid_body:.3g}, which "
+            f"the inertia comes out at {value:.3g} {unit}, {ratio:.2g} times the rigid body's {rigid_body:.3g}, which "
             "no vehicle has.",
-            mend="Check in rovid.toml the unit of the heading (deg or rad), mass, yaw arms and the curve's newtons.",
+            mend=f"Check in rovid.toml the unit of {axis.position}, mass, {axis.arm} and the curve's newtons.",
         )
     if _PLAUSIBLE_RATIO[0] < ratio < _PLAUSIBLE_RATIO[1]:
         return []
     low, high = _PLAUSIBLE_RATIO
     text = (
-        f"The inertia is {ratio:.2g} times the rigid body's {rigid_body:.4g} kg m^2, outside what vehicles show "
-        f"({low} to {high}): look at yaw arms, thrust curve, mass and size."
+        f"The inertia is {ratio:.2g} times the rigid body's {rigid_body:.4g} {unit}, outside what vehicles show "
+        f"({low} to {high}): look at {axis.arm}, thrust curve, mass and size."
     )
     return [text]
 

@@ -11,17 +11,18 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rovid.effects import Effect
+from rovid.axis import Axis
+from rovid.effects import Effect, restoring_of
 from rovid.effects.base import Scales, neutral_commands, race_of
 from rovid.model import MOST_PARTS, Drive, Model, initial_rate
-from rovid.rates import body_angle
+from rovid.rates import body_position
 from rovid.runs import Run
 from rovid.trial import FloatArray
 from rovid.vehicle import Vehicle
 from rovid.workers import spread
 
-# Coordinates before those of the effects: log I, DQ and DL over their scale, log of the disturbance's size and
-# memory, log of the heading's noise.
+# Coordinates before those of effects and of what weight and buoyancy do: log I, DQ and DL over their scale, log of
+# the disturbance's size and memory, log of the measurement's noise.
 BASE = 6
 DISTURBANCE, MEMORY, NOISE = 3, 4, 5
 _RATE_ERROR = 0.2  # of the rate's root mean square: how well the first rate of a trial is known
@@ -75,8 +76,24 @@ class Records:
 
     @cached_property
     def angles(self) -> list[FloatArray]:
-        """(n,) measured angle about the body's axis at the instants, rad."""
-        return [body_angle(run.trial)[at] for run, at in zip(self.runs, self.instants, strict=True)]
+        """(n,) measured position along the body's axis at the instants, rad or m.
+
+        Where the rate alone was measured, no more than the first.
+        """
+        angles = [body_position(run.trial)[at] for run, at in zip(self.runs, self.instants, strict=True)]
+        if self.integrated:
+            return [np.where(np.arange(len(angle)) == 0, angle, np.nan) for angle in angles]
+        return angles
+
+    @property
+    def integrated(self) -> bool:
+        """Whether the rate alone was measured."""
+        return self.runs[0].trial.integrated
+
+    @property
+    def axis(self) -> Axis:
+        """The degree of freedom that is looked at."""
+        return self.runs[0].trial.axis
 
     def drives(self, model: Model) -> list[Drive]:
         """What drives each run, at all instants of its log."""
@@ -112,15 +129,15 @@ class Records:
         period = float(np.median([run.trial.period for run in self.runs]))
         most = max(float(np.max(np.abs(run.torque))) for run in self.runs)
         lost = most / self.start.inertia * period**2 / 8.0
-        return int(np.clip(math.ceil(math.sqrt(lost / (_LOST * self.heading_noise))), 1, MOST_PARTS))
+        return int(np.clip(math.ceil(math.sqrt(lost / (_LOST * self.position_noise))), 1, MOST_PARTS))
 
     @cached_property
     def gyro_rates(self) -> list[FloatArray]:
         """(n,) measured rate less the gyro's offset from the heading's, rad/s; NaN where none is looked at."""
         return [
             np.full(len(at), np.nan)
-            if run.trial.yaw_rate is None or not self.gyro
-            else run.trial.yaw_rate[at] - np.nan_to_num(run.rates.gyro_offset)
+            if run.trial.rate is None or not (self.gyro or self.integrated)
+            else run.trial.rate[at] - np.nan_to_num(run.rates.gyro_offset)
             for run, at in zip(self.runs, self.instants, strict=True)
         ]
 
@@ -170,7 +187,7 @@ class Records:
     @cached_property
     def rate(self) -> float:
         """Root mean square of the yaw rate, rad/s."""
-        rates = np.concatenate([run.rates.yaw_rate for run in self.runs])
+        rates = np.concatenate([run.rates.rate for run in self.runs])
         return max(float(np.sqrt(np.nanmean(rates**2))), 1e-9)
 
     @cached_property
@@ -201,9 +218,9 @@ class Records:
         return float(np.sqrt(np.mean(race[race > 0.0] ** 2)))
 
     @cached_property
-    def heading_noise(self) -> float:
-        """Standard deviation of the heading's noise, rad, before any fit."""
-        return max(float(np.median([run.rates.heading_noise for run in self.runs])), _ANGLE_NOISE_FLOOR)
+    def position_noise(self) -> float:
+        """Standard deviation of the noise of what is measured, before any fit."""
+        return max(float(np.median([run.rates.position_noise for run in self.runs])), _ANGLE_NOISE_FLOOR)
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,7 +258,7 @@ class Likelihood:
     limit
         Of the disturbance, as a share of the torque in use.
     effects
-        Their parameters are the last coordinates.
+        Their parameters are the last coordinates, behind those of what weight and buoyancy do.
     counted
         (N,) which innovations count; all of them if None. The filter passes over the others all the same.
     """
@@ -260,7 +277,9 @@ class Likelihood:
         self.limit = limit
         self.effects = effects
         self.counted = counted
-        self.parameters = [parameter for effect in effects for parameter in effect.parameters]
+        restoring = restoring_of(records.axis)
+        self.restoring = () if restoring is None else restoring.parameters
+        self.parameters = [*self.restoring, *(parameter for effect in effects for parameter in effect.parameters)]
         self.units = np.array([records.scales.of(parameter) for parameter in self.parameters])
         top = math.log(limit * records.torque)
         start = records.start
@@ -288,6 +307,11 @@ class Likelihood:
         """Coordinates ``fits`` with which ``tests`` are judged, each on what it was not fitted to."""
         return list(fits)
 
+    @property
+    def base(self) -> int:
+        """How many coordinates stand before those of the effects."""
+        return BASE + len(self.restoring)
+
     def at_limit(self, x: FloatArray) -> bool:
         """Whether the disturbance would be larger if it might."""
         return bool(x[DISTURBANCE] > self.high[DISTURBANCE] - 1e-3)
@@ -300,11 +324,16 @@ class Likelihood:
         """Standard deviation of the yaw rate in rad/s that the disturbance drives, about the usual rate."""
         torque, memory = self.disturbance(x)
         slope, constant = self._slope(x)
-        return torque / slope * math.sqrt(memory / (memory + constant))
+        return torque / slope * math.sqrt(memory / (memory + constant * self._held_back(x, memory)))
 
-    def heading_noise(self, x: FloatArray) -> float:
+    def position_noise(self, x: FloatArray) -> float:
         """Standard deviation of the heading's noise in rad."""
         return math.exp(x[NOISE])
+
+    def _held_back(self, x: FloatArray, memory: float) -> float:
+        """How many times longer the time constant is for a disturbance that a restoring torque works against."""
+        model = self.model(x)
+        return 1.0 + memory**2 * model.stiffness / model.inertia
 
     def _slope(self, x: FloatArray) -> tuple[float, float]:
         """Of the drag at the usual rate in N m s/rad, and the time constant there in s."""
@@ -321,19 +350,23 @@ class Likelihood:
             start.linear_drag / scale[1],
             min(math.log(0.01 * self.records.torque), self.high[DISTURBANCE] - 0.1),
             math.log(4.0),
-            math.log(self.records.heading_noise),
-            *(parameter.starts[0] for parameter in self.parameters),
+            math.log(self.records.position_noise),
+            *(np.array(start.restoring_values) / self.units[: len(self.restoring)]),
+            *(parameter.starts[0] for parameter in self.parameters[len(self.restoring) :]),
         ]
         return np.asarray(np.clip(x, self.low, self.high))
 
     def model(self, x: FloatArray) -> Model:
         """The model at ``x``."""
+        sizes = tuple(float(value) for value in x[BASE:] * self.units)
         return Model(
             inertia=math.exp(x[0]),
             quadratic_drag=float(x[1] * self.records.drag_scale[0]),
             linear_drag=float(x[2] * self.records.drag_scale[1]),
             effects=self.effects,
-            effect_values=tuple(float(value) for value in x[BASE:] * self.units),
+            effect_values=sizes[len(self.restoring) :],
+            axis=self.records.axis,
+            restoring_values=sizes[: len(self.restoring)],
         )
 
     def drives(self, model: Model) -> list[Drive]:
@@ -353,7 +386,8 @@ class Likelihood:
         records, model = self.records, self.model(x)
         terms, active = model.terms()
         wave = model.wave()
-        noise = np.array([*np.exp(x[DISTURBANCE:BASE]), records.gyro_noise])
+        sizes = np.exp(x[DISTURBANCE:BASE])
+        noise = np.array([*sizes, sizes[2] if records.integrated else records.gyro_noise])
         errors, variances = [], []
         parts = zip(records.runs, self.drives(model), records.angles, records.gyro_rates, strict=True)
         for number, (run, drive, angle, gyro) in enumerate(parts):
@@ -364,14 +398,13 @@ class Likelihood:
             if wave is None:
                 error, variance = innovations(time, torque, race, moment, true, gyro, *motion, start)
             else:
-                error, variance = innovations_wave(time, torque, race, moment, true, *motion, wave, start)
+                error, variance = innovations_wave(time, torque, race, moment, true, gyro, *motion, wave, start)
             known = records.known[number]
             # The density is that of the measured heading, whatever it deviates by.
             errors.append(error[known, 0] * gain[known])
             variances.append(variance[known, 0] * gain[known] ** 2)
-            if wave is None:
-                errors.append(error[records.known_rates[number], 1])
-                variances.append(variance[records.known_rates[number], 1])
+            errors.append(error[records.known_rates[number], 1])
+            variances.append(variance[records.known_rates[number], 1])
         error, variance = np.concatenate(errors), np.concatenate(variances)
         return (error, variance) if self.counted is None else (error[self.counted], variance[self.counted])
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import special
 
 from rovid.effects import Effect
-from rovid.errors import ConfigError, DataError
+from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import fit_free_run, free_run_r2
 from rovid.identify.innovations import BASE, Likelihood, Records
@@ -52,8 +52,10 @@ class LikelihoodFit:
         Of the innovations of all trials.
     disturbance, correlation_time
         Standard deviation of the disturbance torque in N m and its memory in s.
-    heading_noise
-        Standard deviation of the white noise of the heading in rad.
+    position_noise
+        Standard deviation of the white noise of what is measured.
+    integrated
+        Whether that is the rate alone.
     limit
         Share of the torque in use that the disturbance was allowed.
     at_limit
@@ -68,7 +70,8 @@ class LikelihoodFit:
     log_likelihood: float
     disturbance: float
     correlation_time: float
-    heading_noise: float
+    position_noise: float
+    integrated: bool
     limit: float
     at_limit: bool
     white: bool
@@ -98,15 +101,11 @@ def fit_likelihood(
     ------
     DataError
         The vehicle was not excited enough, or no yaw rate is logged.
-    ConfigError
-        A wave is to be fitted to yaw rates.
     """
-    if gyro and all(run.trial.yaw_rate is None for run in runs):
+    if gyro and all(run.trial.rate is None for run in runs):
         raise DataError(
             "no yaw rate is logged.", where="--gyro", mend="Map yaw_rate in [signals] of rovid.toml, or leave it out."
         )
-    if gyro and any(effect.wave for effect in effects):
-        raise ConfigError("is fitted to headings alone.", where="wave_torque", mend="Leave out --gyro or the effect.")
     records = Records(runs, vehicle, fit_free_run(runs), gyro=gyro)
     base_r2 = free_run_r2(runs, records.start)
     likelihood, x, r2 = fit_base(records, base_r2) if base_r2 >= TRUSTED_R2 else fit_simulated(records)
@@ -147,7 +146,9 @@ def fit_simulated(records: Records) -> tuple[SimulatedLikelihood, FloatArray, fl
 def with_effects(bare: Likelihood, x: FloatArray, effects: tuple[Effect, ...]) -> tuple[Likelihood, FloatArray]:
     """Continue from the fit without effects: the likeliest of all starts."""
     likelihood = bare.like(effects, bare.counted)
-    begins = [np.concatenate((x[:BASE], *chosen)) for chosen in itertools.product(*(starts(one) for one in effects))]
+    begins = [
+        np.concatenate((x[: bare.base], *chosen)) for chosen in itertools.product(*(starts(one) for one in effects))
+    ]
     # A few steps tell which of the better starts leads lowest.
     better = sorted(begins, key=likelihood.cost)[:_TRIALS]
     best, _ = min((likelihood.climb(begin, iterations=_TRIAL_ITERATIONS) for begin in better), key=lambda pair: pair[1])
@@ -168,11 +169,11 @@ def simulated_r2(likelihood: Likelihood, x: FloatArray) -> float:
     model, runs = likelihood.model(x), likelihood.records.runs
     pairs = zip(runs, likelihood.records.drives(model), strict=True)
     simulated = [simulated_rate(run, model, drive) for run, drive in pairs]
-    return compare(np.concatenate([run.rates.yaw_rate for run in runs]), np.concatenate(simulated)).r2
+    return compare(np.concatenate([run.rates.rate for run in runs]), np.concatenate(simulated)).r2
 
 
 def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> FloatArray:
-    """Of inertia, drags and effects: inverse information, or the sandwich that allows for coloured innovations."""
+    """Of all parameters: inverse information, or the sandwich that allows for coloured innovations."""
     # All of them, a drag at its bound too: to take its zero for certain would make the rest look certain.
     here = likelihood.slopes(x)
     inverse = _inverse(here.matrix.T @ here.matrix)
@@ -186,9 +187,8 @@ def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> Floa
 
 
 def physical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
-    """Inertia, drags and the effects' parameters in their units."""
-    model = likelihood.model(x)
-    return np.array([model.inertia, model.quadratic_drag, model.linear_drag, *model.effect_values])
+    """All parameters of the model in their units."""
+    return likelihood.model(x).values
 
 
 def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float) -> LikelihoodFit:
@@ -204,7 +204,8 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
     model = likelihood.model(x)
     disturbance, memory = likelihood.disturbance(x)
     estimate = Estimate(
-        names=(*NAMES, *(f"{effect.key}.{p.name}" for effect in model.effects for p in effect.parameters)),
+        names=model.names,
+        axis=model.axis,
         values=physical(likelihood, x),
         covariance=found,
         method=likelihood.method,
@@ -217,7 +218,8 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
         log_likelihood=-likelihood.cost(x),
         disturbance=disturbance,
         correlation_time=memory,
-        heading_noise=likelihood.heading_noise(x),
+        position_noise=likelihood.position_noise(x),
+        integrated=likelihood.records.integrated,
         limit=likelihood.limit,
         at_limit=at_limit,
         white=white,
@@ -228,7 +230,7 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
 
 def canonical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
     """The same ``x`` with amplitudes positive and phases within a turn."""
-    at, parts = BASE, [x[:BASE]]
+    at, parts = likelihood.base, [x[: likelihood.base]]
     for effect in likelihood.effects:
         own = x[at : at + len(effect.parameters)]
         parts.append(own if effect.canonical is None else effect.canonical(own))

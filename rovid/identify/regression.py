@@ -1,4 +1,4 @@
-"""Regression of torque on acceleration, |r| r and r over all excited data, by instrumental variables."""
+"""Regression of torque on acceleration, |r| r, r and position over all excited data, by instrumental variables."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rovid.axis import Axis
+from rovid.effects import restoring_of
+from rovid.effects.restoring import columns, from_columns
 from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
-from rovid.model import Drive, Model
+from rovid.model import Drive, Model, base_names
 from rovid.runs import Run
 from rovid.trial import FloatArray
 
-NAMES = ("inertia", "quadratic_drag", "linear_drag")
+_DRAGS = slice(1, 3)  # of the unknowns: inertia, quadratic and linear drag, and those of the restoring torque
 # A block has to be long beside the memory of waves and eddies, and there have to be enough of them.
 _BLOCK_SECONDS = 40.0
 _BLOCKS = 12
@@ -34,7 +37,7 @@ class Regression:
 
 
 def fit_regression(runs: Sequence[Run], *, certainty: float = 3.0) -> Regression:
-    """Fit T = I rdot + DQ |r| r + DL r, all signals through the same filter.
+    """Fit T = I rdot + DQ |r| r + DL r + g, all signals through the same filter; g is of weight and buoyancy.
 
     Sensor noise and the disturbance torque are in the regressors, which biases least squares. The
     instruments are the same regressors from a noise-free simulation under the measured torque, renewed with
@@ -53,14 +56,15 @@ def fit_regression(runs: Sequence[Run], *, certainty: float = 3.0) -> Regression
         The vehicle was not excited enough to see its inertia.
     """
     torque, blocks = _torque(runs)
-    raw = np.concatenate([_regressors(run.rates.yaw_rate, run.rates.acceleration)[run.valid] for run in runs])
+    axis = runs[0].trial.axis
+    raw = np.concatenate([_regressors(axis, _motion(run))[run.valid] for run in runs])
     _require_motion(raw, torque)
-    plain = _solve(raw, raw, torque, np.ones(3, dtype=bool))
+    plain = _solve(raw, raw, torque, np.ones(raw.shape[1], dtype=bool))
     values = _physical_start(plain, raw, torque)
     for _ in range(_PASSES):
-        instruments, correction = _simulated(runs, values)
+        instruments, correction = _simulated(runs, _model(axis, values))
         measured = raw + correction
-        free, new = _bounded(instruments, measured, torque)
+        free, new = _bounded(instruments, measured, torque, axis)
         done = bool(np.all(np.abs(new - values) <= _CONVERGED * np.abs(new).clip(1e-12)))
         values = new
         if done:
@@ -68,18 +72,21 @@ def fit_regression(runs: Sequence[Run], *, certainty: float = 3.0) -> Regression
     residuals = torque - measured @ values
     # That of the free fit even where a drag is at its bound: it would take the zero for certain, and the rest with it.
     covariance = _jackknife_covariance(instruments, measured, torque, blocks)
+    names = base_names(axis)
+    slopes = _parameter_slopes(axis, values)
     estimate = Estimate(
-        names=NAMES,
-        values=values,
-        covariance=covariance,
+        names=names,
+        values=_model(axis, values).values,
+        covariance=slopes @ covariance @ slopes.T,
         method="regression on all excited data, instrumental variables",
         samples=len(torque),
-        degrees_of_freedom=float(len(np.unique(blocks)) - len(NAMES)),
+        degrees_of_freedom=float(len(np.unique(blocks)) - len(names)),
         warnings=tuple(
             f"{name} would come out negative in the regression; it is held at zero, its lower bound."
-            for name, kept in zip(NAMES, free, strict=True)
+            for name, kept in zip(names, free, strict=True)
             if not kept
         ),
+        axis=axis,
     )
     require_inertia(estimate, certainty)
     spread = float(np.sum((torque - torque.mean()) ** 2))
@@ -96,7 +103,7 @@ def require_inertia(estimate: Estimate, certainty: float) -> None:
     """
     value, error = estimate.value("inertia"), estimate.standard_error("inertia")
     if value < certainty * error:
-        raise _not_excited(f"the inertia is {value:.3g} ± {error:.2g} kg m^2")
+        raise _not_excited(f"the inertia is {value:.3g} ± {error:.2g} {estimate.unit('inertia')}")
 
 
 def _torque(runs: Sequence[Run]) -> tuple[FloatArray, NDArray[np.intp]]:
@@ -110,47 +117,73 @@ def _torque(runs: Sequence[Run]) -> tuple[FloatArray, NDArray[np.intp]]:
     return np.concatenate(torque), np.concatenate(blocks)
 
 
-def _regressors(rate: FloatArray, acceleration: FloatArray) -> FloatArray:
-    return np.column_stack((acceleration, np.abs(rate) * rate, rate))
+def _motion(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
+    return run.rates.rate, run.rates.acceleration, run.rates.position
 
 
-def _simulated(runs: Sequence[Run], values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n, 3) regressors of the noise-free simulation, and what filtering does to its square.
+def _regressors(axis: Axis, motion: tuple[FloatArray, FloatArray, FloatArray]) -> FloatArray:
+    rate, acceleration, position = motion
+    return np.column_stack((acceleration, np.abs(rate) * rate, rate, columns(restoring_of(axis), position)))
+
+
+def _model(axis: Axis, unknowns: FloatArray) -> Model:
+    inertia, quadratic, linear = (float(value) for value in unknowns[:3])
+    restoring = from_columns(restoring_of(axis), unknowns[3:])
+    return Model(
+        inertia=inertia,
+        quadratic_drag=quadratic,
+        linear_drag=linear,
+        axis=axis,
+        restoring_values=tuple(float(value) for value in restoring),
+    )
+
+
+def _parameter_slopes(axis: Axis, unknowns: FloatArray) -> FloatArray:
+    """(p, p) change of each parameter with each unknown."""
+    steps = np.diag(1e-6 * np.maximum(np.abs(unknowns), 1e-9))
+    here = _model(axis, unknowns).values
+    return np.column_stack([(_model(axis, unknowns + step).values - here) / step.sum() for step in steps])
+
+
+def _simulated(runs: Sequence[Run], model: Model) -> tuple[FloatArray, FloatArray]:
+    """(n, p) regressors of the noise-free simulation, and what filtering does to its square.
 
     The low pass of |r| r is not |r| r of the low pass; the difference, small but in step with the
     acceleration, is taken from the simulation and added to the measured regressors.
     """
-    model = Model(inertia=values[0], quadratic_drag=values[1], linear_drag=values[2])
     instruments, corrections = [], []
     for run in runs:
         kernel = run.rates.kernel
-        rate = np.interp(run.rates.time, run.trial.time, model.simulate(run.trial, Drive.held(run.torque))[0])
-        columns = _regressors(kernel.smooth(rate), kernel.rate(rate))
-        correction = np.zeros_like(columns)
-        correction[:, 1] = kernel.smooth(np.abs(rate) * rate) - columns[:, 1]
-        instruments.append((columns + correction)[run.valid])
+        free = model.simulate(run.trial, Drive.held(run.torque))
+        rate, position = (np.interp(run.rates.time, run.trial.time, values) for values in free)
+        clean = _regressors(model.axis, (kernel.smooth(rate), kernel.rate(rate), kernel.smooth(position)))
+        correction = np.zeros_like(clean)
+        correction[:, 1] = kernel.smooth(np.abs(rate) * rate) - clean[:, 1]
+        instruments.append((clean + correction)[run.valid])
         corrections.append(correction[run.valid])
     # The simulation's filter has no answer where the measurement's has none either, but for the gyro's gaps.
     return np.nan_to_num(np.concatenate(instruments)), np.nan_to_num(np.concatenate(corrections))
 
 
-def _bounded(instruments: FloatArray, measured: FloatArray, torque: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
-    """Which parameters are free, and all their values; a drag that would turn negative is held at zero."""
-    free = np.ones(3, dtype=bool)
+def _bounded(
+    instruments: FloatArray, measured: FloatArray, torque: FloatArray, axis: Axis
+) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Which unknowns are free, and all their values; a drag that would turn negative is held at zero."""
+    free = np.ones(measured.shape[1], dtype=bool)
     values = _solve(instruments, measured, torque, free)
-    while (values[1:] < 0.0).any():
-        free[1 + int(np.argmin(values[1:] * np.linalg.norm(measured[:, 1:], axis=0)))] = False
+    while (values[_DRAGS] < 0.0).any():
+        free[1 + int(np.argmin(values[_DRAGS] * np.linalg.norm(measured[:, _DRAGS], axis=0)))] = False
         values = _solve(instruments, measured, torque, free)
     if not values[0] > 0.0:
         raise DataError(
-            "the inertia comes out negative: the vehicle turns against its torque, or hardly at all.",
-            mend=f"Check in rovid.toml the signs of yaw_arm, command and heading. {ADVICE}",
+            f"the inertia comes out negative: the vehicle moves against its {axis.push}, or hardly at all.",
+            mend=f"Check in rovid.toml the signs of {axis.arm}, command and {axis.position}. {ADVICE}",
         )
     return free, values
 
 
 def _solve(instruments: FloatArray, measured: FloatArray, torque: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
-    values = np.zeros(3)
+    values = np.zeros(len(free))
     z, x = instruments[:, free], measured[:, free]
     scale = np.linalg.norm(x, axis=0)
     moments = z.T @ (x / scale)
@@ -159,15 +192,17 @@ def _solve(instruments: FloatArray, measured: FloatArray, torque: FloatArray, fr
 
 
 def _physical_start(plain: FloatArray, measured: FloatArray, torque: FloatArray) -> FloatArray:
-    """Least squares where it is physical; else an inertia and one quadratic drag that are."""
-    if (plain > 0.0).all():
+    """Least squares where it is physical; else an inertia and a drag that are."""
+    if (plain[:3] > 0.0).all():
         return plain
-    from scipy.optimize import nnls
+    from scipy.optimize import lsq_linear
 
     scale = np.linalg.norm(measured, axis=0)
-    values = nnls(measured / scale, torque)[0] / scale
-    floor = 1e-3 * np.linalg.norm(torque) / scale
-    return np.asarray(np.maximum(values, floor * np.array([1.0, 0.0, 1.0])))
+    low = np.where(np.arange(len(plain)) < 3, 0.0, -np.inf)
+    values = lsq_linear(measured / scale, torque, bounds=(low, np.inf)).x / scale
+    floor = 1e-3 * np.linalg.norm(torque) / scale[:3]
+    values[:3] = np.maximum(values[:3], floor * np.array([1.0, 0.0, 1.0]))
+    return np.asarray(values)
 
 
 def _jackknife_covariance(

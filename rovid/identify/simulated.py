@@ -41,7 +41,7 @@ class SimulatedRecords(Records):
     def of(cls, records: Records, model: Model) -> Self:
         """With the misfits of ``model``."""
         pairs = zip(records.runs, records.drives(model), strict=True)
-        misfits = [np.nan_to_num(run.rates.yaw_rate - simulated_rate(run, model, drive)) for run, drive in pairs]
+        misfits = [np.nan_to_num(run.rates.rate - simulated_rate(run, model, drive)) for run, drive in pairs]
         return cls(
             runs=records.runs,
             vehicle=records.vehicle,
@@ -59,7 +59,7 @@ class SimulatedRecords(Records):
     @cached_property
     def known(self) -> list[NDArray[np.intp]]:
         """Where on the grid of each run the yaw rate is known."""
-        return [np.flatnonzero(np.isfinite(run.rates.yaw_rate)) for run in self.runs]
+        return [np.flatnonzero(np.isfinite(run.rates.rate)) for run in self.runs]
 
     @cached_property
     def looked_at(self) -> list[NDArray[np.intp]]:
@@ -112,15 +112,15 @@ class SimulatedLikelihood(Likelihood):
         """Standard deviation of a torque in N m that would drive all of the misfit, and its memory in s."""
         slope, constant = self._slope(x)
         memory = self.records.correlation_time
-        return math.exp(x[NOISE]) * slope * math.sqrt((memory + constant) / memory), memory
+        return math.exp(x[NOISE]) * slope * math.sqrt((memory + constant * self._held_back(x, memory)) / memory), memory
 
     def driven_rate(self, x: FloatArray) -> float:  # noqa: ARG002 - as in Likelihood
         """Zero: none of the misfit is known to be a disturbance's."""
         return 0.0
 
-    def heading_noise(self, x: FloatArray) -> float:  # noqa: ARG002 - as in Likelihood
+    def position_noise(self, x: FloatArray) -> float:  # noqa: ARG002 - as in Likelihood
         """Standard deviation of the heading's noise in rad, from its differences."""
-        return self.records.heading_noise
+        return self.records.position_noise
 
     def at_limit(self, x: FloatArray) -> bool:  # noqa: ARG002 - as in Likelihood
         """False: nothing is set aside as a disturbance."""
@@ -145,7 +145,7 @@ class SimulatedLikelihood(Likelihood):
         model = self.model(x)
         errors = []
         for run, drive, known in zip(self.records.runs, self.drives(model), self.records.known, strict=True):
-            misfit = run.rates.yaw_rate - simulated_rate(run, model, drive)
+            misfit = run.rates.rate - simulated_rate(run, model, drive)
             errors.append(misfit[known])
         error = np.concatenate(errors)
         error = error if self.counted is None else error[self.counted]

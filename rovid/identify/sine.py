@@ -107,7 +107,7 @@ def _wave(run: Run, rows: NDArray[np.intp], period: float) -> Wave:
     phase = frequency * np.outer(time, np.arange(1, count + 1))
     drift = time / max(float(time[-1]), 1e-9) - 0.5
     basis = np.column_stack((np.ones(len(rows)), drift, np.cos(phase), np.sin(phase)))
-    both = np.column_stack((run.drive[rows], run.rates.yaw_rate[rows]))
+    both = np.column_stack((run.drive[rows], run.rates.rate[rows]))
     coefficients = np.linalg.lstsq(basis, both, rcond=None)[0]
     amplitudes = coefficients[2 : 2 + count] - 1j * coefficients[2 + count :]
     torque, rate = np.vstack((coefficients[:1], amplitudes)).T / gain[: count + 1]

@@ -10,8 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from rovid.axis import YAW, Axis
+from rovid.effects import restoring_of
+from rovid.effects.restoring import columns
 from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
+from rovid.model import base_names
 from rovid.runs import Run
 from rovid.segments import MIN_HOLD_SECONDS, Hold, find_holds
 from rovid.tables import STEADY_COLUMNS, Table
@@ -48,12 +52,12 @@ class SteadyPoint:
         s; the part of the hold that was used. NaN for a table.
     command
         One number per actuator.
-    torque, yaw_rate
-        N m and rad/s, means over the part used.
+    torque, rate
+        N m and rad/s (or N and m/s), means over the part used.
     square_rate
         Mean of |r| r over the part used, rad^2/s^2.
-    yaw_rate_error
-        Standard error of ``yaw_rate`` that allows for the rate's own memory; NaN for a table.
+    rate_error
+        Standard error of ``rate`` that allows for the rate's own memory; NaN for a table.
     drift, drift_error
         Change of rate over the part used, and its standard error, rad/s.
     steady
@@ -65,9 +69,9 @@ class SteadyPoint:
     stop: float
     command: tuple[float, ...]
     torque: float
-    yaw_rate: float
+    rate: float
     square_rate: float
-    yaw_rate_error: float
+    rate_error: float
     drift: float
     drift_error: float
     steady: bool = True
@@ -121,7 +125,7 @@ def steady_points(runs: Sequence[Run], vehicle: Vehicle) -> list[SteadyPoint]:
         for hold in find_holds(run.trial, vehicle, run.torque)
         if hold.torque != 0.0 and (point := _reduce(run, hold)) is not None
     ]
-    return [point for point in points if abs(point.yaw_rate) > 4.0 * point.yaw_rate_error]
+    return [point for point in points if abs(point.rate) > 4.0 * point.rate_error]
 
 
 def points_from_table(table: Table) -> list[SteadyPoint]:
@@ -141,9 +145,9 @@ def points_from_table(table: Table) -> list[SteadyPoint]:
             stop=math.nan,
             command=(float(c),),
             torque=float(t),
-            yaw_rate=float(r),
+            rate=float(r),
             square_rate=float(abs(r) * r),
-            yaw_rate_error=math.nan,
+            rate_error=math.nan,
             drift=math.nan,
             drift_error=math.nan,
         )
@@ -170,9 +174,9 @@ def _reduce(run: Run, hold: Hold) -> SteadyPoint | None:
         stop=float(times[-1]) + _BLOCK_SECONDS,
         command=tuple(float(value) for value in hold.command),
         torque=hold.torque,
-        yaw_rate=mean,
+        rate=mean,
         square_rate=float(squares.mean()),
-        yaw_rate_error=math.sqrt(spectrum / count),
+        rate_error=math.sqrt(spectrum / count),
         drift=drift,
         drift_error=drift_error,
         steady=not trend,
@@ -192,10 +196,10 @@ def _blocks(run: Run, hold: Hold) -> tuple[FloatArray, FloatArray, FloatArray]:
         return empty, empty, empty
     # Counted from the end: the start is what settling takes away.
     block = rows[len(rows) - count * size :].reshape(count, size)
-    rate = rates.yaw_rate[block]
+    rate = rates.rate[block]
     mean = rate.mean(axis=1)
     # The square of sensor noise has a mean, that of the motion's own unrest belongs to the drag.
-    square = (np.abs(rate) * rate).mean(axis=1) - np.sign(mean) * rates.yaw_rate_noise**2
+    square = (np.abs(rate) * rate).mean(axis=1) - np.sign(mean) * rates.rate_noise**2
     return mean, square, rates.time[block[:, 0]]
 
 
@@ -225,8 +229,8 @@ def long_run_variance(values: FloatArray) -> float:
     return power / (count - 2) * (1.0 + correlation) / (1.0 - correlation)
 
 
-def fit_drag(points: Sequence[SteadyPoint]) -> DragFit:
-    """Fit T = DQ |r| r + DL r to steady states by weighted least squares.
+def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
+    """Fit T = DQ |r| r + DL r, in heave with the net buoyancy besides, to steady states by weighted least squares.
 
     Points from logs are weighted by their length: the disturbance torque averages out as 1/length, and its
     density is pooled over all holds, the scatter between holds included. Rows of a table have equal weight.
@@ -236,37 +240,39 @@ def fit_drag(points: Sequence[SteadyPoint]) -> DragFit:
     DataError
         No steady turning, or turning against the torque.
     """
-    points = [point for point in points if point.yaw_rate != 0.0]
+    points = [point for point in points if point.rate != 0.0]
     fitted = tuple(point for point in points if point.steady)
     if not fitted:
-        raise _no_steady(points)
-    refused = _undetermined(fitted)
-    design = np.array([(point.square_rate, point.yaw_rate) for point in fitted])
+        raise _no_steady(points, axis)
+    refused = _undetermined(fitted, axis)
+    names = (*NAMES, *base_names(axis)[3:])
+    design = _design(fitted, axis)
     torque = np.array([point.torque for point in fitted])
-    free = np.array([name not in refused for name in NAMES])
+    free = np.array([name not in refused for name in names])
     error = _torque_error(fitted, design, torque, free)
     values, covariance, dof = _least_squares(design, torque, error, free)
     warnings = []
-    negative = free & (values < 0.0)
+    negative = free & (values < 0.0) & np.isin(names, NAMES)
     if negative.any() and free.all():
-        name = NAMES[int(np.argmax(negative))]
+        name = names[int(np.argmax(negative))]
         warnings.append(
             f"{name} came out negative ({values[negative][0]:.3g} ± {np.sqrt(np.diag(covariance))[negative][0]:.2g}), "
             "which no drag is; it is held at zero."
         )
         # The covariance stays that of the free fit: it would take the zero for certain, and the other drag with it.
         values, _, _ = _least_squares(design, torque, error, ~negative)
-    if not (values > 0.0).any():
+    if not (values[:2] > 0.0).any():
         raise DataError(
-            "the vehicle turns against its torque in these holds, which no drag does.",
-            mend="Check in rovid.toml the signs of yaw_arm, command and heading.",
+            f"the vehicle moves against its {axis.push} in these holds, which no drag does.",
+            mend=f"Check in rovid.toml the signs of {axis.arm}, command and {axis.position}.",
         )
     residuals = torque - design @ values
     estimate = Estimate(
-        names=NAMES,
+        names=names,
         values=values,
         covariance=covariance,
         degrees_of_freedom=dof,
+        axis=axis,
         method="steady turns, ordinary least squares"
         if _from_table(fitted)
         else "steady turns, weighted least squares",
@@ -274,8 +280,9 @@ def fit_drag(points: Sequence[SteadyPoint]) -> DragFit:
         refused=refused,
     )
     warnings += _warnings(estimate)
-    directions = _directions(fitted, design, torque, error, free)
-    if (text := _direction_warning(fitted, residuals, error, directions)) is not None:
+    # With a buoyancy to be found besides, each direction alone has too little to say.
+    directions = _directions(fitted, design, torque, error, free, axis) if design.shape[1] == len(NAMES) else {}
+    if (text := _direction_warning(fitted, residuals, error, directions, axis)) is not None:
         warnings.append(text)
     return DragFit(
         estimate=replace(estimate, warnings=tuple(warnings)),
@@ -289,11 +296,18 @@ def fit_drag(points: Sequence[SteadyPoint]) -> DragFit:
     )
 
 
+def _design(points: Sequence[SteadyPoint], axis: Axis) -> FloatArray:
+    """(k, p) what each unknown is multiplied by at each point."""
+    # Along an axis that turns the vehicle back there are no steady turns: position does not matter here.
+    more = columns(restoring_of(axis), np.zeros(len(points)))
+    return np.column_stack(([point.square_rate for point in points], [point.rate for point in points], more))
+
+
 def _from_table(points: Sequence[SteadyPoint]) -> bool:
-    return all(math.isnan(point.yaw_rate_error) for point in points)
+    return all(math.isnan(point.rate_error) for point in points)
 
 
-def _no_steady(points: Sequence[SteadyPoint]) -> DataError:
+def _no_steady(points: Sequence[SteadyPoint], axis: Axis) -> DataError:
     if not points:
         return DataError(
             f"no held command of at least {MIN_HOLD_SECONDS:g} s under which the vehicle turns; drag cannot be read "
@@ -303,18 +317,19 @@ def _no_steady(points: Sequence[SteadyPoint]) -> DataError:
     worst = max(points, key=lambda point: abs(point.drift))
     return DataError(
         f"{len(points)} held commands were found but the rate was still changing in every one, "
-        f"for instance by {worst.drift:.2g} rad/s in {worst.source} from {worst.start:.0f} to {worst.stop:.0f} s.",
+        f"for instance by {worst.drift:.2g} {axis.unit('rad/s')} in {worst.source} from {worst.start:.0f} to "
+        f"{worst.stop:.0f} s.",
         mend="Hold each command longer.",
     )
 
 
-def _undetermined(points: Sequence[SteadyPoint]) -> dict[str, str]:
-    speeds = np.abs([point.yaw_rate for point in points])
+def _undetermined(points: Sequence[SteadyPoint], axis: Axis) -> dict[str, str]:
+    speeds = np.abs([point.rate for point in points])
     if speeds.max() < _MIN_RATE_RATIO * speeds.min():
         return {
             "linear_drag": "all steady turns are at nearly the same rate "
-            f"({speeds.min():.3g} to {speeds.max():.3g} rad/s), so quadratic and linear drag cannot be told apart; "
-            "it is taken as zero, and the quadratic drag and its error hold at that rate alone. "
+            f"({speeds.min():.3g} to {speeds.max():.3g} {axis.unit('rad/s')}), so quadratic and linear drag cannot be "
+            "told apart; it is taken as zero, and the quadratic drag and its error hold at that rate alone. "
             "Run holds at other commands."
         }
     if _from_table(points) and len(points) < 3:
@@ -331,7 +346,7 @@ def _torque_error(
     if _from_table(points):
         return np.ones(len(points))
     duration = np.array([point.duration for point in points])
-    rate_error = np.array([point.yaw_rate_error for point in points])
+    rate_error = np.array([point.rate_error for point in points])
     values, _, _ = _least_squares(design, torque, 1.0 / np.sqrt(duration), free)
     slope = 2.0 * values[0] * np.abs(design[:, 1]) + values[1]
     density = float(np.mean((slope * rate_error) ** 2 * duration))
@@ -341,12 +356,12 @@ def _torque_error(
 def _least_squares(
     design: FloatArray, torque: FloatArray, error: FloatArray, free: NDArray[np.bool_]
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Values (2,), covariance (2, 2) and degrees of freedom; columns that are not ``free`` stay zero.
+    """Values (p,), covariance (p, p) and degrees of freedom; columns that are not ``free`` stay zero.
 
     Where ``error`` is known it is believed unless the scatter about the line is larger (Birge ratio); where
     it is all ones the scatter sets the scale.
     """
-    values, covariance = np.zeros(2), np.zeros((2, 2))
+    values, covariance = np.zeros(len(free)), np.zeros((len(free), len(free)))
     weighted = design[:, free] / error[:, None]
     values[free], *_ = np.linalg.lstsq(weighted, torque / error, rcond=None)
     dof = len(torque) - int(free.sum())
@@ -364,7 +379,7 @@ def _leave_one_out(design: FloatArray, torque: FloatArray, error: FloatArray, fr
         if keep.sum() < free.sum():
             continue
         values, _, _ = _least_squares(design[keep], torque[keep], error[keep], free)
-        rows[k] = (*values, torque[k] - design[k] @ values)
+        rows[k] = (*values[:2], torque[k] - design[k] @ values)
     return rows
 
 
@@ -374,11 +389,12 @@ def _directions(
     torque: FloatArray,
     error: FloatArray,
     free: NDArray[np.bool_],
+    axis: Axis,
 ) -> dict[str, Estimate]:
     fits = {}
     for name, rows in (("up", design[:, 1] > 0), ("down", design[:, 1] < 0)):
         chosen = [point for point, row in zip(points, rows, strict=True) if row]
-        if len(chosen) <= free.sum() or rows.all() or _undetermined(chosen):
+        if len(chosen) <= free.sum() or rows.all() or _undetermined(chosen, axis):
             continue
         values, covariance, dof = _least_squares(design[rows], torque[rows], error[rows], free)
         fits[name] = Estimate(
@@ -386,19 +402,24 @@ def _directions(
             values=values,
             covariance=covariance,
             degrees_of_freedom=dof,
-            method=f"steady turns, heading {name} only",
+            method=f"steady turns, {axis.position_words} {name} only",
             samples=len(chosen),
+            axis=axis,
         )
     return fits
 
 
 def _direction_warning(
-    points: Sequence[SteadyPoint], residuals: FloatArray, error: FloatArray, directions: dict[str, Estimate]
+    points: Sequence[SteadyPoint],
+    residuals: FloatArray,
+    error: FloatArray,
+    directions: dict[str, Estimate],
+    axis: Axis,
 ) -> str | None:
-    rates = np.array([point.yaw_rate for point in points])
+    rates = np.array([point.rate for point in points])
     if (rates > 0).all() or (rates < 0).all():
         return (
-            "All steady turns are in one direction: a constant torque (tether, trim) or a weaker reverse thrust "
+            f"All steady turns are in one direction: a constant {axis.push} (tether, trim) or a weaker reverse thrust "
             "would pass for drag. Run the same holds the other way."
         )
     if len(directions) < 2:
@@ -417,21 +438,22 @@ def _direction_warning(
         return None
     up, down = (directions[name].value("quadratic_drag") for name in ("up", "down"))
     return (
-        f"The two directions differ (p = {p_value:.1g}): quadratic drag {up:.4g} with the heading growing, "
-        f"{down:.4g} with it falling. Thrust curve, a constant torque or the drag itself is not the same both ways."
+        f"The two directions differ (p = {p_value:.1g}): quadratic drag {up:.4g} with the {axis.position_words} "
+        f"growing, {down:.4g} with it falling. Thrust curve, a constant {axis.push} or the drag itself is not the same "
+        "both ways."
     )
 
 
 def _normalised(points: Sequence[SteadyPoint], fit: Estimate, error: FloatArray, sign: float) -> FloatArray:
-    rows = np.array([point.yaw_rate * sign > 0 for point in points])
-    design = np.array([(point.square_rate, point.yaw_rate) for point in points])[rows]
+    rows = np.array([point.rate * sign > 0 for point in points])
+    design = np.array([(point.square_rate, point.rate) for point in points])[rows]
     torque = np.array([point.torque for point in points])[rows]
     return np.asarray((torque - design @ fit.values) / error[rows])
 
 
 def _warnings(estimate: Estimate) -> list[str]:
     texts = [f"{name} is not determined: {reason}" for name, reason in estimate.refused.items()]
-    for name in NAMES:
+    for name in estimate.names[:2]:
         if name in estimate.refused or estimate.value(name) == 0.0 or estimate.differs_from_zero(name):
             continue
         low, high = estimate.interval(name)

@@ -1,4 +1,4 @@
-"""Heading as logged -> measured, unwrapped heading: repeats, spikes, frozen stretches, whole turns.
+"""Heading, or another position or rate, as logged -> as measured: repeats, spikes, frozen stretches, whole turns.
 
 Nothing is interpolated and nothing is smoothed. A value that is no measurement becomes NaN and is counted.
 """
@@ -24,18 +24,17 @@ _DEG = np.pi / 180.0
 # A gap: no heading for longer than five usual intervals, and than half a second.
 _GAP_INTERVALS, _GAP_SECONDS = 5.0, 0.5
 
-# A spike is wrong by six robust sigmas, by half a degree, and by more than an acceleration to and fro of
-# 160 deg/s^2 gives between samples (4 * 40): logs of 1 Hz show honest jerks of many degrees.
-_SIGMAS, _LEAST_SPIKE, _JERK = 6.0, 0.5 * _DEG, 40.0 * _DEG
+# A spike is wrong by six robust sigmas.
+_SIGMAS = 6.0
 _LONGEST_SPIKE = 3
 _MORE_ROUNDS = 2
 # Its edges are steep: a smooth swing out and back within a few samples is motion.
-_EDGE_SHARE, _SURE_EDGE = 0.6, 20.0 * _DEG
+_EDGE_SHARE = 0.6
 
 # A frozen sensor: this many identical values over this time, ended by a jump that its neighbours do not know.
 _FROZEN_SAMPLES, _FROZEN_SECONDS, _FROZEN_RATIO = 10, 1.0, 4.0
 # With a jump of this size at both ends (or at the start of the log), shorter stretches count too.
-_STUCK_SAMPLES, _STUCK_JUMP = 4, 20.0 * _DEG
+_STUCK_SAMPLES = 4
 
 # Held repeats: between steps that are not one quantum of the log, each row of a true measurement differs.
 _FEWEST_RUNS, _SAME_STEP = 20, 1.02
@@ -44,25 +43,54 @@ _FEWEST_RUNS, _SAME_STEP = 20, 1.02
 _RATE_SECONDS = 1.0
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Cleaned:
-    """Heading on the clock it was logged with.
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """What is measured, in rad, m, rad/s or m/s.
 
     Attributes
     ----------
-    heading
-        (n,) rad, unwrapped, NaN where not measured.
+    turn
+        After which it is the same again; infinite for what is no angle.
+    spike
+        A smaller step is no spike.
+    swing
+        Step that a vehicle could make and take back between samples a second apart, and the power of the interval
+        with which it grows: logs of 1 Hz show honest jerks of many degrees.
+    jump
+        A step so large is none of the vehicle's, whatever the noise.
+    """
+
+    turn: float
+    spike: float
+    swing: tuple[float, int]
+    jump: float
+
+    def wrap(self, step: FloatArray) -> FloatArray:
+        """``step`` the short way round."""
+        return step if np.isinf(self.turn) else step - self.turn * np.rint(step / self.turn)
+
+
+# An acceleration to and fro of 160 deg/s^2 (4 * 40), or of 4 m/s^2.
+ANGLE = Kind(turn=TURN, spike=0.5 * _DEG, swing=(40.0 * _DEG, 2), jump=20.0 * _DEG)
+DISTANCE = Kind(turn=np.inf, spike=0.03, swing=(1.0, 2), jump=1.0)
+TURNING = Kind(turn=np.inf, spike=1.0 * _DEG, swing=(160.0 * _DEG, 1), jump=60.0 * _DEG)
+SPEED = Kind(turn=np.inf, spike=0.03, swing=(4.0, 1), jump=1.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cleaned:
+    """What was measured, on the clock it was logged with.
+
+    Attributes
+    ----------
+    position
+        (n,) in SI, unwrapped, NaN where not measured.
     remarks
         What was taken out.
     """
 
-    heading: FloatArray
+    position: FloatArray
     remarks: tuple[Remark, ...]
-
-
-def wrap(angle: FloatArray) -> FloatArray:
-    """``angle`` in rad brought to -pi..pi."""
-    return angle - TURN * np.rint(angle / TURN)
 
 
 def gap_limit(intervals: FloatArray) -> float:
@@ -73,12 +101,12 @@ def gap_limit(intervals: FloatArray) -> float:
 class _Path:
     """Measured samples with their steps, which each of the tests below looks at."""
 
-    def __init__(self, time: FloatArray, angle: FloatArray) -> None:
-        self.time, self.angle = time, angle
+    def __init__(self, time: FloatArray, angle: FloatArray, kind: Kind, name: str) -> None:
+        self.time, self.angle, self.kind, self.name = time, angle, kind, name
         self.steps = np.diff(angle)
         self.far = np.arange(0)
-        if self.steps.size and max(self.steps.max(), -self.steps.min()) > np.pi:
-            self.far = np.flatnonzero(np.abs(self.steps) > np.pi)
+        if self.steps.size and max(self.steps.max(), -self.steps.min()) > kind.turn / 2.0:
+            self.far = np.flatnonzero(np.abs(self.steps) > kind.turn / 2.0)
 
     @cached_property
     def short(self) -> FloatArray:
@@ -86,13 +114,14 @@ class _Path:
         if not self.far.size:
             return self.steps
         short = self.steps.copy()
-        short[self.far] = wrap(short[self.far])
+        short[self.far] = self.kind.wrap(short[self.far])
         return short
 
     @cached_property
     def jerk(self) -> float:
-        """Largest step in rad that a vehicle could make and take back between samples."""
-        return _JERK * typical(np.diff(self.time[:10_000])) ** 2
+        """Largest step that a vehicle could make and take back between samples."""
+        size, power = self.kind.swing
+        return float(size * typical(np.diff(self.time[:10_000])) ** power)
 
     @cached_property
     def least(self) -> float:
@@ -109,10 +138,10 @@ class _Path:
         return self.least if both_ways else 0.0
 
     def without(self, bad: BoolArray) -> _Path:
-        return _Path(self.time[~bad], self.angle[~bad])
+        return _Path(self.time[~bad], self.angle[~bad], self.kind, self.name)
 
 
-def clean(time: FloatArray, angle: FloatArray) -> Cleaned:
+def clean(time: FloatArray, angle: FloatArray, kind: Kind = ANGLE, name: str = "heading") -> Cleaned:
     """Take out what is no measurement and unwrap the rest.
 
     Parameters
@@ -120,25 +149,27 @@ def clean(time: FloatArray, angle: FloatArray) -> Cleaned:
     time
         (n,) s, strictly increasing.
     angle
-        (n,) rad, finite, wrapped in whatever way or not at all.
+        (n,) in SI, finite; an angle may be wrapped in whatever way or not at all.
+    name
+        What it is called in remarks.
     """
     remarks: list[Remark] = []
     good: IntArray | None = None
-    path = _Path(time, angle)
-    for find, kind, text in _TESTS:
+    path = _Path(time, angle, kind, name)
+    for find, what, text in _TESTS:
         bad = find(path)
         if bad is None:
             continue
         count = int(np.count_nonzero(bad))
-        remarks.append(Remark(kind=kind, count=count, text=text.format(count)))
+        remarks.append(Remark(kind=what, count=count, text=text.format(name, count)))
         good = np.flatnonzero(~bad) if good is None else good[~bad]
         path = path.without(bad)
     unwrapped = _unwrap(path, remarks)
     if good is None:
-        return Cleaned(heading=unwrapped, remarks=tuple(remarks))
-    heading = np.full(len(angle), np.nan)
-    heading[good] = unwrapped
-    return Cleaned(heading=heading, remarks=tuple(remarks))
+        return Cleaned(position=unwrapped, remarks=tuple(remarks))
+    position = np.full(len(angle), np.nan)
+    position[good] = unwrapped
+    return Cleaned(position=position, remarks=tuple(remarks))
 
 
 def _repeats(path: _Path) -> BoolArray | None:
@@ -199,12 +230,12 @@ def _spikes_once(path: _Path) -> BoolArray | None:
 def _spike_limit(path: _Path, bend: FloatArray) -> float:
     few = bend[:: len(bend) // 10_000 + 1]
     sigma = 1.4826 * float(np.median(np.abs(few))) / 2.0  # of a sample against the mean of its neighbours
-    return max(_SIGMAS * sigma, _LEAST_SPIKE, path.jerk)
+    return max(_SIGMAS * sigma, path.kind.spike, path.jerk)
 
 
 def _leaves_path(path: _Path, first: IntArray, length: int, limit: float) -> BoolArray:
     """(m,) whether the ``length`` samples from ``first`` on are off a path that goes on behind them."""
-    time, angle = path.time, path.angle
+    time, angle, wrap = path.time, path.angle, path.kind.wrap
     before, after = first - 1, first + length
     span = time[after] - time[before]
     slope = wrap(angle[after] - angle[before]) / span
@@ -219,7 +250,7 @@ def _leaves_path(path: _Path, first: IntArray, length: int, limit: float) -> Boo
         ]
     )
     edge = np.minimum(off[0], off[-1])
-    steep = (edge >= _EDGE_SHARE * off.max(axis=0)) | (edge > _SURE_EDGE)
+    steep = (edge >= _EDGE_SHARE * off.max(axis=0)) | (edge > path.kind.jump)
     return np.asarray((edge > limit + bent * span) & steep)
 
 
@@ -228,7 +259,7 @@ def _mark(bad: BoolArray, path: _Path, first: int, length: int, limit: float) ->
     before, after = first - 1, first + length
     if bad[before : after + 1].any():
         return
-    time, angle = path.time, path.angle
+    time, angle, wrap = path.time, path.angle, path.kind.wrap
     slope = wrap(angle[after] - angle[before]) / (time[after] - time[before])
     inside = slice(first, after)
     bad[inside] = np.abs(wrap(angle[inside] - angle[before] - slope * (time[inside] - time[before]))) > limit
@@ -238,10 +269,10 @@ def _ends(bad: BoolArray, path: _Path) -> None:
     """A first or last value that the rest of the log knows nothing of, such as 0 before the first fix."""
     sizes = np.abs(path.short)
     ends = np.concatenate((sizes[:_LONGEST_SPIKE], sizes[-_LONGEST_SPIKE:]))
-    if ends.max() <= _STUCK_JUMP:
+    if ends.max() <= path.kind.jump:
         return
     rank = max(0, len(sizes) - 1 - max(_LONGEST_SPIKE, len(sizes) // 1000))
-    limit = max(_STUCK_JUMP, path.jerk, 10.0 * float(np.partition(sizes, rank)[rank]))
+    limit = max(path.kind.jump, path.jerk, 10.0 * float(np.partition(sizes, rank)[rank]))
     for length in range(1, _LONGEST_SPIKE + 1):
         if sizes[length - 1] > limit:
             bad[:length] = True
@@ -260,7 +291,7 @@ def _frozen(path: _Path) -> BoolArray | None:
         out = abs(path.short[last])
         into = out if first == 0 else abs(path.short[first - 1])
         length, seconds = last - first + 1, path.time[last] - path.time[first]
-        if min(into, out) > max(_STUCK_JUMP, path.jerk, around):
+        if min(into, out) > max(path.kind.jump, path.jerk, around):
             bad[first : last + 1] = True
         elif length >= _FROZEN_SAMPLES and seconds >= _FROZEN_SECONDS and out > around:
             bad[first + 1 : last + 1] = True  # its first value was measured
@@ -271,7 +302,7 @@ def _still_runs(path: _Path, moves: IntArray) -> Iterator[tuple[int, int]]:
     """(first, last) index of each run of identical values that a jump ends; not one that ends the log."""
     starts = np.concatenate(([0], moves + 1))[: len(moves)]
     lengths = moves - starts + 1
-    jump = np.abs(path.short[moves]) > max(_LEAST_SPIKE, path.jerk, 3.0 * path.least)
+    jump = np.abs(path.short[moves]) > max(path.kind.spike, path.jerk, 3.0 * path.least)
     chosen = jump & ((lengths >= _STUCK_SAMPLES) | ((starts == 0) & (lengths > 1)))
     return zip(starts[chosen].tolist(), moves[chosen].tolist(), strict=True)
 
@@ -283,9 +314,9 @@ def _neighbours(steps: FloatArray, first: int, last: int) -> float:
 
 
 _TESTS = (
-    (_repeats, "repeated", "The heading is refreshed less often than it is logged; {} held repeats left out."),
-    (_spikes, "outlier", "The heading has {} samples off its path by more than noise allows; left out."),
-    (_frozen, "frozen", "The heading sensor was frozen for {} samples and then jumped; left out."),
+    (_repeats, "repeated", "The {} is refreshed less often than it is logged; {} held repeats left out."),
+    (_spikes, "outlier", "The {} has {} samples off its path by more than noise allows; left out."),
+    (_frozen, "frozen", "The {} sensor was frozen for {} samples and then jumped; left out."),
 )
 
 
@@ -297,13 +328,13 @@ def _unwrap(path: _Path, remarks: list[Remark]) -> FloatArray:
     limit = gap_limit(intervals)
     gaps = np.flatnonzero(intervals > limit) if intervals.max() > limit else np.arange(0)
     angle, doubtful = path.angle, 0
-    if not _continuous(path, gaps):
+    if np.isfinite(path.kind.turn) and not _continuous(path, gaps):
         angle = _add_turns(angle, path.far, -np.rint(path.steps[path.far] / TURN))
         if gaps.size:
             turns, doubtful = _turns_in_gaps(path.time, angle, gaps)
             angle = _add_turns(angle, gaps, turns)
     if gaps.size:
-        remarks.append(_gap_remark(float(intervals[gaps].sum()), len(gaps), doubtful))
+        remarks.append(_gap_remark(path.name, float(intervals[gaps].sum()), len(gaps), doubtful))
     return angle
 
 
@@ -341,8 +372,8 @@ def _rates(time: FloatArray, angle: FloatArray, first: IntArray, last: IntArray)
     return np.where(seconds > 0, (angle[last] - angle[first]) / np.where(seconds > 0, seconds, 1.0), 0.0)
 
 
-def _gap_remark(seconds: float, count: int, doubtful: int) -> Remark:
-    text = f"The heading has {count} gaps of {seconds:.1f} s together; nothing was put in them."
+def _gap_remark(name: str, seconds: float, count: int, doubtful: int) -> Remark:
+    text = f"The {name} has {count} gaps of {seconds:.1f} s together; nothing was put in them."
     if doubtful:
         text += f" How many whole turns the vehicle made in {doubtful} of them is not certain."
     return Remark(kind="gap", count=count, text=text)

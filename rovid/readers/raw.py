@@ -72,10 +72,10 @@ def mapped(config: Config, kind: str, path: Path) -> dict[str, Signal]:
     Raises
     ------
     ConfigError
-        The heading or a command is not mapped for this format.
+        What is measured, or a command, is not mapped for this format.
     """
     wanted = config.wanted(kind)
-    for name in ("heading", *(signal.name for signal in config.commands)):
+    for name in (config.measured, *(signal.name for signal in config.commands)):
         if name not in wanted:
             raise ConfigError(
                 f"{name} names no {kind} source, but {path.name} is a {kind} log.",

@@ -1,12 +1,13 @@
 """Raw channels -> one Trial on one time base.
 
-The base is the union of the instants at which the heading was measured and those at which a command changed.
-It begins at the first heading measured when every command is known, and ends at the last heading measured.
+The base is the union of the instants at which the position along the axis (in yaw the heading) was measured and
+those at which a command changed. It begins at the first one measured when every command is known, and ends at the
+last one measured. Where no position is logged, the rate along the axis takes its place.
 
-- Heading is never interpolated; an instant without one holds NaN.
+- What is measured is never interpolated; an instant without it holds NaN.
 - A command holds its value until the next, over empty cells too; so do extra signals.
-- Yaw rate, roll and pitch are measured, continuous and mostly on a clock of their own: they alone are
-  interpolated, linearly, between neighbours that are no farther apart than a gap.
+- A rate beside the position, roll and pitch are measured, continuous and mostly on a clock of their own: they alone
+  are interpolated, linearly, between neighbours that are no farther apart than a gap.
 """
 
 from __future__ import annotations
@@ -17,19 +18,19 @@ from pathlib import Path
 
 import numpy as np
 
+from rovid.axis import YAW
 from rovid.config import Config, Signal
 from rovid.errors import LogError
-from rovid.readers.heading import clean
+from rovid.readers.heading import ANGLE, DISTANCE, SPEED, TURNING, Kind, clean
 from rovid.readers.ordering import order
 from rovid.readers.raw import Channel, RawLog, typical
 from rovid.readers.series import Base, Series, common_base
 from rovid.readers.units import refuse_wrong_heading, told_by_gyro
 from rovid.trial import FloatArray, Remark, Trial
 
-_CONTINUOUS = ("yaw_rate", "roll", "pitch")
-_ANGLES = ("roll", "pitch")
-_FEWEST_HEADINGS = 10
-# Headings farther apart than this say nothing of yaw dynamics; the time is probably in another unit.
+_TILTS = ("roll", "pitch")
+_FEWEST = 10
+# Positions farther apart than this say nothing of the dynamics; the time is probably in another unit.
 _SLOWEST, _FASTEST = 10.0, 2e-4
 _LATE_START = 1.0
 # A command that is logged regularly and then no more, for this long and this many of its intervals.
@@ -46,6 +47,19 @@ class _Builder:
     def signal(self, name: str) -> Signal:
         return next((s for s in self.config.commands if s.name == name), None) or self.config.signals[name]
 
+    @property
+    def measured(self) -> str:
+        """What is measured, for messages."""
+        return self.config.measured.replace("_", " ")
+
+    @property
+    def kind(self) -> Kind:
+        """Of what is measured."""
+        axis = self.config.axis
+        if self.config.measured == axis.rate:
+            return TURNING if axis.angular else SPEED
+        return ANGLE if axis.angular else DISTANCE
+
     def remark(self, kind: str, count: int, text: str) -> None:
         self.remarks.append(Remark(kind=kind, count=count, text=text))
 
@@ -56,30 +70,46 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
     Raises
     ------
     LogError
-        Time runs backwards, the heading is missing, frozen or in another unit than declared, or no command
-        is ever known while the heading is measured.
+        Time runs backwards, what is measured is missing, frozen or in another unit than declared, or no command
+        is ever known meanwhile.
     """
     work = _Builder(raw=raw, config=config, name=name, remarks=list(raw.remarks))
-    series = _ordered(work)
-    heading = _heading(work, series["heading"])
+    series, axis = _ordered(work), config.axis
+    measured = _measured(work, series[config.measured])
     commands = [_command(work, signal.name, series[signal.name]) for signal in config.commands]
-    base = common_base(heading, commands, *_span(work, heading, commands))
-    psi = base.exactly(heading)
-    continuous = {key: _continuous(work, key, series[key], base) for key in _CONTINUOUS if key in series}
-    _check_units(work, base.time, psi, continuous.get("yaw_rate"))
-    plain = [key for key in series if key in config.signals and key not in ("heading", *_CONTINUOUS)]
+    base = common_base(measured, commands, *_span(work, measured, commands))
+    position = base.exactly(measured)
+    beside = [key for key in (axis.rate, *_TILTS) if key in series and key != config.measured]
+    continuous = {key: _continuous(work, key, series[key], base) for key in beside}
+    rate, integrated = continuous.get(axis.rate), config.measured == axis.rate
+    if integrated:
+        rate, position = position, _integral(base.time, position)
+    elif axis is YAW:
+        _check_units(work, base.time, position, rate)
+    plain = [key for key in series if key in config.signals and key not in (config.measured, *beside)]
     return Trial(
         name=name,
         path=path,
         time=base.time - base.time[0],
-        heading=psi,
+        position=position,
         commands=np.column_stack([base.held(command) for command in commands]),
         extras={key: _extra(work, key, series[key], base) for key in plain},
         remarks=tuple(work.remarks),
-        yaw_rate=continuous.get("yaw_rate"),
+        rate=rate,
         roll=continuous.get("roll"),
         pitch=continuous.get("pitch"),
+        axis=axis,
+        integrated=integrated,
     )
+
+
+def _integral(time: FloatArray, rate: FloatArray) -> FloatArray:
+    """(n,) of the rate at the (n,) instants, by the trapezoidal rule; NaN where it was not measured."""
+    known = np.flatnonzero(np.isfinite(rate))
+    steps = 0.5 * (rate[known][1:] + rate[known][:-1]) * np.diff(time[known])
+    position = np.full(len(time), np.nan)
+    position[known] = np.concatenate(([0.0], np.cumsum(steps)))
+    return position
 
 
 def _ordered(work: _Builder) -> dict[str, Series]:
@@ -115,31 +145,31 @@ def _scaled(values: FloatArray, channel: Channel, signal: Signal) -> FloatArray:
     return values if factor == 1.0 else values * factor
 
 
-def _heading(work: _Builder, logged: Series) -> Series:
-    """Measured heading, unwrapped; NaN where it is none."""
-    source = work.raw.channels["heading"].source
-    known = logged.known
-    if len(known) < _FEWEST_HEADINGS:
+def _measured(work: _Builder, logged: Series) -> Series:
+    """What is measured along the axis, unwrapped; NaN where it is not."""
+    name, known = work.config.measured, logged.known
+    source = work.raw.channels[name].source
+    if len(known) < _FEWEST:
         raise LogError(
-            f"{source} holds {len(known)} headings; at least {_FEWEST_HEADINGS} were expected.",
+            f"{source} holds {len(known)} {work.measured} readings; at least {_FEWEST} were expected.",
             where=work.name,
-            mend="Leave this log out, or map the column or topic that holds the heading.",
+            mend=f"Leave this log out, or map the column or topic that holds the {work.measured}.",
         )
     if known.min() == known.max():
         raise LogError(
-            f"{source} never changes: the sensor was frozen, or this is not the heading.",
+            f"{source} never changes: the sensor was frozen, or this is not the {work.measured}.",
             where=work.name,
-            mend="Map the column or topic that holds the heading, or leave this log out.",
+            mend=f"Map the column or topic that holds the {work.measured}, or leave this log out.",
         )
-    cleaned = clean(logged.stamps, known)
-    _say_missing(work, "heading", logged)
+    cleaned = clean(logged.stamps, known, work.kind, work.measured)
+    _say_missing(work, name, logged)
     work.remarks.extend(cleaned.remarks)
     _check_interval(work, logged.stamps)
-    heading = cleaned.heading
+    values = cleaned.position
     if logged.missing:
-        heading = np.full(len(logged.time), np.nan)
-        heading[logged.good] = cleaned.heading
-    return Series(time=logged.time, values=heading)
+        values = np.full(len(logged.time), np.nan)
+        values[logged.good] = cleaned.position
+    return Series(time=logged.time, values=values)
 
 
 def _say_missing(work: _Builder, name: str, logged: Series, then: str = "") -> None:
@@ -153,7 +183,8 @@ def _check_interval(work: _Builder, time: FloatArray) -> None:
     if _FASTEST <= interval <= _SLOWEST or (interval > _SLOWEST and work.config.time.unit != "auto"):
         return
     raise LogError(
-        f"successive headings are {interval:.4g} s apart if the unit of {work.raw.channels['heading'].clock} "
+        f"successive {work.measured} readings are {interval:.4g} s apart if the unit of "
+        f"{work.raw.channels[work.config.measured].clock} "
         "is taken right; somewhere between a millisecond and some seconds was expected.",
         where=work.name,
         mend='Set unit = "s", "ms", "us" or "ns" in [signals] time.',
@@ -172,15 +203,15 @@ def _command(work: _Builder, name: str, logged: Series) -> Series:
     return logged
 
 
-def _span(work: _Builder, heading: Series, commands: list[Series]) -> tuple[float, float]:
-    """First and last instant: a heading measured when every command is known, and the last heading."""
-    measured = heading.stamps
+def _span(work: _Builder, series: Series, commands: list[Series]) -> tuple[float, float]:
+    """First and last instant: something measured when every command is known, and the last measured."""
+    measured = series.stamps
     known = max(float(command.stamps[0]) for command in commands)
     first = int(np.searchsorted(measured, known))
-    if (count := len(measured) - first) < _FEWEST_HEADINGS:
+    if (count := len(measured) - first) < _FEWEST:
         raise LogError(
-            f"{count} headings are measured after every command is known (from {known - measured[0]:.1f} s "
-            f"behind the first heading on); at least {_FEWEST_HEADINGS} were expected.",
+            f"{count} {work.measured} readings come after every command is known (from {known - measured[0]:.1f} s "
+            f"behind the first on); at least {_FEWEST} were expected.",
             where=work.name,
             mend="Leave this log out, or check that its topics or columns are mapped right.",
         )
@@ -193,19 +224,19 @@ def _span(work: _Builder, heading: Series, commands: list[Series]) -> tuple[floa
 
 def _say_stale(work: _Builder, name: str, time: FloatArray, end: float) -> None:
     silent = end - time[-1]
-    if silent <= _STALE_SECONDS or len(time) < _FEWEST_HEADINGS:
+    if silent <= _STALE_SECONDS or len(time) < _FEWEST:
         return
     usual, most = np.percentile(np.diff(time), (50, 90))
     if silent > _STALE_INTERVALS * usual and most <= _REGULAR * usual:
         source = work.raw.channels[name].source
-        text = f"{source} ({name}) stops {silent:.1f} s before the heading; its last value was held."
+        text = f"{source} ({name}) stops {silent:.1f} s before the {work.measured}; its last value was held."
         work.remark("stale", 1, text)
 
 
 def _continuous(work: _Builder, name: str, logged: Series, base: Base) -> FloatArray | None:
     """(n,) on the time base; None if it is nowhere known."""
     _say_missing(work, name, logged)
-    return base.interpolated(logged, angle=name in _ANGLES) if logged.known.size else None
+    return base.interpolated(logged, angle=name in _TILTS) if logged.known.size else None
 
 
 def _extra(work: _Builder, name: str, logged: Series, base: Base) -> FloatArray:

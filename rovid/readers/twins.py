@@ -34,12 +34,12 @@ class _Run:
     def __init__(self, trial: Trial) -> None:
         self.trial = trial
         rows = np.flatnonzero(trial.measured)
-        self.time, self.heading = trial.time[rows], trial.heading[rows]
+        self.time, self.position = trial.time[rows], trial.position[rows]
 
     @cached_property
     def rates(self) -> FloatArray:
         """(n,) rad/s."""
-        rates: FloatArray = np.gradient(self.heading, self.time)
+        rates: FloatArray = np.gradient(self.position, self.time)
         return rates
 
     @cached_property
@@ -50,7 +50,7 @@ class _Run:
     @cached_property
     def noise(self) -> float:
         """Standard deviation in rad of the heading's noise, by its third differences, the largest tenth aside."""
-        bends = np.sort(np.abs(np.diff(self.heading, n=3)))
+        bends = np.sort(np.abs(np.diff(self.position, n=3)))
         usual = bends[: max(1, int(0.9 * len(bends)))]
         # A third difference holds 20 variances; without its largest tenth a Gaussian keeps 0.789 of its rms.
         return float(np.sqrt(np.mean(usual**2) / 20.0) / 0.789)
@@ -58,13 +58,13 @@ class _Run:
     @cached_property
     def resolution(self) -> float:
         """Smallest step in rad between headings: what they were rounded to."""
-        steps = np.abs(np.diff(self.heading))
+        steps = np.abs(np.diff(self.position))
         return float(steps[steps > 1e-9].min(initial=0.1))
 
     @cached_property
     def seconds(self) -> FloatArray:
         """Heading in rad at each full second."""
-        return np.interp(np.arange(0.0, self.time[-1]), self.time, self.heading)
+        return np.interp(np.arange(0.0, self.time[-1]), self.time, self.position)
 
     @cached_property
     def envelope(self) -> tuple[FloatArray, FloatArray]:
@@ -102,7 +102,7 @@ def _same(fine: _Run, coarse: _Run) -> bool:
     if spans[0] < _SHARE * spans[1] or not _roughly(fine, coarse):
         return False
     every = len(coarse.time) // _POINTS + 1
-    time, psi = coarse.time[::every], coarse.heading[::every]
+    time, psi = coarse.time[::every], coarse.position[::every]
     shift = _align(fine, time, psi)
     if shift is None:
         return False
@@ -129,7 +129,7 @@ def _difference(fine: _Run, time: FloatArray, psi: FloatArray) -> FloatArray:
     t = fine.time
     after = np.clip(np.searchsorted(t, time), 1, len(t) - 1)
     inside = (time >= t[0]) & (time <= t[-1]) & (t[after] - t[after - 1] <= fine.gap)
-    off = psi - np.interp(time, t, fine.heading)
+    off = psi - np.interp(time, t, fine.position)
     off -= _TURN * np.rint(np.median(off) / _TURN)
     return np.where(inside, off, np.nan)
 

@@ -132,7 +132,7 @@ def _thrust(evidence: Evidence) -> tuple[Picture, ...]:
 
 
 def _steady(fit: DragFit) -> Picture:
-    rates = [point.yaw_rate for point in fit.points]
+    rates = [point.rate for point in fit.points]
     return _picture(
         "steady_torque",
         steady.steady_torque(fit),

@@ -101,11 +101,11 @@ def gain_grid(base: Side, extended: Side, floor: float) -> Grid:
     """How well trials that were not fitted are simulated; one column where the two sides are the same."""
     one, other = base.held_out, extended.held_out
     names = ["yaw rate R²", "yaw rate RMSE, rad/s"]
-    rows = [[number(one.yaw_rate_r2, ".4f"), number(other.yaw_rate_r2, ".4f"), NOTHING]]
-    rows.append(column([one.yaw_rate_rmse, other.yaw_rate_rmse, floor], 3))
-    for horizon, error in one.heading_errors.items():
+    rows = [[number(one.rate_r2, ".4f"), number(other.rate_r2, ".4f"), NOTHING]]
+    rows.append(column([one.rate_rmse, other.rate_rmse, floor], 3))
+    for horizon, error in one.position_errors.items():
         names.append(f"heading after {horizon:.0f} s, deg")
-        rows.append([*column([degrees(error), degrees(other.heading_errors.get(horizon))], 3), NOTHING])
+        rows.append([*column([degrees(error), degrees(other.position_errors.get(horizon))], 3), NOTHING])
     names.append("log-likelihood")
     rows.append([number(one.log_likelihood, ".0f"), number(other.log_likelihood, ".0f"), NOTHING])
     without, with_it, least = zip(*rows, strict=True)

@@ -105,7 +105,7 @@ def thrusters_grid(vehicle: Vehicle) -> Grid:
         caption="What turns the vehicle",
         columns=(
             words("actuator", [thruster.name for thruster in vehicle.thrusters]),
-            numbers("yaw arm", "m", [f"{t.yaw_arm:.4g}" if t.curve else NOTHING for t in vehicle.thrusters]),
+            numbers("yaw arm", "m", [f"{t.arm:.4g}" if t.curve else NOTHING for t in vehicle.thrusters]),
             words("commands on the bench", [f"{c.command[0]:g} … {c.command[-1]:g}" if c else NOTHING for c in curves]),
             words(
                 "thrust",
@@ -175,9 +175,9 @@ def _with_errors(values: Sequence[float] | np.ndarray[tuple[int], np.dtype[np.fl
 
 
 def _rate(point: SteadyPoint) -> str:
-    if math.isfinite(point.yaw_rate_error):
-        return plus_minus(point.yaw_rate, point.yaw_rate_error)
-    return f"{point.yaw_rate:.4g}"
+    if math.isfinite(point.rate_error):
+        return plus_minus(point.rate, point.rate_error)
+    return f"{point.rate:.4g}"
 
 
 def _point_columns(points: Sequence[SteadyPoint]) -> list[Column]:
@@ -197,7 +197,7 @@ def unsteady_grid(fit: DragFit) -> Grid:
         columns=(
             *_point_columns(points),
             numbers("torque", "N m", [number(point.torque, ".2f") for point in points]),
-            numbers("mean rate", "rad/s", [number(point.yaw_rate, ".4f") for point in points]),
+            numbers("mean rate", "rad/s", [number(point.rate, ".4f") for point in points]),
             numbers(
                 "change over it",
                 "rad/s",
@@ -294,7 +294,7 @@ def simulation_grid(simulations: Sequence[TrialSimulation]) -> Grid:
         numbers("rate RMSE", "rad/s", column([fit.rmse for fit in fits], 2)),
     ]
     for horizon in HORIZONS:
-        errors = [degrees(item.heading_errors.get(horizon)) for item in simulations]
+        errors = [degrees(item.position_errors.get(horizon)) for item in simulations]
         cells = column([*errors, typical_heading_error(simulations, horizon)], 2)
         columns.append(numbers(f"heading after {horizon:.0f} s", "deg", cells))
     return Grid(caption="Free-running simulation against measurement", columns=tuple(columns), total=True)
@@ -307,7 +307,7 @@ def degrees(angle: float | None) -> float | None:
 
 def typical_heading_error(simulations: Sequence[TrialSimulation], horizon: float) -> float | None:
     """Median over the trials in degrees; None where no trial is long enough."""
-    known = [error for item in simulations if (error := item.heading_errors.get(horizon)) is not None]
+    known = [error for item in simulations if (error := item.position_errors.get(horizon)) is not None]
     return math.degrees(float(np.median(known))) if known else None
 
 

@@ -176,7 +176,7 @@ def _rate_range(evidence: Evidence) -> tuple[float, float] | None:
     """Slowest and fastest steady turn in rad/s."""
     if evidence.drag is None:
         return None
-    speeds = np.abs([point.yaw_rate for point in evidence.drag.points])
+    speeds = np.abs([point.rate for point in evidence.drag.points])
     return float(speeds.min()), float(speeds.max())
 
 

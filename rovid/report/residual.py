@@ -12,7 +12,7 @@ from scipy import signal
 from rovid.effects import MOTION, Effect
 from rovid.effects.base import TERM_STATES
 from rovid.model import Model
-from rovid.rates import body_angle, finite_stretches, on_grid
+from rovid.rates import body_position, finite_stretches, on_grid
 from rovid.runs import Run, Runs, prepare
 from rovid.trial import Campaign, FloatArray
 from rovid.vehicle import Vehicle
@@ -59,7 +59,7 @@ def _residual(run: Run, model: Model, vehicle: Vehicle) -> Residual:
         run=run,
         drive=drive,
         race=held.race,
-        left=np.asarray(drive - model.inertia * run.rates.acceleration - model.drag(run.rates.yaw_rate)),
+        left=np.asarray(drive - model.inertia * run.rates.acceleration - model.drag(run.rates.rate)),
         noise=model.inertia * run.rates.acceleration_noise,
     )
 
@@ -78,16 +78,16 @@ def _as_turned(runs: Runs, model: Model, vehicle: Vehicle) -> Sequence[Run]:
     if not any(effect.on_heading for effect in model.effects):
         return runs.items
     trials = [run.trial for run in runs.items]
-    true = [model.true_angle(trial, trial.heading, np.arange(len(trial.time)))[0] for trial in trials]
-    turned = tuple(replace(trial, heading=heading) for trial, heading in zip(trials, true, strict=True))
+    true = [model.true_angle(trial, trial.position, np.arange(len(trial.time)))[0] for trial in trials]
+    turned = tuple(replace(trial, position=heading) for trial, heading in zip(trials, true, strict=True))
     return prepare(Campaign(trials=turned, sources=()), vehicle, cutoff=runs.cutoff).items
 
 
 def _terms_torque(item: Residual, model: Model) -> FloatArray:
     """(m,) torque in N m of the effects in the equation of motion, along the measured rate and angle."""
     trial, rates, total = item.run.trial, item.run.rates, np.zeros(len(item.left))
-    angle = _bridged(on_grid(trial, body_angle(trial), rates.time))
-    course = np.column_stack([_bridged(rates.yaw_rate), angle - angle[0], _bridged(item.drive), item.race])
+    angle = _bridged(on_grid(trial, body_position(trial), rates.time))
+    course = np.column_stack([_bridged(rates.rate), angle - angle[0], _bridged(item.drive), item.race])
     values, kinds = model.terms()
     for numbers, kind in zip(values, kinds, strict=True):
         total += _term_torque(MOTION[kind], numbers, model.base(trial), course, rates.kernel.period)

@@ -24,7 +24,7 @@ def assert_standard(trial_heading: object, time: object) -> None:
 
 def test_an_ordinary_log(tmp_path: Path) -> None:
     trial = read_csv(tmp_path, csv_text(standard()))
-    assert_standard(trial.heading, trial.time)
+    assert_standard(trial.position, trial.time)
     np.testing.assert_array_equal(trial.commands[:, 0], np.where(TIME < 10.0, 1.0, 2.0))
     assert trial.remarks == ()
     assert trial.name == "hold_3.csv"
@@ -80,7 +80,7 @@ SPELLINGS: dict[str, bytes] = {
 @pytest.mark.parametrize("spelling", SPELLINGS)
 def test_spellings(spelling: str, tmp_path: Path) -> None:
     trial = read_csv(tmp_path, SPELLINGS[spelling])
-    assert_standard(trial.heading, trial.time)
+    assert_standard(trial.position, trial.time)
     assert trial.remarks == ()
 
 
@@ -93,14 +93,14 @@ def test_any_column_names(tmp_path: Path) -> None:
     columns = {names[key]: value for key, value in standard().items()}
     columns["Zeit [µs]"] = np.round(TIME * 1e6).astype(int)  # the name says microseconds
     trial = read_csv(tmp_path, csv_text(columns), config)
-    assert_standard(trial.heading, trial.time)
+    assert_standard(trial.position, trial.time)
 
 
 @pytest.mark.parametrize(("unit", "scale"), [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
 def test_declared_time_units(unit: str, scale: float, tmp_path: Path) -> None:
     config = campaign(tmp_path, toml(time=f'time = {{ csv = "time_s", unit = "{unit}" }}'))
     trial = read_csv(tmp_path, csv_text(standard(time_s=np.round(TIME * scale, 3))), config)
-    assert_standard(trial.heading, trial.time)
+    assert_standard(trial.position, trial.time)
 
 
 def test_nanoseconds_lose_no_digit(tmp_path: Path) -> None:
@@ -176,7 +176,7 @@ def test_a_crash_cut_the_file(cut: str, tmp_path: Path) -> None:
     trial = read_csv(tmp_path, how(csv_text(standard()).encode()))
     assert len(trial.time) == left
     assert "truncated" in kinds(trial)
-    np.testing.assert_allclose(trial.heading, np.deg2rad(HEADING[:left]), atol=2e-6)
+    np.testing.assert_allclose(trial.position, np.deg2rad(HEADING[:left]), atol=2e-6)
 
 
 def row(number: int, cell: str) -> str:

@@ -48,7 +48,7 @@ def test_clean_data_lose_nothing(wrapped: str, interval: float, noise: float, re
     done = cleaned(time, WRAPS[wrapped](psi))
     assert counts(done) == {}
     expected = -psi if wrapped == "turned round" else psi
-    off = np.rad2deg(done.heading) - expected
+    off = np.rad2deg(done.position) - expected
     # whole turns at the start are free, and none is added later
     np.testing.assert_allclose(off, off[0], atol=1e-6)
 
@@ -85,10 +85,10 @@ def test_spikes_go(length: int, size: float, rate: float) -> None:
     for at in (60, 150, 152 + length, 300):
         spiked[at : at + length] += size
     done = cleaned(time, spiked % 360.0)
-    good = np.isfinite(done.heading)
+    good = np.isfinite(done.position)
     assert counts(done)["outlier"] == (~good).sum() >= 4 * length
     assert (~good).sum() <= 5 * length + 2, "hardly any good sample went"
-    off = np.rad2deg(done.heading[good]) - psi[good]
+    off = np.rad2deg(done.position[good]) - psi[good]
     np.testing.assert_allclose(off, off[0], atol=1e-6)  # no false turn
 
 
@@ -98,9 +98,9 @@ def test_random_garbage_makes_no_false_turn() -> None:
     at = RNG.choice(np.arange(5, 1990, 10), 60, replace=False)
     spiked[at] = RNG.uniform(0, 360, 60)
     done = cleaned(time, spiked % 360.0)
-    good = np.isfinite(done.heading)
+    good = np.isfinite(done.position)
     assert good.sum() >= 1930
-    np.testing.assert_allclose(np.rad2deg(done.heading[good]), psi[good], atol=0.6)
+    np.testing.assert_allclose(np.rad2deg(done.position[good]), psi[good], atol=0.6)
 
 
 @pytest.mark.parametrize("end", ["first", "last"])
@@ -119,8 +119,8 @@ def test_zeros_before_the_first_fix_go(length: int) -> None:
     time, psi = course([(20, 7)], 0.05, start=100.0)
     psi[:length] = 0.0
     done = cleaned(time, psi)
-    assert np.isnan(done.heading[:length]).all()
-    assert np.isfinite(done.heading[length:]).all()
+    assert np.isnan(done.position[:length]).all()
+    assert np.isfinite(done.position[length:]).all()
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])
@@ -131,8 +131,8 @@ def test_a_frozen_stretch_goes(noise: float) -> None:
     frozen[300:360] = frozen[300]
     done = cleaned(time, frozen % 360.0)
     assert counts(done)["frozen"] == 59
-    np.testing.assert_array_equal(np.flatnonzero(np.isnan(done.heading)), np.arange(301, 360))
-    off = np.rad2deg(done.heading) - psi
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(done.position)), np.arange(301, 360))
+    off = np.rad2deg(done.position) - psi
     np.testing.assert_allclose(off[np.isfinite(off)], 0.0, atol=1e-6)
 
 
@@ -140,8 +140,8 @@ def test_a_dropout_to_one_value_goes() -> None:
     time, psi = course([(40, 9)], 0.05)
     psi[200:207] = -1.0
     done = cleaned(time, psi % 360.0)
-    assert np.isnan(done.heading[200:207]).all()
-    assert np.isfinite(np.delete(done.heading, np.arange(200, 207))).all()
+    assert np.isnan(done.position[200:207]).all()
+    assert np.isfinite(np.delete(done.position, np.arange(200, 207))).all()
 
 
 @pytest.mark.parametrize("held", [2, 3, 5])
@@ -150,7 +150,7 @@ def test_held_repeats_go(held: int) -> None:
     slow = np.round(psi + RNG.normal(0.0, 0.01, len(psi)), 3)[::held]
     logged = np.repeat(slow, held)[: len(time)]
     done = cleaned(time[: len(logged)], logged % 360.0)
-    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(done.heading)), np.arange(0, len(logged), held))
+    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(done.position)), np.arange(0, len(logged), held))
     assert counts(done)["repeated"] == len(logged) - len(range(0, len(logged), held))
 
 
@@ -161,7 +161,7 @@ def test_held_repeats_of_an_uneven_ratio_go() -> None:
     psi = 20.0 + 9.0 * reading / 30.0 + RNG.normal(0.0, 0.01, 2000)[reading.astype(int)]
     done = cleaned(rows, psi % 360.0)
     first = np.concatenate(([True], np.diff(reading) > 0))
-    np.testing.assert_array_equal(np.isfinite(done.heading), first)
+    np.testing.assert_array_equal(np.isfinite(done.position), first)
 
 
 def test_gaps_are_counted_and_left_open() -> None:
@@ -172,7 +172,7 @@ def test_gaps_are_counted_and_left_open() -> None:
     (remark,) = done.remarks
     assert (remark.kind, remark.count) == ("gap", 2)
     assert "5.9 s" in remark.text
-    np.testing.assert_allclose(np.rad2deg(done.heading), psi[keep], atol=1e-6)
+    np.testing.assert_allclose(np.rad2deg(done.position), psi[keep], atol=1e-6)
 
 
 @pytest.mark.parametrize("rate", [25.0, -60.0])
@@ -182,7 +182,7 @@ def test_whole_turns_in_a_gap_follow_the_rate(rate: float, seconds: int) -> None
     psi = psi + RNG.normal(0.0, 0.01, len(psi))
     keep = (time < 20.0) | (time > 20.0 + seconds)
     done = cleaned(time[keep], psi[keep] % 360.0)
-    off = np.rad2deg(done.heading) - psi[keep]
+    off = np.rad2deg(done.position) - psi[keep]
     np.testing.assert_allclose(off, off[0], atol=1e-6)
 
 
@@ -197,7 +197,7 @@ def test_an_unwrapped_log_is_believed_across_a_gap() -> None:
     time, psi = course([(40, 9), (60, 30), (40, -5)], 0.05)
     keep = (time < 40.0) | (time > 100.0)
     done = cleaned(time[keep], psi[keep])
-    np.testing.assert_allclose(np.rad2deg(done.heading), psi[keep], atol=1e-6)
+    np.testing.assert_allclose(np.rad2deg(done.position), psi[keep], atol=1e-6)
 
 
 def test_noise_at_the_wrap_makes_no_turn() -> None:
@@ -205,4 +205,4 @@ def test_noise_at_the_wrap_makes_no_turn() -> None:
     psi = RNG.normal(0.0, 0.3, len(time))
     done = cleaned(time, psi % 360.0)
     assert counts(done) == {}
-    assert np.ptp(done.heading) < 0.1
+    assert np.ptp(done.position) < 0.1

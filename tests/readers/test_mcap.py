@@ -38,7 +38,7 @@ TIME, HEADING = turning()
 def assert_dive(trial: Any) -> None:
     """The heading is exact, and the base holds the instants at which the command changed."""
     np.testing.assert_allclose(trial.time[trial.measured], TIME, atol=1e-9)
-    np.testing.assert_allclose(trial.heading[trial.measured], np.deg2rad(HEADING), atol=2e-6)  # four decimals
+    np.testing.assert_allclose(trial.position[trial.measured], np.deg2rad(HEADING), atol=2e-6)  # four decimals
     np.testing.assert_allclose(trial.time[~trial.measured], [3.017, 7.033], atol=1e-9)
     expected = np.where(trial.time < 3.0169, 1.0, np.where(trial.time < 7.0329, 1.5, 2.0))
     np.testing.assert_array_equal(trial.commands[:, 0], expected)
@@ -135,7 +135,7 @@ def test_quaternions(shape: str, encoding: str, source: str, tmp_path: Path) -> 
         others.append('yaw_rate = { mcap = "/att.angular_velocity.z", unit = "rad/s" }')
     config = campaign(tmp_path, toml(*others, heading=f'heading = {{ mcap = "{source}", unit = "deg" }}'))
     trial = read_mcap(tmp_path, mcap_bytes(messages, encoding=encoding), config)
-    np.testing.assert_allclose(trial.heading, np.deg2rad(HEADING), atol=1e-9)
+    np.testing.assert_allclose(trial.position, np.deg2rad(HEADING), atol=1e-9)
     assert trial.roll is not None
     assert trial.pitch is not None
     np.testing.assert_allclose(trial.roll, 0.1, atol=1e-9)
@@ -154,7 +154,7 @@ def test_a_quaternion_obeys_the_sign_and_misses_where_it_is_zero(tmp_path: Path)
     messages[1] = ("/att", messages[1][1], attitude("bare", 0, 0))
     trial = read_mcap(tmp_path, mcap_bytes(messages), config)
     assert kinds(trial) == {"missing": 2}
-    np.testing.assert_allclose(trial.heading[-1], -np.deg2rad(HEADING[-1]) + 2 * np.pi * 0, atol=1e-9)
+    np.testing.assert_allclose(trial.position[-1], -np.deg2rad(HEADING[-1]) + 2 * np.pi * 0, atol=1e-9)
 
 
 def test_time_from_a_field(tmp_path: Path) -> None:
@@ -348,7 +348,7 @@ def test_a_wrong_checksum_ends_the_reading(compression: str, tmp_path: Path) -> 
     assert remark.count == len(data) - offset
     assert "chunk" in remark.text
     count = int(trial.measured.sum())
-    np.testing.assert_allclose(trial.heading[trial.measured], np.deg2rad(HEADING[:count]), atol=2e-6)
+    np.testing.assert_allclose(trial.position[trial.measured], np.deg2rad(HEADING[:count]), atol=2e-6)
 
 
 @pytest.mark.parametrize("summary", [True, False])
@@ -431,7 +431,7 @@ def test_cut_at_every_percent(chunked: bool, compression: str, encoding: str, tm
         counts.append(int(trial.measured.sum()))
         n = len(trial.time)
         np.testing.assert_array_equal(trial.time, whole.time[:n])
-        np.testing.assert_array_equal(trial.heading, whole.heading[:n])
+        np.testing.assert_array_equal(trial.position, whole.position[:n])
         np.testing.assert_array_equal(trial.commands, whole.commands[:n])
         if counts[-1] < 400:
             assert any(remark.kind == "truncated" for remark in trial.remarks)

@@ -45,7 +45,7 @@ HEADINGS = (TIME, HEADING % 360.0)
 
 def test_the_base_is_headings_and_changes(config: Config) -> None:
     command = ([-1.0, 0.013, 1.0, 3.51, 3.7, 25.0], [1.0, 1.0, 2.0, 3.0, 3.0, 9.0])
-    trial = trial_of(config, heading=HEADINGS, fore=command)
+    trial = trial_of(config, position=HEADINGS, fore=command)
     np.testing.assert_allclose(trial.time, np.union1d(TIME, [3.51]))  # at 1.0 both, after the end none
     assert trial.measured.sum() == 400
     assert trial.commands[trial.time < 0.99].max() == 1.0
@@ -54,7 +54,7 @@ def test_the_base_is_headings_and_changes(config: Config) -> None:
 
 
 def test_it_begins_when_every_command_is_known(config: Config) -> None:
-    trial = trial_of(config, heading=HEADINGS, fore=([2.03, 5.0], [1.0, 2.0]))
+    trial = trial_of(config, position=HEADINGS, fore=([2.03, 5.0], [1.0, 2.0]))
     assert trial.time[0] == 0.0
     assert trial.measured[0]
     assert trial.duration == pytest.approx(TIME[-1] - 2.05)
@@ -64,22 +64,22 @@ def test_it_begins_when_every_command_is_known(config: Config) -> None:
 
 
 def test_a_command_that_comes_too_late(config: Config) -> None:
-    with pytest.raises(LogError, match="0 headings are measured after every command is known"):
-        trial_of(config, heading=HEADINGS, fore=([50.0], [1.0]))
+    with pytest.raises(LogError, match="0 heading readings come after every command is known"):
+        trial_of(config, position=HEADINGS, fore=([50.0], [1.0]))
 
 
 def test_missing_commands_hold(config: Config) -> None:
     command = (TIME, np.where(np.arange(400) % 2, np.nan, np.where(TIME < 5, 1.0, 2.0)))
-    trial = trial_of(config, heading=HEADINGS, fore=command)
+    trial = trial_of(config, position=HEADINGS, fore=command)
     assert kinds(trial) == {"missing": 200}
     assert "held" in trial.remarks[0].text
     with pytest.raises(LogError, match="holds no number"):
-        trial_of(config, heading=HEADINGS, fore=(TIME, np.full(400, np.nan)))
+        trial_of(config, position=HEADINGS, fore=(TIME, np.full(400, np.nan)))
 
 
 @pytest.mark.parametrize(("times", "stale"), [(TIME[:200], True), (TIME[:395], False), ([0.0, 1.3, 1.4, 7.0], False)])
 def test_a_command_that_stops(times: FloatArray, stale: bool, config: Config) -> None:
-    trial = trial_of(config, heading=HEADINGS, fore=(times, 1.0 + 0.1 * (np.arange(len(times)) % 2)))
+    trial = trial_of(config, position=HEADINGS, fore=(times, 1.0 + 0.1 * (np.arange(len(times)) % 2)))
     assert ("stale" in kinds(trial)) == stale
 
 
@@ -88,14 +88,14 @@ def test_continuous_signals_are_interpolated_within_gaps(config: Config) -> None
     other = other[(other < 5.0) | (other > 8.0)]
     trial = trial_of(
         config,
-        heading=HEADINGS,
+        position=HEADINGS,
         fore=([0.0], [1.0]),
-        yaw_rate=(other, np.deg2rad(8.0 + 0.0 * other)),
+        rate=(other, np.deg2rad(8.0 + 0.0 * other)),
         roll=(other, (178.0 + 0.2 * other + 180.0) % 360.0 - 180.0),
         pitch=(TIME, np.where(TIME < 1.0, np.nan, 3.0)),
     )
     assert trial.roll is not None
-    assert trial.yaw_rate is not None
+    assert trial.rate is not None
     assert trial.pitch is not None
     hole = (trial.time > 4.99) & (trial.time < 8.07)
     assert np.isnan(trial.roll[hole]).all()
@@ -104,17 +104,17 @@ def test_continuous_signals_are_interpolated_within_gaps(config: Config) -> None
     np.testing.assert_allclose(
         wrapped[~hole & (trial.time < 19.9)], 178.0 + 0.2 * trial.time[~hole & (trial.time < 19.9)]
     )
-    np.testing.assert_allclose(np.deg2rad(8.0), trial.yaw_rate[~hole & (trial.time < 19.9)])
+    np.testing.assert_allclose(np.deg2rad(8.0), trial.rate[~hole & (trial.time < 19.9)])
     assert np.isnan(trial.pitch[trial.time < 0.99]).all()
     assert kinds(trial) == {"missing": 20}
 
 
 def test_extras_are_held(config: Config) -> None:
-    trial = trial_of(config, heading=HEADINGS, fore=([0.0], [1.0]), supply=([1.0, 10.0], [48.0, 47.0]))
+    trial = trial_of(config, position=HEADINGS, fore=([0.0], [1.0]), supply=([1.0, 10.0], [48.0, 47.0]))
     supply = trial.extras["supply"]
     assert np.isnan(supply[trial.time < 0.99]).all()
     assert set(supply[trial.time > 0.99]) == {48.0, 47.0}
-    empty = trial_of(config, heading=HEADINGS, fore=([0.0], [1.0]), supply=([1.0], [np.nan]))
+    empty = trial_of(config, position=HEADINGS, fore=([0.0], [1.0]), supply=([1.0], [np.nan]))
     assert np.isnan(empty.extras["supply"]).all()
 
 
@@ -127,7 +127,7 @@ def test_duplicates_keep_the_first(tmp_path: Path) -> None:
     text.insert(200, text[199])
     trial = read_csv(tmp_path, "\n".join(text))
     assert kinds(trial) == {"duplicate": 2}
-    np.testing.assert_allclose(trial.heading, np.deg2rad(HEADING), atol=2e-6)
+    np.testing.assert_allclose(trial.position, np.deg2rad(HEADING), atol=2e-6)
 
 
 def test_backward_steps_are_left_out(tmp_path: Path) -> None:
@@ -149,7 +149,7 @@ def test_a_clock_that_is_set_back_is_not_sorted(config: Config) -> None:
     time = TIME.copy()
     time[200:] -= 5.0
     with pytest.raises(LogError, match=r"log time of /heading runs backwards at message 201, from 9\.95 s to 5 s"):
-        trial_of(config, heading=(time, HEADING % 360), fore=([0.0], [1.0]))
+        trial_of(config, position=(time, HEADING % 360), fore=([0.0], [1.0]))
 
 
 def test_a_clock_that_leaps_is_refused(tmp_path: Path) -> None:
@@ -172,8 +172,8 @@ def test_time_in_a_wrong_unit_is_refused(scale: float, words: str, tmp_path: Pat
     ("heading", "words"),
     [
         (np.full(400, 123.4), "never changes"),
-        (np.full(400, np.nan), "holds 0 headings"),
-        (np.where(np.arange(400) < 9, HEADING, np.nan), "holds 9 headings"),
+        (np.full(400, np.nan), "holds 0 heading readings"),
+        (np.where(np.arange(400) < 9, HEADING, np.nan), "holds 9 heading readings"),
     ],
 )
 def test_no_heading(heading: FloatArray, words: str, tmp_path: Path) -> None:
@@ -210,7 +210,7 @@ def test_radians_declared_as_radians(shape: str, tmp_path: Path) -> None:
     config = campaign(tmp_path, toml(heading='heading = { csv = "heading_deg", unit = "rad" }'))
     text = csv_text({"time_s": LONG, "heading_deg": RADIANS[shape], "fore_V": LONG * 0 + 1}, form=".5f")
     trial = read_csv(tmp_path, text, config)
-    assert np.ptp(trial.heading) > 3.0
+    assert np.ptp(trial.position) > 3.0
     assert kinds(trial) == {}
 
 
@@ -249,7 +249,7 @@ def test_many_turns_in_radians_pass(turns: int, tmp_path: Path) -> None:
     heading = np.linspace(0.0, 2.0 * np.pi * turns, 1200 * 5)
     time = np.arange(len(heading)) * 0.05
     trial = read_csv(tmp_path, csv_text({"time_s": time, "heading_deg": heading, "fore_V": time * 0 + 1}), config)
-    assert np.ptp(trial.heading) == pytest.approx(2 * np.pi * turns, abs=1e-3)
+    assert np.ptp(trial.position) == pytest.approx(2 * np.pi * turns, abs=1e-3)
 
 
 def gyro_log(scale: float, heading: FloatArray) -> str:
@@ -286,14 +286,14 @@ def test_the_gyro_names_a_heading_in_radians(config: Config, tmp_path: Path) -> 
     heading = sweep(40.0, 100.0)
     rate = np.gradient(np.deg2rad(heading), LONG)
     with pytest.raises(LogError, match=r'unit = "rad" in \[signals\] heading'):
-        trial_of(config, heading=(LONG, np.deg2rad(heading)), fore=([0.0], [1.0]), yaw_rate=(LONG, rate))
+        trial_of(config, position=(LONG, np.deg2rad(heading)), fore=([0.0], [1.0]), rate=(LONG, rate))
 
 
 def test_the_gyro_confirms_small_headings_in_degrees(tmp_path: Path) -> None:
     """Without it, five degrees at full precision would pass for radians."""
     config = campaign(tmp_path, toml('yaw_rate = { csv = "yaw_rate" }'))
     trial = read_csv(tmp_path, gyro_log(1.0, sweep(-2.6, 2.6)), config)
-    assert np.ptp(trial.heading) == pytest.approx(np.deg2rad(5.2), rel=1e-3)
+    assert np.ptp(trial.position) == pytest.approx(np.deg2rad(5.2), rel=1e-3)
 
 
 def test_a_gyro_at_rest_says_nothing(tmp_path: Path) -> None:

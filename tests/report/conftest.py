@@ -68,7 +68,7 @@ def trial(vehicle: Vehicle, name: str, seconds: float, command: Command, folder:
     commands = np.column_stack([command(time)] * 2)
     torque = np.sum([t.torque(commands[:, k]) for k, t in enumerate(vehicle.thrusters)], axis=0)
     heading = turned(torque, coloured(rng, len(time))) + 1e-4 * rng.normal(size=len(time))
-    return Trial(name=name, path=folder / "log.csv", time=time, heading=heading, commands=commands)
+    return Trial(name=name, path=folder / "log.csv", time=time, position=heading, commands=commands)
 
 
 def hold(level: float) -> Command:
@@ -90,7 +90,7 @@ PROGRAMME: dict[str, tuple[float, Command]] = {
 def make_vehicle(name: str = "Test vehicle") -> Vehicle:
     command = np.linspace(-5.0, 5.0, 41)
     curve = ThrustCurve(command=command, thrust=np.where(command > 0, 6.0, 5.0) * np.abs(command) * command)
-    thrusters = tuple(Thruster(name=each, yaw_arm=ARM, curve=curve) for each in ("fore", "aft"))
+    thrusters = tuple(Thruster(name=each, arm=ARM, curve=curve) for each in ("fore", "aft"))
     return Vehicle(name=name, thrusters=thrusters, mass=100.0, length=1.2, width=0.8)
 
 

@@ -268,9 +268,9 @@ def test_nothing_at_all_still_makes_a_page(tmp_path: Path) -> None:
 def test_a_gap_in_the_heading_shows_in_the_table(day: Evidence, tmp_path: Path) -> None:
     assert day.campaign is not None
     trials = list(day.campaign.trials)
-    heading = trials[0].heading.copy()
+    heading = trials[0].position.copy()
     heading[200:260] = float("nan")
-    trials[0] = replace(trials[0], heading=heading)
+    trials[0] = replace(trials[0], position=heading)
     campaign = Campaign(trials=tuple(trials), sources=(tmp_path,))
     page = without_plots(identified(day.vehicle, campaign, tmp_path))
     row = re.search(r'hold_0.csv</th><td class="n">40</td>.*?</tr>', page)

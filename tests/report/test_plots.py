@@ -90,7 +90,7 @@ def test_inertia_plot_marks_bias_and_rigid_body(day: Evidence) -> None:
 
 
 def test_a_logged_torque_has_no_curve_to_show(day: Evidence) -> None:
-    vehicle = replace(day.vehicle, thrusters=(Thruster(name="torque", yaw_arm=1.0, curve=None),))
+    vehicle = replace(day.vehicle, thrusters=(Thruster(name="torque", arm=1.0, curve=None),))
     assert thrust.thrust_curves(vehicle, ()) is None
 
 

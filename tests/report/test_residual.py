@@ -93,7 +93,7 @@ def test_terms_are_taken_out_of_what_is_left(day: Evidence) -> None:
     model = replace(TRUTH, effects=effects, effect_values=(torque, stiffness))
     plain = residuals_of(day.runs.items, TRUTH, day.vehicle)[0]
     less = left_by_all(day.runs, model, day.vehicle)[0]
-    angle = on_grid(plain.run.trial, plain.run.trial.heading, plain.run.rates.time)
+    angle = on_grid(plain.run.trial, plain.run.trial.position, plain.run.rates.time)
     known = np.isfinite(plain.left)
     expected = (torque - stiffness * (angle - angle[0]))[known]
     np.testing.assert_allclose((less.left - plain.left)[known], expected, atol=1e-6)
@@ -107,7 +107,7 @@ def test_a_state_follows_the_measured_rate(day: Evidence) -> None:
     plain = residuals_of(day.runs.items, TRUTH, day.vehicle)[0]
     less = left_by_all(day.runs, model, day.vehicle)[0]
     known = np.flatnonzero(np.isfinite(plain.left))
-    rate, period = plain.run.rates.yaw_rate, plain.run.rates.kernel.period
+    rate, period = plain.run.rates.rate, plain.run.rates.kernel.period
     # The hold's rate settles, and the water with it.
     water = signal.lfilter([period / constant], [1.0, period / constant - 1.0], np.nan_to_num(rate, nan=0.0))
     expected = -inertia * (rate - water) / constant

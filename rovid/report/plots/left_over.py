@@ -21,7 +21,7 @@ def left_over(before: Sequence[Residual], after: Sequence[Residual], cutoff: flo
     figure, ((by_rate, by_torque), (course,), (lags, frequencies)) = sheet(
         [(2.2, 2), (1.6, 1), (1.9, 2)], top=0.4, across=0.95
     )
-    rate = np.concatenate([item.run.rates.yaw_rate for item in before])
+    rate = np.concatenate([item.run.rates.rate for item in before])
     torque = np.concatenate([item.drive for item in before])
     for items, (label, colour, dashes, marker) in zip((before, after), _LOOKS, strict=True):
         left = np.concatenate([item.left for item in items])

@@ -25,7 +25,7 @@ def residuals(items: Sequence[Residual], cutoff: float) -> Figure:
         [(2.2, 2), (1.6, 1), (1.9, 2)], top=0.4, across=0.95
     )
     left = np.concatenate([item.left for item in items])
-    _against(by_rate, np.concatenate([item.run.rates.yaw_rate for item in items]), left)
+    _against(by_rate, np.concatenate([item.run.rates.rate for item in items]), left)
     _against(by_torque, np.concatenate([item.drive for item in items]), left)
     by_rate.set(xlabel="yaw rate, rad/s", ylabel="residual torque, N m")
     by_torque.set(xlabel="torque, N m", ylabel="residual torque, N m")

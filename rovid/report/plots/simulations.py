@@ -57,7 +57,7 @@ def one_trial(item: TrialSimulation) -> Figure:
     overlay(rate, time, item.measured, item.simulated)
     difference.plot(*extremes(time, item.simulated - item.measured), color=BLUE, linewidth=0.9)
     known = trial.measured
-    error = np.degrees(item.heading - trial.heading)[known]
+    error = np.degrees(item.position - trial.position)[known]
     heading.plot(*extremes(trial.time[known], error), color=BLUE, linewidth=0.9)
     labels = ("torque,\nN m", "yaw rate,\nrad/s", "rate error,\nrad/s", "heading\nerror, deg")
     for panel, label in zip((torque, rate, difference, heading), labels, strict=True):

@@ -19,7 +19,7 @@ _STEPS = 300
 def steady_torque(fit: DragFit) -> Figure:
     """Torque against rate with the fitted line, its 95 % band, and the residuals."""
     figure, ((top,), (bottom,)) = sheet([(3.6, 1), (1.5, 1)], top=0.25, down=0.2, share_x=True)
-    rate, torque = (np.array([getattr(point, name) for point in fit.points]) for name in ("yaw_rate", "torque"))
+    rate, torque = (np.array([getattr(point, name) for point in fit.points]) for name in ("rate", "torque"))
     line = _line(fit)
     reach = _reach(fit.estimate, line)
     drag = _drag(fit.estimate, line)
@@ -31,7 +31,7 @@ def steady_torque(fit: DragFit) -> Figure:
     _points(top, fit, rate, torque)
     _points(bottom, fit, rate, fit.residuals)
     if fit.unsteady:
-        x, y = [point.yaw_rate for point in fit.unsteady], [point.torque for point in fit.unsteady]
+        x, y = [point.rate for point in fit.unsteady], [point.torque for point in fit.unsteady]
         top.plot(x, y, "x", color=GREY, markersize=6, label="rate still changing: not fitted")
     _each_direction(bottom, fit, line)
     if fit.directions:
@@ -44,7 +44,7 @@ def steady_torque(fit: DragFit) -> Figure:
 
 
 def _line(fit: DragFit) -> FloatArray:
-    rates = [0.0, *(point.yaw_rate for point in (*fit.points, *fit.unsteady))]
+    rates = [0.0, *(point.rate for point in (*fit.points, *fit.unsteady))]
     return np.linspace(1.05 * min(rates), 1.05 * max(rates), _STEPS)
 
 

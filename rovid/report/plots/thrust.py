@@ -51,6 +51,6 @@ def _one_curve(panel: Axes, thruster: Thruster, curve: ThrustCurve, used: FloatA
             solid_capstyle="butt",
             label="commands that the logs use",
         )
-    panel.set_title(f"{shortened(thruster.name, room)}, arm {thruster.yaw_arm:.3g} m", fontsize=9)
+    panel.set_title(f"{shortened(thruster.name, room)}, arm {thruster.arm:.3g} m", fontsize=9)
     panel.set(xlabel="command", ylabel="thrust, N")
     panel.locator_params(nbins=6)

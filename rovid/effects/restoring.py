@@ -1,0 +1,67 @@
+"""Weight and buoyancy: what brings the vehicle back, or lifts it. Part of the base model of its axis, no effect."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from rovid.effects.base import Effect, EffectParameter, compiled
+from rovid.trial import FloatArray
+
+
+@compiled
+def _lift(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    return -p[0]
+
+
+# base[3] is the angle at the start of the trial.
+@compiled
+def _righting(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+    return -p[0] * math.sin(angle + base[3] - p[1])
+
+
+# Fossen 2011, eq. 4.6: (W - B) along z, and z_G W sin(theta) about y, where buoyancy acts at the origin.
+LIFT: Effect = Effect(
+    id="buoyancy",
+    title="net buoyancy",
+    parameters=(
+        EffectParameter(name="net_buoyancy", unit="N m", null=0.0, low=-3.0, high=3.0, starts=(0.01,), scale="torque"),
+    ),
+    equation="− B",
+    fingerprint="a constant force",
+    experiment="holds up and down",
+    term=_lift,
+)
+RIGHTING: Effect = Effect(
+    id="restoring",
+    title="restoring torque",
+    parameters=(
+        EffectParameter(
+            name="restoring_stiffness", unit="N m/rad", null=0.0, low=0.0, high=1e3, starts=(1.0,), scale="torque"
+        ),
+        EffectParameter(name="trim", unit="rad", null=0.0, low=-1.0, high=1.0, starts=(0.0,)),
+    ),
+    equation="− K·sin(θ − θ0)",
+    fingerprint="a tilt in proportion to the torque",
+    experiment="holds both ways and a release",
+    term=_righting,
+)
+
+
+def columns(restoring: Effect | None, position: FloatArray) -> FloatArray:
+    """(n, k) what ``restoring`` is made of at (n,) positions: it is linear in k unknowns."""
+    if restoring is None:
+        return np.empty((len(position), 0))
+    if restoring is LIFT:
+        return np.ones((len(position), 1))
+    return np.column_stack((np.sin(position), np.cos(position)))
+
+
+def from_columns(restoring: Effect | None, unknowns: FloatArray) -> FloatArray:
+    """(k,) parameters of ``restoring`` of the (k,) factors of its columns."""
+    if restoring is not RIGHTING:
+        return unknowns
+    # K sin(theta - theta0) = (K cos theta0) sin theta - (K sin theta0) cos theta
+    return np.array([math.hypot(*unknowns), math.atan2(-unknowns[1], unknowns[0])])
