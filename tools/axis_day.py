@@ -6,7 +6,7 @@ Run ``python -m tools.axis_day OUT --axis surge --vehicle work --hide thruster_l
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -39,6 +39,7 @@ def write_axis_day(
     *,
     seed: int,
     variant: str | None = None,
+    campaign: Sequence[Run] | None = None,
 ) -> Truth:
     """Write rovid.toml, thrust_curve.csv and one CSV log a run into ``folder``; return the truth behind them.
 
@@ -54,13 +55,15 @@ def write_axis_day(
         Sets the disturbance and the noise; same seed, same files.
     variant
         Of the measurement, one of `METERS`; None: the axis's first.
+    campaign
+        Runs of shares of the middling thrust; None: those that suit the axis.
     """
     truth = with_hidden(AXIS_VEHICLES[vehicle, axis], hidden)
     meter = meter_of(axis, variant)
     folder.mkdir(parents=True, exist_ok=True)
     names = write_curves(folder, truth)
     (folder / "rovid.toml").write_text(_configuration(truth, meter, names), encoding="utf-8", newline="\n")
-    for index, run in enumerate(axis_campaign(truth)):
+    for index, run in enumerate(axis_campaign(truth) if campaign is None else campaign):
         rng = np.random.default_rng([seed, index])
         commands, motion = course(run, truth, meter, rng)
         columns = {
