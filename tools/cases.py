@@ -103,7 +103,7 @@ def _actuator_sizes(vehicle: Truth) -> dict[tuple[str, str], _Sizes]:
     total = thrust * len(vehicle.thrusters)
     rise = tuple(vehicle.middle / seconds for seconds in _RISE[kind])
     # A share of the middling thrust at the middling rate: coefficient sqrt(F) arm r = share F.
-    loss = math.sqrt(thrust) / (abs(vehicle.thrusters[0].yaw_arm) * rate)
+    loss = math.sqrt(thrust) / (abs(vehicle.thrusters[0].arm) * rate)
     deadband, width = (0.04 * beyond, 0.12 * beyond), (0.04 * beyond, 0.10 * beyond)
     lag = _LAG[kind]
     at = {"thrust": thrust}

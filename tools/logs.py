@@ -111,6 +111,11 @@ def write_csv(recording: Recording, path: Path) -> None:
         "supply_V": (recording.supply, "%.2f"),
         **{column(name): (values, f"%.{CHANNELS[name].decimals}f") for name, values in recording.channels.items()},
     }
+    write_table(columns, path)
+
+
+def write_table(columns: Mapping[str, tuple[FloatArray, str]], path: Path) -> None:
+    """Write a comma-separated table; ``columns`` are name -> (values of shape (n,), their %-format)."""
     table = np.column_stack([values for values, _ in columns.values()])
     formats = [form for _, form in columns.values()]
     np.savetxt(path, table, fmt=formats, delimiter=",", header=",".join(columns), comments="", newline="\n")

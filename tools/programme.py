@@ -96,19 +96,19 @@ class Run:
         return volts
 
 
-def _multilevel(duration: float) -> tuple[Hold, ...]:
-    """Random levels in both directions, each held for 3 to 10 s, ``duration`` s in all."""
+def multilevel(duration: float, levels: Sequence[float] = _LEVELS) -> tuple[Hold, ...]:
+    """Random ``levels`` in both directions, each held for 3 to 10 s, ``duration`` s in all."""
     rng = np.random.default_rng(_MULTILEVEL_SEED)
     holds: list[Hold] = []
     left = duration
     while left > 0.0:
         seconds = min(left, float(rng.integers(3, 11)))
-        holds.append(Hold(float(rng.choice(_LEVELS)), seconds))
+        holds.append(Hold(float(rng.choice(levels)), seconds))
         left -= seconds
     return tuple(holds)
 
 
-def _staircase(*levels: float) -> tuple[Hold, ...]:
+def staircase(*levels: float) -> tuple[Hold, ...]:
     """Each of ``levels`` in V for 15 s."""
     return tuple(Hold(volts, 15.0) for volts in levels)
 
@@ -128,7 +128,7 @@ CAMPAIGN: tuple[Run, ...] = (
     Run(name="sine_80s", pieces=(Sine(1.68, 2.14, 80.0, 6),)),
     Run(
         name="staircase",
-        pieces=_staircase(0.8, 1.33, 1.94, 1.55, 1.04, -0.97, -1.67, -2.48, -1.97, -1.29),
+        pieces=staircase(0.8, 1.33, 1.94, 1.55, 1.04, -0.97, -1.67, -2.48, -1.97, -1.29),
     ),
     Run(name="coast_01", pieces=(Hold(1.94, 35.0), Hold(0.0, 75.0)), format="json", command_rate=None),
     Run(name="coast_02", pieces=(Hold(-2.48, 35.0), Hold(0.0, 75.0))),
@@ -138,7 +138,7 @@ CAMPAIGN: tuple[Run, ...] = (
         format="json",
         command_rate=50.0,
     ),
-    Run(name="multilevel", pieces=_multilevel(150.0), format="ros2", command_rate=None),
+    Run(name="multilevel", pieces=multilevel(150.0), format="ros2", command_rate=None),
     Run(name="fore_only", pieces=(Hold(2.2, 40.0), Hold(-2.8, 40.0)), only="fore"),
     Run(name="aft_only", pieces=(Hold(2.2, 40.0), Hold(-2.8, 40.0)), only="aft"),
 )

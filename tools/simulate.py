@@ -43,6 +43,7 @@ class Held:
 class Motion:
     """The truth: ``instant`` in us; angles in rad, ``heading`` unwrapped; ``rate`` of yaw in rad/s.
 
+    On another axis ``heading`` is the place in m, or the angle, along it, and ``rate`` its velocity.
     ``channels`` are the extra signals that are logged; ``supply`` in V is what the supply has besides the droop that
     the instruments know of.
     """
@@ -82,7 +83,7 @@ def simulate(
     *,
     substep: int = SUBSTEP,
 ) -> Motion:
-    """Motion from rest at time 0 and a random heading, at each ``sample`` in us.
+    """Motion from rest at time 0 and a random heading or the truth's own start, at each ``sample`` in us.
 
     ``commands`` are in the order of the truth's thrusters. A step ends at every change of a command, where it is
     given and where it acts, at every sample and after ``substep`` us at the latest.
@@ -97,7 +98,7 @@ def simulate(
     substep = min(substep, max(int(min(shortest(parameters), 1.0) * MICRO / 2.0), _SHORTEST))
     steps = Steps(knots=_knots(sample, [*(h.instant for h in commands), *(path.instant for path in acted)], substep))
     roll, pitch = _wanders(truth.attitude, rng)
-    heading = rng.uniform(-np.pi, np.pi)
+    heading = rng.uniform(-np.pi, np.pi) if truth.start is None else truth.start
     time = sample / MICRO
     signals = courses(truth, float(time[-1]), drawn)
     thrust = static_thrust(truth, acted, steps, hidden) * thrust_factor(truth, steps, signals, hidden)[..., np.newaxis]
@@ -107,7 +108,7 @@ def simulate(
     states = integrate(
         np.diff(steps.knots / MICRO),
         thrust,
-        np.array([thruster.yaw_arm for thruster in truth.thrusters]),
+        np.array([thruster.arm for thruster in truth.thrusters]),
         outer + disturbance_torque(truth.disturbance, steps.knots, rng)[:-1],
         drag_factor(steps, signals, hidden),
         scale,

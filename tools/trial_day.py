@@ -24,7 +24,7 @@ Formats = Literal["mixed", "csv"]
 _DAY = 1_767_600_000 * MICRO  # us since the epoch: 5 January 2026, 08:00 UTC
 _BETWEEN_RUNS = 600 * MICRO  # us from the start of a run to that of the next
 _COMMAND_DECIMALS = 4
-_UNITS: Mapping[Unit, str] = {"V": "V", "us": "us", "1": "-1..1"}
+COMMAND_UNITS: Mapping[Unit, str] = {"V": "V", "us": "us", "1": "-1..1"}
 _FIRST_HEADING = 30_000  # us after the log begins, in MCAP: commands are known by then
 _JITTER = 1_500.0  # us, standard deviation of the heading's instants in MCAP
 
@@ -141,27 +141,32 @@ def _whole(instant: FloatArray) -> IntArray:
 
 def _sample_instants(duration: float, rate: float, kind: Format, rng: np.random.Generator) -> IntArray:
     """Instants in us at which the angles are measured: regular in CSV, with jitter in MCAP."""
-    ticks = _ticks(duration, rate)
     if kind == "csv":
-        return _whole(ticks)
+        return regular_instants(duration, rate)
+    ticks = _ticks(duration, rate)
     jitter = rng.normal(0.0, _JITTER, len(ticks)).clip(-4.0 * _JITTER, 4.0 * _JITTER)
     return _whole(ticks + jitter + _FIRST_HEADING)
+
+
+def regular_instants(duration: float, rate: float) -> IntArray:
+    """(n,) instants in us of a clock at ``rate`` in Hz, from 0 through ``duration`` in s."""
+    return _whole(_ticks(duration, rate))
 
 
 def _held(run: Run, thruster: Thruster, kind: Format, instruments: Instruments, number: int) -> Held:
     """Command of one thruster as it is given and logged; in CSV on the clock of the heading."""
     if kind == "csv":
-        return _driven(run, thruster, instruments, instruments.rate)
-    held = _driven(run, thruster, instruments, run.command_rate or instruments.rate)
+        return driven(run, thruster, instruments, instruments.rate)
+    held = driven(run, thruster, instruments, run.command_rate or instruments.rate)
     changed = np.diff(held.value, prepend=np.inf) != 0.0
     kept = slice(None) if run.command_rate else changed
     # Each thruster is published a little after the one before it.
     return Held(instant=held.instant[kept] + 3_700 + 900 * number, value=held.value[kept], neutral=held.neutral)
 
 
-def _driven(run: Run, thruster: Thruster, instruments: Instruments, rate: float) -> Held:
+def driven(run: Run, thruster: Thruster, instruments: Instruments, rate: float) -> Held:
     """Command of one thruster, given at ``rate`` in Hz from time 0 on."""
-    instant = _whole(_ticks(run.duration, rate))
+    instant = regular_instants(run.duration, rate)
     neutral = thruster.curve.neutral
     offset = run.command(instant / MICRO) * (run.only in {None, thruster.name})
     return Held(instant=instant, value=quantised(neutral + offset, instruments), neutral=neutral)
@@ -175,7 +180,13 @@ def quantised(volts: FloatArray, instruments: Instruments) -> FloatArray:
 
 
 def write_configuration(folder: Path, truth: Truth) -> None:
-    """Write rovid.toml and the thrust curves it names: one curve where all thrusters are alike."""
+    """Write rovid.toml and the thrust curves it names."""
+    text = _configuration(truth, write_curves(folder, truth))
+    (folder / "rovid.toml").write_text(text, encoding="utf-8", newline="\n")
+
+
+def write_curves(folder: Path, truth: Truth) -> dict[str, str]:
+    """Write the thrust curves, one where all thrusters are alike; return thruster -> name of its file."""
     curves = {thruster.curve for thruster in truth.thrusters}
     names = {
         thruster.name: "thrust_curve.csv" if len(curves) == 1 else f"thrust_curve_{thruster.name}.csv"
@@ -183,7 +194,7 @@ def write_configuration(folder: Path, truth: Truth) -> None:
     }
     for thruster in truth.thrusters:
         _write_curve(folder / names[thruster.name], thruster.curve)
-    (folder / "rovid.toml").write_text(_configuration(truth, names), encoding="utf-8", newline="\n")
+    return names
 
 
 def _write_curve(path: Path, curve: BenchCurve) -> None:
@@ -201,8 +212,8 @@ def _configuration(truth: Truth, curves: dict[str, str]) -> str:
         f"""
 [[thrusters]]
 name = "{thruster.name}"
-yaw_arm = {thruster.yaw_arm}            # m; torque = yaw_arm * thrust; positive turns the heading up
-curve = "{curves[thruster.name]}"    # command in {_UNITS[truth.command_unit]}, thrust in N
+yaw_arm = {thruster.arm}            # m; torque = yaw_arm * thrust; positive turns the heading up
+curve = "{curves[thruster.name]}"    # command in {COMMAND_UNITS[truth.command_unit]}, thrust in N
 command = {{ csv = "{command_column(thruster.name, truth.command_unit)}", mcap = "/thrusters/{thruster.name}.data" }}
 """
         for thruster in truth.thrusters

@@ -2,9 +2,11 @@
 
 Yaw, body axes z down, positive in the sense in which a compass heading grows:
 
-    I*rdot + DQ*|r|*r + DL*r = T(u) + d        T(u) = sum of yaw_arm * thrust(command)
+    I*rdot + DQ*|r|*r + DL*r = T(u) + d        T(u) = sum of arm * thrust(command)
 
-and whatever is hidden on top (tools/hidden.py).
+and whatever is hidden on top (tools/hidden.py). Surge, heave and pitch have the same equation, with mass and force in
+place of inertia and torque where they are straight, a restoring moment in pitch and weight less buoyancy in heave
+(tools/axis_truth.py). What is said below of yaw, in rad, N m and kg m^2, holds for them in m, N and kg.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 Unit = Literal["V", "us", "1"]
+Axis = Literal["yaw", "surge", "heave", "pitch"]
 
 NEWTON_PER_KGF = 9.80665
 
@@ -73,16 +76,32 @@ class BenchCurve:
 
 @dataclass(frozen=True, kw_only=True)
 class Thruster:
-    """A thruster; ``yaw_arm`` in m, positive where forward thrust turns the heading up."""
+    """A thruster.
+
+    Attributes
+    ----------
+    name
+        As in rovid.toml.
+    arm
+        m, positive where forward thrust turns the heading, or the pitch, up; on a straight axis the share of the
+        thrust along it.
+    curve
+        Of thrust at rest.
+    """
 
     name: str
-    yaw_arm: float
+    arm: float
     curve: BenchCurve = BenchCurve()
+
+    @property
+    def yaw_arm(self) -> float:
+        """The arm, by the name that it has in a yaw day's rovid.toml."""
+        return self.arm
 
 
 @dataclass(frozen=True, kw_only=True)
 class Dynamics:
-    """Of yaw.
+    """Of one degree of freedom.
 
     Attributes
     ----------
@@ -92,14 +111,23 @@ class Dynamics:
         N m s^2/rad^2.
     linear_drag
         N m s/rad.
+    restoring
+        N m, of a restoring torque restoring*sin(angle - level).
+    level
+        rad, the angle at which nothing is restored.
+    net_force
+        N or N m, constant: weight less buoyancy in heave.
     """
 
     inertia: float
     quadratic_drag: float
     linear_drag: float
+    restoring: float = 0.0
+    level: float = 0.0
+    net_force: float = 0.0
 
     def steady_rate(self, torque: float) -> float:
-        """Yaw rate in rad/s at which drag balances ``torque`` in N m."""
+        """Yaw rate in rad/s at which drag alone balances ``torque`` in N m."""
         root = math.sqrt(self.linear_drag**2 + 4.0 * self.quadratic_drag * abs(torque))
         # This form of the root loses no digits at small torque and holds without quadratic drag.
         return 2.0 * torque / (self.linear_drag + root) if torque else 0.0
@@ -167,6 +195,12 @@ class Truth:
         What acts besides the plain model.
     channels
         Extra signals that are logged whether or not anything depends on them; names as in tools/channels.py.
+    axis
+        The degree of freedom that moves.
+    start
+        Angle in rad, or place in m, at which each run begins; None: a random heading.
+    rigid_body_inertia
+        kg m^2, or kg on a straight axis, without added mass; None: left to what mass, length and width say.
     """
 
     name: str
@@ -183,15 +217,18 @@ class Truth:
     pace: float | None = None
     hidden: tuple[Hidden, ...] = ()
     channels: tuple[str, ...] = ()
+    axis: Axis = "yaw"
+    start: float | None = None
+    rigid_body_inertia: float | None = None
 
     def yaw_torque(self, command: float) -> float:
         """Torque in N m with ``command`` in V on every thruster."""
-        return sum(t.yaw_arm * float(t.curve.thrust(np.array([command]))[0]) for t in self.thrusters)
+        return sum(t.arm * float(t.curve.thrust(np.array([command]))[0]) for t in self.thrusters)
 
     @property
     def middle_torque(self) -> float:
-        """Torque in N m of the middling command."""
-        return self.yaw_torque(self.thrusters[0].curve.neutral + self.middle)
+        """Torque in N m with the middling thrust on every thruster, each in the sense of its arm."""
+        return sum(abs(thruster.arm) * self.middle_thrust for thruster in self.thrusters)
 
     @property
     def middle_thrust(self) -> float:
@@ -201,7 +238,7 @@ class Truth:
 
     @property
     def middle_rate(self) -> float:
-        """Yaw rate in rad/s of the middling command."""
+        """Yaw rate in rad/s of the middling command; in pitch a scale of rates, not one that is held."""
         return self.dynamics.steady_rate(self.middle_torque)
 
     @property
@@ -217,7 +254,7 @@ ROSUB = Truth(
     length=2.6,
     width=2.0,
     dynamics=Dynamics(inertia=5057.0, quadratic_drag=3532.0, linear_drag=132.0),
-    thrusters=(Thruster(name="fore", yaw_arm=0.43), Thruster(name="aft", yaw_arm=0.43)),
+    thrusters=(Thruster(name="fore", arm=0.43), Thruster(name="aft", arm=0.43)),
     disturbance=Disturbance(standard_deviation=2.5),
 )
 
@@ -231,8 +268,8 @@ OBSERVATION = Truth(
     width=0.6,
     dynamics=Dynamics(inertia=12.0, quadratic_drag=15.0, linear_drag=3.0),
     thrusters=(
-        Thruster(name="fore", yaw_arm=0.25, curve=_MEDIUM_CURVE),
-        Thruster(name="aft", yaw_arm=0.25, curve=_MEDIUM_CURVE),
+        Thruster(name="fore", arm=0.25, curve=_MEDIUM_CURVE),
+        Thruster(name="aft", arm=0.25, curve=_MEDIUM_CURVE),
     ),
     disturbance=Disturbance(standard_deviation=0.105, correlation_time=2.0),
     instruments=Instruments(command_span=4.0, supply_drop=1.0),
@@ -252,8 +289,8 @@ SMALL = Truth(
     width=0.44,
     dynamics=Dynamics(inertia=0.6, quadratic_drag=1.5, linear_drag=0.3),
     thrusters=(
-        Thruster(name="fore", yaw_arm=0.16, curve=_SMALL_CURVE),
-        Thruster(name="aft", yaw_arm=0.16, curve=_SMALL_CURVE),
+        Thruster(name="fore", arm=0.16, curve=_SMALL_CURVE),
+        Thruster(name="aft", arm=0.16, curve=_SMALL_CURVE),
     ),
     disturbance=Disturbance(standard_deviation=0.019, correlation_time=1.0),
     instruments=Instruments(command_span=4096.0, supply=16.0, supply_drop=0.002),

@@ -70,6 +70,9 @@ class Water(NamedTuple):
     mode_gain: float = 0.0
     mode_frequency: float = 1.0
     mode_damping: float = 0.0
+    restoring: float = 0.0  # N m, of sin(angle - level)
+    level: float = 0.0
+    net_force: float = 0.0  # N, constant
 
 
 _Values = Mapping[str, float]
@@ -167,6 +170,9 @@ def water(truth: Truth, hidden: Mapping[str, Hidden]) -> Water:
         "inertia": dynamics.inertia,
         "quadratic": dynamics.quadratic_drag,
         "linear": dynamics.linear_drag,
+        "restoring": dynamics.restoring,
+        "level": dynamics.level,
+        "net_force": dynamics.net_force,
     }
     for one in hidden.values():
         if (one.effect, one.form) == ("entrained_swirl", "annulus"):
@@ -235,9 +241,13 @@ def _moving_thrust(thrust: float, arm: float, rate: float, w: Water) -> float:
 
 @_compiled
 def _holding(heading: float, rate: float, start: float, w: Water) -> float:
-    """Torque in N m that depends on where the vehicle points and which way it moves."""
+    """Torque in N m that depends on where the vehicle points and which way it moves, and the constant one."""
     turned = heading - start
     torque = -w.torsion * turned - w.torsion_cubic * turned**3
+    if w.restoring != 0.0:
+        torque -= w.restoring * math.sin(heading - w.level)
+    if w.net_force != 0.0:
+        torque += w.net_force
     if w.once != 0.0:
         torque += w.once * math.sin(heading + w.once_phase)
     if w.twice != 0.0:
