@@ -153,7 +153,7 @@ def _sine_commands(period: float) -> FloatArray:
 
 def _course(vehicle: Vehicle, effect: Effect, note: Note, commands: FloatArray) -> Course:
     time: FloatArray = np.arange(len(commands), dtype=np.float64) * _STEP
-    trial = Trial(name="run", path=Path("run"), time=time, heading=np.zeros(len(time)), commands=commands)
+    trial = Trial(name="run", path=Path("run"), time=time, position=np.zeros(len(time)), commands=commands)
     base = Model(inertia=_INERTIA, quadratic_drag=_QUADRATIC, linear_drag=_LINEAR)
     drive = base.drive(vehicle, trial)
     torque = drive.torque

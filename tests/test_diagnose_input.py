@@ -109,7 +109,7 @@ def test_how_short_is_said_of_the_filter_in_use(tmp_path: Path, rovid: Rovid) ->
 
 def test_logs_of_a_second(tmp_path: Path, rovid: Rovid) -> None:
     folder = write_day(tmp_path / "day", lambda log: log.iloc[:20])
-    assert_one_message(rovid("diagnose", folder, "--json"), "ahead.csv", "34 headings", "longer runs")
+    assert_one_message(rovid("diagnose", folder, "--json"), "ahead.csv", "34 readings", "longer runs")
 
 
 @pytest.mark.parametrize("column", ["supply_V", "temperature_C", "roll_deg"])

@@ -155,7 +155,7 @@ name = "{truth.name}"
 mass = {truth.mass}     # kg
 length = {truth.length}      # m
 width = {truth.width}       # m
-rigid_body_inertia = {truth.rigid_body_inertia}    # {"kg m^2" if truth.axis == "pitch" else "kg"}, without added mass
+height = {truth.height}      # m
 {thrusters}
 [signals]
 time = {{ csv = "time_s" }}

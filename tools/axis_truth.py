@@ -97,9 +97,9 @@ WORK_SURGE = Truth(
     name="work-class ROV in surge (synthetic)",
     axis="surge",
     mass=2600.0,
-    rigid_body_inertia=2600.0,
     length=2.6,
     width=2.0,
+    height=1.6,
     # Both thrusters at 600 N: 1.20 m/s. 0.97 m/s in the middle, time constant 2.6 s there.
     dynamics=Dynamics(inertia=4100.0, quadratic_drag=750.0, linear_drag=100.0),
     thrusters=(
@@ -115,9 +115,9 @@ WORK_HEAVE = Truth(
     name="work-class ROV in heave (synthetic)",
     axis="heave",
     mass=2600.0,
-    rigid_body_inertia=2600.0,
     length=2.6,
     width=2.0,
+    height=1.6,
     # 0.49 m/s in the middle, time constant 2.4 s there; it rises with 0.13 m/s by itself.
     dynamics=Dynamics(inertia=5600.0, quadratic_drag=2200.0, linear_drag=150.0, net_force=-60.0),
     thrusters=(
@@ -133,9 +133,9 @@ WORK_PITCH = Truth(
     name="work-class ROV in pitch (synthetic)",
     axis="pitch",
     mass=2600.0,
-    rigid_body_inertia=2000.0,  # of a box 2.6 m long and 1.6 m high, about
     length=2.6,
     width=2.0,
+    height=1.6,
     # K is 0.1 m of metacentric height: natural period 7.4 s. 10 deg in the middle.
     dynamics=Dynamics(
         inertia=3500.0, quadratic_drag=3000.0, linear_drag=250.0, restoring=2550.0, level=math.radians(-1.2)
@@ -158,9 +158,9 @@ SMALL_SURGE = Truth(
     name="small ROV in surge (synthetic)",
     axis="surge",
     mass=11.5,
-    rigid_body_inertia=11.5,
     length=0.46,
     width=0.44,
+    height=0.254,
     # 0.94 m/s in the middle, time constant 0.44 s there.
     dynamics=Dynamics(inertia=17.0, quadratic_drag=18.2, linear_drag=4.0),
     thrusters=tuple(
@@ -179,9 +179,9 @@ SMALL_HEAVE = Truth(
     name="small ROV in heave (synthetic)",
     axis="heave",
     mass=11.5,
-    rigid_body_inertia=11.5,
     length=0.46,
     width=0.44,
+    height=0.254,
     # 0.45 m/s in the middle, time constant 0.7 s there; it rises with 0.12 m/s by itself.
     dynamics=Dynamics(inertia=26.0, quadratic_drag=37.0, linear_drag=5.2, net_force=-1.2),
     thrusters=(
@@ -200,9 +200,9 @@ SMALL_PITCH = Truth(
     name="small ROV in pitch (synthetic)",
     axis="pitch",
     mass=11.5,
-    rigid_body_inertia=0.25,
     length=0.46,
     width=0.44,
+    height=0.254,
     # K is 0.02 m of metacentric height: natural period 2.6 s. 10 deg in the middle. The thrusters push against each
     # other: the fore one up and the aft one down for bow up.
     dynamics=Dynamics(inertia=0.40, quadratic_drag=0.8, linear_drag=0.10, restoring=2.3, level=math.radians(0.8)),

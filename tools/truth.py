@@ -199,8 +199,8 @@ class Truth:
         The degree of freedom that moves.
     start
         Angle in rad, or place in m, at which each run begins; None: a random heading.
-    rigid_body_inertia
-        kg m^2, or kg on a straight axis, without added mass; None: left to what mass, length and width say.
+    height
+        m; None: not told.
     """
 
     name: str
@@ -219,7 +219,7 @@ class Truth:
     channels: tuple[str, ...] = ()
     axis: Axis = "yaw"
     start: float | None = None
-    rigid_body_inertia: float | None = None
+    height: float | None = None
 
     def yaw_torque(self, command: float) -> float:
         """Torque in N m with ``command`` in V on every thruster."""

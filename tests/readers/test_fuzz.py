@@ -30,7 +30,7 @@ SIGNALS = (
 CSV = csv_text(
     {
         name: np.asarray(values)[:60]
-        for name, values in standard(rate=np.full(400, 0.14), roll=np.full(400, 0.5)).items()
+        for name, values in standard(yaw_rate=np.full(400, 0.14), roll=np.full(400, 0.5)).items()
     }
 ).encode()
 RECORDINGS = [

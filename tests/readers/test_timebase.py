@@ -45,7 +45,7 @@ HEADINGS = (TIME, HEADING % 360.0)
 
 def test_the_base_is_headings_and_changes(config: Config) -> None:
     command = ([-1.0, 0.013, 1.0, 3.51, 3.7, 25.0], [1.0, 1.0, 2.0, 3.0, 3.0, 9.0])
-    trial = trial_of(config, position=HEADINGS, fore=command)
+    trial = trial_of(config, heading=HEADINGS, fore=command)
     np.testing.assert_allclose(trial.time, np.union1d(TIME, [3.51]))  # at 1.0 both, after the end none
     assert trial.measured.sum() == 400
     assert trial.commands[trial.time < 0.99].max() == 1.0
@@ -54,7 +54,7 @@ def test_the_base_is_headings_and_changes(config: Config) -> None:
 
 
 def test_it_begins_when_every_command_is_known(config: Config) -> None:
-    trial = trial_of(config, position=HEADINGS, fore=([2.03, 5.0], [1.0, 2.0]))
+    trial = trial_of(config, heading=HEADINGS, fore=([2.03, 5.0], [1.0, 2.0]))
     assert trial.time[0] == 0.0
     assert trial.measured[0]
     assert trial.duration == pytest.approx(TIME[-1] - 2.05)
@@ -65,21 +65,21 @@ def test_it_begins_when_every_command_is_known(config: Config) -> None:
 
 def test_a_command_that_comes_too_late(config: Config) -> None:
     with pytest.raises(LogError, match="0 heading readings come after every command is known"):
-        trial_of(config, position=HEADINGS, fore=([50.0], [1.0]))
+        trial_of(config, heading=HEADINGS, fore=([50.0], [1.0]))
 
 
 def test_missing_commands_hold(config: Config) -> None:
     command = (TIME, np.where(np.arange(400) % 2, np.nan, np.where(TIME < 5, 1.0, 2.0)))
-    trial = trial_of(config, position=HEADINGS, fore=command)
+    trial = trial_of(config, heading=HEADINGS, fore=command)
     assert kinds(trial) == {"missing": 200}
     assert "held" in trial.remarks[0].text
     with pytest.raises(LogError, match="holds no number"):
-        trial_of(config, position=HEADINGS, fore=(TIME, np.full(400, np.nan)))
+        trial_of(config, heading=HEADINGS, fore=(TIME, np.full(400, np.nan)))
 
 
 @pytest.mark.parametrize(("times", "stale"), [(TIME[:200], True), (TIME[:395], False), ([0.0, 1.3, 1.4, 7.0], False)])
 def test_a_command_that_stops(times: FloatArray, stale: bool, config: Config) -> None:
-    trial = trial_of(config, position=HEADINGS, fore=(times, 1.0 + 0.1 * (np.arange(len(times)) % 2)))
+    trial = trial_of(config, heading=HEADINGS, fore=(times, 1.0 + 0.1 * (np.arange(len(times)) % 2)))
     assert ("stale" in kinds(trial)) == stale
 
 
@@ -88,9 +88,9 @@ def test_continuous_signals_are_interpolated_within_gaps(config: Config) -> None
     other = other[(other < 5.0) | (other > 8.0)]
     trial = trial_of(
         config,
-        position=HEADINGS,
+        heading=HEADINGS,
         fore=([0.0], [1.0]),
-        rate=(other, np.deg2rad(8.0 + 0.0 * other)),
+        yaw_rate=(other, np.deg2rad(8.0 + 0.0 * other)),
         roll=(other, (178.0 + 0.2 * other + 180.0) % 360.0 - 180.0),
         pitch=(TIME, np.where(TIME < 1.0, np.nan, 3.0)),
     )
@@ -110,11 +110,11 @@ def test_continuous_signals_are_interpolated_within_gaps(config: Config) -> None
 
 
 def test_extras_are_held(config: Config) -> None:
-    trial = trial_of(config, position=HEADINGS, fore=([0.0], [1.0]), supply=([1.0, 10.0], [48.0, 47.0]))
+    trial = trial_of(config, heading=HEADINGS, fore=([0.0], [1.0]), supply=([1.0, 10.0], [48.0, 47.0]))
     supply = trial.extras["supply"]
     assert np.isnan(supply[trial.time < 0.99]).all()
     assert set(supply[trial.time > 0.99]) == {48.0, 47.0}
-    empty = trial_of(config, position=HEADINGS, fore=([0.0], [1.0]), supply=([1.0], [np.nan]))
+    empty = trial_of(config, heading=HEADINGS, fore=([0.0], [1.0]), supply=([1.0], [np.nan]))
     assert np.isnan(empty.extras["supply"]).all()
 
 
@@ -149,7 +149,7 @@ def test_a_clock_that_is_set_back_is_not_sorted(config: Config) -> None:
     time = TIME.copy()
     time[200:] -= 5.0
     with pytest.raises(LogError, match=r"log time of /heading runs backwards at message 201, from 9\.95 s to 5 s"):
-        trial_of(config, position=(time, HEADING % 360), fore=([0.0], [1.0]))
+        trial_of(config, heading=(time, HEADING % 360), fore=([0.0], [1.0]))
 
 
 def test_a_clock_that_leaps_is_refused(tmp_path: Path) -> None:
@@ -286,7 +286,7 @@ def test_the_gyro_names_a_heading_in_radians(config: Config, tmp_path: Path) -> 
     heading = sweep(40.0, 100.0)
     rate = np.gradient(np.deg2rad(heading), LONG)
     with pytest.raises(LogError, match=r'unit = "rad" in \[signals\] heading'):
-        trial_of(config, position=(LONG, np.deg2rad(heading)), fore=([0.0], [1.0]), rate=(LONG, rate))
+        trial_of(config, heading=(LONG, np.deg2rad(heading)), fore=([0.0], [1.0]), yaw_rate=(LONG, rate))
 
 
 def test_the_gyro_confirms_small_headings_in_degrees(tmp_path: Path) -> None:

@@ -1,0 +1,166 @@
+"""Degrees of freedom other than yaw, by the same commands: what is hidden in files is found, and nothing else is."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.conftest import SAMPLES, Rovid
+from tools.axis_day import write_axis_day
+from tools.axis_truth import Vehicle
+from tools.truth import Axis, Truth
+
+# Fresh campaigns on each run, so that nothing is tuned to a seed; ROVID_SEED repeats them.
+SEED = int(os.environ.get("ROVID_SEED", secrets.randbelow(10**6)))
+SIGMAS = 5.0
+UNITS = {
+    "surge": ("kg", "N s^2/m^2", "N s/m"),
+    "heave": ("kg", "N s^2/m^2", "N s/m"),
+    "pitch": ("kg m^2", "N m s^2/rad^2", "N m s/rad"),
+}
+NAMES = ("inertia", "quadratic_drag", "linear_drag")
+RATE = {"surge": "surge_velocity", "heave": "heave_velocity", "pitch": "pitch_rate"}
+
+
+def slow(*values: Any) -> Any:
+    """A case for `make test-slow` alone."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
+def truth_of(truth: Truth) -> dict[str, float]:
+    """True parameters by name."""
+    d = truth.dynamics
+    known = {"inertia": d.inertia, "quadratic_drag": d.quadratic_drag, "linear_drag": d.linear_drag}
+    if truth.axis == "heave":
+        known["net_buoyancy"] = -d.net_force
+    if truth.axis == "pitch":
+        known |= {"restoring_stiffness": d.restoring, "trim": d.level}
+    return known
+
+
+def assert_parameters(found: Mapping[str, Any], truth: Truth) -> None:
+    for name, value in truth_of(truth).items():
+        off = abs(found[name]["value"] - value)
+        assert off < max(0.02 * abs(value), SIGMAS * found[name]["standard_error"]), name
+    assert tuple(found[name]["unit"] for name in NAMES) == UNITS[truth.axis]
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "axis", "variant"),
+    [
+        ("work", "surge", "velocity"),
+        ("small", "surge", "position"),
+        ("work", "heave", None),
+        ("work", "pitch", None),
+        ("small", "pitch", None),
+    ],
+)
+def test_the_plain_model_is_found(
+    vehicle: Vehicle, axis: Axis, variant: str | None, tmp_path: Path, rovid: Rovid
+) -> None:
+    print(f"ROVID_SEED={SEED}")
+    truth = write_axis_day(tmp_path / "day", vehicle, axis, seed=SEED, variant=variant)
+    rovid("fit-drag", "day", "--axis", axis, "--json")
+    drag = rovid("fit-inertia", "--axis", axis, "--json").document
+    assert drag["axis"] == axis
+    stored = (tmp_path / f"parameters_{axis}.toml").read_text()
+    assert f'axis = "{axis}"' in stored
+    # The parameter file knows its axis.
+    simulated = rovid("simulate", "-p", f"parameters_{axis}.toml", "--json").document
+    assert simulated["overall"][f"{RATE[axis]}_r2"] > 0.97
+    fitted = rovid("fit", "--axis", axis, "--json").document
+    assert_parameters(fitted["parameters"], truth)
+    for name, value in fitted["parameters"].items():
+        assert simulated["parameters"][name]["value"] == pytest.approx(value["value"], rel=0.2, abs=0.02), name
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "axis", "hidden", "seed"),
+    [
+        ("work", "surge", "thruster_lag:0.4", SEED),
+        ("work", "pitch", "thrust_asymmetry:0.85", SEED),
+        slow("work", "pitch", "thruster_lag:0.3", SEED),
+        slow("small", "pitch", "command_delay:0.15", SEED),
+        slow("work", "heave", "thruster_deadband:0.15", SEED),
+        slow("small", "heave", "drag_asymmetry:1.25", SEED),
+        slow("work", "surge", "coulomb_resistance:40", 5),
+        slow("work", "surge", "bias_torque:30", SEED),
+        slow("small", "surge", "thruster_deadband:0.05", 6),
+    ],
+)
+def test_a_hidden_effect_is_named(
+    vehicle: Vehicle, axis: Axis, hidden: str, seed: int, tmp_path: Path, rovid: Rovid
+) -> None:
+    print(f"ROVID_SEED={seed}")
+    truth = write_axis_day(tmp_path / "day", vehicle, axis, [hidden], seed=seed)
+    document = rovid("diagnose", "day", "--axis", axis, "--json").document
+    effect, _, size = hidden.partition(":")
+    assert document["verdict"] == "found"
+    assert [{f["effect"], *f["cannot_be_told_from"]} for f in document["findings"]] == [{effect}]
+    finding = document["findings"][0]
+    if finding["form"] is None:
+        value = next(iter(finding["parameters"].values()))
+        assert abs(value["value"] - float(size)) < SIGMAS * value["standard_error"]
+    assert_parameters(document["extended"]["parameters"], truth)
+    gain = document["held_out_gain"]
+    assert gain["log_likelihood"]["extended"] > gain["log_likelihood"]["base"]
+    assert gain[f"{RATE[axis]}_rmse"]["extended"] < gain[f"{RATE[axis]}_rmse"]["base"]
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "axis"), [("small", "surge"), ("work", "pitch"), slow("work", "heave"), slow("small", "pitch")]
+)
+def test_nothing_is_found_where_nothing_is(vehicle: Vehicle, axis: Axis, tmp_path: Path, rovid: Rovid) -> None:
+    print(f"ROVID_SEED={SEED}")
+    write_axis_day(tmp_path / "day", vehicle, axis, seed=SEED)
+    document = rovid("diagnose", "day", "--axis", axis, "--json").document
+    assert (document["verdict"], document["findings"]) == ("nothing_found", [])
+
+
+@pytest.mark.parametrize(
+    ("axis", "expected"),
+    [
+        ("surge", {"thruster_lag": 0.35, "thrust_asymmetry": 0.88}),
+        ("pitch", {"thruster_deadband": 0.15}),
+    ],
+)
+@pytest.mark.slow
+def test_the_sample_days(axis: str, expected: Mapping[str, float], tmp_path: Path, rovid: Rovid) -> None:
+    document = rovid("diagnose", SAMPLES / f"{axis}_tank", "--axis", axis, "--json").document
+    found = {f["effect"]: next(iter(f["parameters"].values())) for f in document["findings"]}
+    assert set(found) == set(expected)
+    for effect, size in expected.items():
+        assert abs(found[effect]["value"] - size) < SIGMAS * found[effect]["standard_error"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("check", SAMPLES / "surge_tank"), "has no heading"),
+        (("check", SAMPLES / "surge_tank", "--axis", "sway"), "has no sway_position and no sway_velocity"),
+        (("check", SAMPLES / "surge_tank", "--axis", "surg"), "Nearest: 'surge'"),
+        (("fit", SAMPLES / "surge_tank", "--axis", "surge", "--effect", "tether_torsion"), "nothing that acts in surge"),
+        (("simulate", "--axis", "pitch"), "parameters_pitch.toml"),
+    ],
+)
+def test_a_mistake_gives_one_message(arguments: tuple[object, ...], said: str, rovid: Rovid) -> None:
+    done = rovid(*arguments)
+    assert done.code == 2
+    assert said in done.err
+    assert done.err.count("\n") == 1
+
+
+def test_a_parameter_file_is_of_one_axis(rovid: Rovid) -> None:
+    rovid("fit-drag", SAMPLES / "surge_tank", "--axis", "surge", "-p", "p.toml", "--json")
+    done = rovid("fit-inertia", "--axis", "pitch", "-p", "p.toml")
+    assert done.code == 2
+    assert "holds the parameters of surge, and --axis says pitch" in done.err
+    for command in ("control", ("export", "json")):
+        asked = rovid(*([command] if isinstance(command, str) else command), "-p", "p.toml")
+        assert asked.code == 2
+        assert "those of yaw were expected" in asked.err
