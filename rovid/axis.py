@@ -22,6 +22,8 @@ class Axis:
         The signal that measures its rate.
     arm
         Key of a thruster's lever in rovid.toml: m for an angle, the share of the thrust along it otherwise.
+    fixes
+        Signals that tell the position together: where on the map the vehicle is, and its heading.
     angular
         Whether it is an angle.
     rights
@@ -33,6 +35,7 @@ class Axis:
     rate: str
     arm: str
     angular: bool
+    fixes: tuple[str, ...] = ()
     rights: bool = False
 
     @property
@@ -105,8 +108,17 @@ AXES: Mapping[str, Axis] = {
     axis.name: axis
     for axis in (
         YAW,
-        Axis(name="surge", positions=("surge_position",), rate="surge_velocity", arm="surge", angular=False),
-        Axis(name="sway", positions=("sway_position",), rate="sway_velocity", arm="sway", angular=False),
+        *(
+            Axis(
+                name=name,
+                positions=(f"{name}_position",),
+                rate=f"{name}_velocity",
+                arm=name,
+                angular=False,
+                fixes=("north", "east", "heading"),
+            )
+            for name in ("surge", "sway")
+        ),
         Axis(name="heave", positions=("depth", "heave_position"), rate="heave_velocity", arm="heave", angular=False),
         Axis(name="roll", positions=("roll",), rate="roll_rate", arm="roll_arm", angular=True, rights=True),
         Axis(name="pitch", positions=("pitch",), rate="pitch_rate", arm="pitch_arm", angular=True, rights=True),

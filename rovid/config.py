@@ -31,6 +31,8 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     **{axis.rate: ANGULAR_RATE if axis.angular else SPEED for axis in AXES.values()},
     "torque": TORQUE,
     "force": FORCE,
+    "north": LENGTH,
+    "east": LENGTH,
 }
 _DEFAULT_UNIT = {name: list(units)[-1 if units is ANGULAR_RATE else 0] for name, units in UNITS.items()}
 _VEHICLE_KEYS = ("name", "mass", "length", "width", "height", "rigid_body_inertia")
@@ -68,7 +70,8 @@ class Config:
     Attributes
     ----------
     measured
-        Name of the signal that tells where the vehicle is along the axis, or how fast it goes where none does.
+        Name of the signal that tells where the vehicle is along the axis, or how fast it goes where none does; the
+        first of ``Axis.fixes`` where they do together.
     """
 
     path: Path
@@ -82,6 +85,13 @@ class Config:
     def axis(self) -> Axis:
         """The degree of freedom that is looked at."""
         return self.vehicle.axis
+
+    @property
+    def needed(self) -> tuple[str, ...]:
+        """Names of the signals without which a log says nothing."""
+        fixes = self.axis.fixes
+        measured = fixes if self.measured in fixes else (self.measured,)
+        return (*measured, *(signal.name for signal in self.commands))
 
     def wanted(self, kind: str) -> dict[str, Signal]:
         """Every signal that logs of the format ``kind`` are mapped to, time excepted."""
@@ -159,6 +169,8 @@ class _Reader:
         self.known(document, ("vehicle", "thrusters", "signals"), "top level")
         axis, signals = self.axis, self.signals(self.table(document, "signals"))
         measured = next((name for name in (*axis.positions, axis.rate) if name in signals), "")
+        if not measured and axis.fixes and set(axis.fixes) <= set(signals):
+            measured = axis.fixes[0]
         # A rate alone would leave the heading unknown, which is what yaw is about.
         if not measured or (axis is YAW and measured == axis.rate):
             wanted = axis.position if axis is YAW else f"{' or '.join(axis.positions)} and no {axis.rate}"

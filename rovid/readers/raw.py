@@ -75,7 +75,7 @@ def mapped(config: Config, kind: str, path: Path) -> dict[str, Signal]:
         What is measured, or a command, is not mapped for this format.
     """
     wanted = config.wanted(kind)
-    for name in (config.measured, *(signal.name for signal in config.commands)):
+    for name in config.needed:
         if name not in wanted:
             raise ConfigError(
                 f"{name} names no {kind} source, but {path.name} is a {kind} log.",

@@ -2,7 +2,8 @@
 
 The base is the union of the instants at which the position along the axis (in yaw the heading) was measured and
 those at which a command changed. It begins at the first one measured when every command is known, and ends at the
-last one measured. Where no position is logged, the rate along the axis takes its place.
+last one measured. Where no position is logged, the rate along the axis takes its place, or where the vehicle is on the
+map and its heading do together.
 
 - What is measured is never interpolated; an instant without it holds NaN.
 - A command holds its value until the next, over empty cells too; so do extra signals.
@@ -18,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.axis import YAW
+from rovid.axis import YAW, Axis
 from rovid.config import Config, Signal
 from rovid.errors import LogError
 from rovid.readers.heading import ANGLE, DISTANCE, SPEED, TURNING, Kind, clean
@@ -79,11 +80,15 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
     commands = [_command(work, signal.name, series[signal.name]) for signal in config.commands]
     base = common_base(measured, commands, *_span(work, measured, commands))
     position = base.exactly(measured)
-    beside = [key for key in (axis.rate, *_TILTS) if key in series and key != config.measured]
+    fixes = axis.fixes if config.measured in axis.fixes else ()
+    names = dict.fromkeys((axis.rate, *_TILTS, *fixes))
+    beside = [key for key in names if key in series and key != config.measured]
     continuous = {key: _continuous(work, key, series[key], base) for key in beside}
     rate, integrated = continuous.get(axis.rate), config.measured == axis.rate
     if integrated:
         rate, position = position, _integral(base.time, position)
+    elif fixes:
+        position = _along(axis, position, *(continuous[key] for key in fixes[1:]))
     elif axis is YAW:
         _check_units(work, base.time, position, rate)
     plain = [key for key in series if key in config.signals and key not in (config.measured, *beside)]
@@ -101,6 +106,21 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
         axis=axis,
         integrated=integrated,
     )
+
+
+def _along(axis: Axis, north: FloatArray, east: FloatArray | None, heading: FloatArray | None) -> FloatArray:
+    """(n,) m gone along a body axis, of places on the map in m and the heading in rad; NaN where one is not known."""
+    position = np.full(len(north), np.nan)
+    if east is None or heading is None:
+        return position
+    known = np.flatnonzero(np.isfinite(north) & np.isfinite(east) & np.isfinite(heading))
+    steps = np.column_stack((np.diff(north[known]), np.diff(east[known])))
+    course = 0.5 * (heading[known][1:] + heading[known][:-1])
+    ahead = np.column_stack((np.cos(course), np.sin(course)))
+    if axis.name == "sway":
+        ahead = np.column_stack((-ahead[:, 1], ahead[:, 0]))
+    position[known] = np.concatenate(([0.0], np.cumsum(np.sum(steps * ahead, axis=1))))
+    return position
 
 
 def _integral(time: FloatArray, rate: FloatArray) -> FloatArray:
@@ -236,7 +256,7 @@ def _say_stale(work: _Builder, name: str, time: FloatArray, end: float) -> None:
 def _continuous(work: _Builder, name: str, logged: Series, base: Base) -> FloatArray | None:
     """(n,) on the time base; None if it is nowhere known."""
     _say_missing(work, name, logged)
-    return base.interpolated(logged, angle=name in _TILTS) if logged.known.size else None
+    return base.interpolated(logged, angle=name in (*_TILTS, "heading")) if logged.known.size else None
 
 
 def _extra(work: _Builder, name: str, logged: Series, base: Base) -> FloatArray:
