@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rovid.axis import YAW, Axis
 from rovid.effects import MOTION, Actuation, Effect, effect_named, restoring_of
-from rovid.effects.base import TERM_PARAMETERS, actuation, finer
+from rovid.effects.base import TERM_PARAMETERS, actuation, finer, race
 from rovid.rates import body_position, on_grid, uniform_grid
 from rovid.trial import FloatArray, Trial
 from rovid.vehicle import Vehicle
@@ -244,6 +244,19 @@ class Model:
         self, vehicle: Vehicle, where: Actuation, command: FloatArray, at: NDArray[np.intp] | None = None
     ) -> Drive:
         """As ``drive``, of (n, k) commands at the instants ``where`` says, each interval cut into ``where.parts``."""
+        thrust = self.thrust(vehicle, where, command)
+        torque = np.asarray(thrust @ where.arms)
+        for effect, numbers in self._each():
+            if effect.on_torque is not None:
+                torque = effect.on_torque(where, torque, effect.values(numbers))
+        drive = Drive.held(torque, race(thrust, where.arms))
+        if at is None and where.parts == 1:
+            return drive
+        every = np.arange((len(where.time) - 1) // where.parts + 1)
+        return drive.between(where.time, where.parts * (every if at is None else at))
+
+    def thrust(self, vehicle: Vehicle, where: Actuation, command: FloatArray) -> FloatArray:
+        """(n, k) thrust in N of (n, k) commands, after every effect up to it."""
         for effect, numbers in self._each():
             if effect.on_command is not None:
                 command = effect.on_command(where, command, effect.values(numbers))
@@ -251,15 +264,7 @@ class Model:
         for effect, numbers in self._each():
             if effect.on_thrust is not None:
                 thrust = effect.on_thrust(where, thrust, effect.values(numbers))
-        torque = np.asarray(thrust @ where.arms)
-        for effect, numbers in self._each():
-            if effect.on_torque is not None:
-                torque = effect.on_torque(where, torque, effect.values(numbers))
-        drive = Drive.held(torque, np.sqrt(np.abs(thrust)) @ where.arms**2)
-        if at is None and where.parts == 1:
-            return drive
-        every = np.arange((len(where.time) - 1) // where.parts + 1)
-        return drive.between(where.time, where.parts * (every if at is None else at))
+        return thrust
 
     def drag(self, rate: FloatArray) -> FloatArray:
         """Drag torque in N m at ``rate`` in rad/s."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -94,6 +95,26 @@ class Trial:
         if self.commands.ndim != 2 or not len(self.commands) == len(self.time) == len(self.position):
             msg = f"{self.name}: time {self.time.shape}, position {self.position.shape}, {self.commands.shape}"
             raise ValueError(msg)
+
+    @classmethod
+    def imagined(
+        cls, time: FloatArray, commands: FloatArray, *, name: str = "", reference: Mapping[str, float] | None = None
+    ) -> Self:
+        """A trial that was never run, at rest at zero, of (n,) instants in s and (n, k) commands.
+
+        Each further channel stands at its ``reference``.
+        """
+        channels = reference or {}
+        return cls(
+            name=name,
+            path=Path(name),
+            time=time,
+            position=np.zeros(len(time)),
+            commands=commands,
+            rate=np.zeros(len(time)),
+            extras={channel: np.full(len(time), value) for channel, value in channels.items()},
+            reference=channels,
+        )
 
     @property
     def duration(self) -> float:

@@ -301,14 +301,7 @@ def rovid_rates(parameters: Path) -> FloatArray:
     parts = 200  # a log's rate: what acts between samples is then resolved
     commands = np.repeat(COMMANDS, parts)
     time = (HOLD / parts) * np.arange(len(commands), dtype=np.float64)
-    trial = Trial(
-        name="test",
-        path=Path("test"),
-        time=time,
-        position=np.zeros(len(time)),
-        commands=np.column_stack([commands] * len(vehicle.thrusters)),
-        rate=np.zeros(len(time)),
-    )
+    trial = Trial.imagined(time, np.column_stack([commands] * len(vehicle.thrusters)))
     return model.simulate(trial, model.drive(vehicle, trial))[0][::parts]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -68,11 +67,7 @@ def allocate(vehicle: Vehicle, model: Model) -> Allocation:
 
 def bare_actuation(vehicle: Vehicle, time: FloatArray, parts: int = 1) -> Actuation:
     """What effects need to know of ``vehicle`` at the instants ``time``, without further channels."""
-    nothing = np.zeros(len(time))
-    trial = Trial(
-        name="", path=Path(), time=time, position=nothing, commands=np.zeros((len(time), len(vehicle.thrusters)))
-    )
-    return actuation_of(vehicle, trial, parts)
+    return actuation_of(vehicle, Trial.imagined(time, np.zeros((len(time), len(vehicle.thrusters)))), parts)
 
 
 def _half(vehicle: Vehicle, model: Model, way: float) -> tuple[FloatArray, FloatArray]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from scipy import optimize, stats
@@ -264,17 +263,13 @@ def _sine(period: float, amplitude: float) -> Trial:
     time = np.linspace(0.0, _PERIODS * period, _PERIODS * _SAMPLES + 1, dtype=np.float64)
     # The mean over each interval, for which it is held. A rate that starts at the torque's peak has least to forget.
     torque = amplitude * np.cos(2.0 * np.pi * (time + 0.5 * period / _SAMPLES) / period)
-    return _run("sine", time, torque)
+    return Trial.imagined(time, torque[:, None], name="sine")
 
 
 def _hold(torque: float, rate: float, start: Model) -> Trial:
     constant = start.inertia / max(2.0 * start.quadratic_drag * rate + start.linear_drag, 1e-12)
     time = np.linspace(0.0, _HOLD * constant, _HOLD_SAMPLES, dtype=np.float64)
-    return _run("hold", time, np.full(len(time), torque))
-
-
-def _run(kind: str, time: FloatArray, torque: FloatArray) -> Trial:
-    return Trial(name=kind, path=Path(), time=time, position=np.zeros(len(time)), commands=torque[:, None])
+    return Trial.imagined(time, np.full((len(time), 1), torque), name="hold")
 
 
 def _of_torque(most: float) -> Vehicle:

@@ -258,10 +258,9 @@ def actuation(vehicle: Vehicle, trial: Trial, parts: int = 1) -> Actuation:
     )
 
 
-def race_of(vehicle: Vehicle, trial: Trial) -> FloatArray:
-    """(n,) N^0.5 m^2; sum over the thrusters of the root of the bench's thrust times their arm squared."""
-    arms = np.array([thruster.arm for thruster in vehicle.thrusters])
-    return np.asarray(np.sqrt(np.abs(vehicle.thrust(trial.commands))) @ arms**2)
+def race(thrust: FloatArray, arms: FloatArray) -> FloatArray:
+    """(n,) N^0.5 m^2; sum over the thrusters of the root of their (n, k) thrust in N times their arm squared."""
+    return np.asarray(np.sqrt(np.abs(thrust)) @ arms**2)
 
 
 def neutral_commands(vehicle: Vehicle) -> FloatArray:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -188,30 +187,10 @@ def _steady_thrust(subject: Subject, held: list[Effect], index: int, command: Fl
     vehicle = subject.vehicle
     commands = np.tile(neutral_commands(vehicle), (len(command), 1))
     commands[:, index] = command
-    trial = blank_trial(np.arange(len(command), dtype=np.float64), commands)
-    where, values = actuation(vehicle, trial), subject.effects
-    for effect in held:
-        if effect.on_command is not None:
-            commands = effect.on_command(where, commands, values[effect.key])
-    thrust = vehicle.thrust(commands)
-    for effect in held:
-        if effect.on_thrust is not None:
-            thrust = effect.on_thrust(where, thrust, values[effect.key])
+    where = actuation(vehicle, Trial.imagined(np.arange(len(command), dtype=np.float64), commands))
+    values = tuple(float(value) for effect in held for value in subject.effects[effect.key].values())
+    thrust = replace(subject.model, effects=tuple(held), effect_values=values).thrust(vehicle, where, commands)
     return np.asarray(thrust[:, index])
-
-
-def blank_trial(time: FloatArray, commands: FloatArray, reference: Mapping[str, float] | None = None) -> Trial:
-    """A trial that was never run, from rest, with each further channel at its median."""
-    return Trial(
-        name="export",
-        path=Path("export"),
-        time=time,
-        position=np.zeros(len(time)),
-        commands=commands,
-        rate=np.zeros(len(time)),
-        extras={name: np.full(len(time), value) for name, value in (reference or {}).items()},
-        reference=reference or {},
-    )
 
 
 def _corners(x: FloatArray, y: FloatArray) -> NDArray[np.intp]:

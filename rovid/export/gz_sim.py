@@ -13,7 +13,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from rovid.effects.base import Actuation, actuation
-from rovid.export.base import Curve, Subject, Target, blank_trial, comment, curve_comment, curve_keys, curves
+from rovid.export.base import Curve, Subject, Target, comment, curve_comment, curve_keys, curves
 from rovid.export.manoeuvre import march, thrust_torque
 from rovid.trial import FloatArray
 
@@ -79,7 +79,7 @@ def deadband(subject: Subject, index: int) -> float:
     if values is None:
         return 0.0
     where: Actuation = actuation(
-        subject.vehicle, blank_trial(np.zeros(1), np.zeros((1, len(subject.vehicle.thrusters))))
+        subject.vehicle, Trial.imagined(np.zeros(1), np.zeros((1, len(subject.vehicle.thrusters))))
     )
     # The smaller of both directions, a ramp's width short of the threshold: no thrust of the curve is lost.
     size = np.full(len(where.names), (1.0 - 0.5 * values["edge"]) * values["deadband"])

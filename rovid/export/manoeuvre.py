@@ -10,9 +10,9 @@ import numpy as np
 from scipy.signal import lfilter
 
 from rovid.effects.base import neutral_commands
-from rovid.export.base import Curve, Subject, blank_trial
+from rovid.export.base import Curve, Subject
 from rovid.model import Model
-from rovid.trial import FloatArray
+from rovid.trial import FloatArray, Trial
 
 # s; every target's step goes into it a whole number of times.
 PERIOD = 0.1
@@ -89,7 +89,7 @@ def _largest(subject: Subject, commands: FloatArray) -> float:
 
 def rovid_rate(subject: Subject, model: Model, commands: FloatArray) -> FloatArray:
     """(n,) yaw rate in rad/s of ``model`` under (n, k) ``commands``, from rest."""
-    trial = blank_trial(PERIOD * np.arange(len(commands), dtype=np.float64), commands, subject.reference)
+    trial = Trial.imagined(PERIOD * np.arange(len(commands), dtype=np.float64), commands, reference=subject.reference)
     return model.simulate(trial, model.drive(subject.vehicle, trial))[0]
 
 

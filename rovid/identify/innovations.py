@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rovid.axis import Axis
 from rovid.effects import Effect, restoring_of
-from rovid.effects.base import Scales, neutral_commands, race_of
+from rovid.effects.base import Scales, neutral_commands, race
 from rovid.model import MOST_PARTS, Drive, Model, initial_rate
 from rovid.rates import body_position
 from rovid.runs import Run
@@ -214,8 +214,9 @@ class Records:
         """Root mean square of the race in use, N^0.5 m^2."""
         if self.vehicle is None:
             return math.sqrt(self.torque)
-        race = np.concatenate([race_of(self.vehicle, run.trial) for run in self.runs])
-        return float(np.sqrt(np.mean(race[race > 0.0] ** 2)))
+        arms = np.array([thruster.arm for thruster in self.vehicle.thrusters])
+        races = np.concatenate([race(self.vehicle.thrust(run.trial.commands), arms) for run in self.runs])
+        return float(np.sqrt(np.mean(races[races > 0.0] ** 2)))
 
     @cached_property
     def position_noise(self) -> float:
