@@ -15,7 +15,7 @@ import numpy as np
 from rovid.effects.base import Actuation, actuation
 from rovid.export.base import Curve, Subject, Target, comment, curve_comment, curve_keys, curves
 from rovid.export.manoeuvre import march, thrust_torque
-from rovid.trial import FloatArray
+from rovid.trial import FloatArray, Trial
 
 NEWTONS = "Thruster takes newtons: the curves in the file turn commands into them, effects of the curve included."
 _STEP = 0.001  # s, gz-sim's default; DART steps a rate by semi-implicit Euler
@@ -78,9 +78,8 @@ def deadband(subject: Subject, index: int) -> float:
     values = subject.effects.get("thruster_deadband:jump")
     if values is None:
         return 0.0
-    where: Actuation = actuation(
-        subject.vehicle, Trial.imagined(np.zeros(1), np.zeros((1, len(subject.vehicle.thrusters))))
-    )
+    still = Trial.imagined(np.zeros(1), np.zeros((1, len(subject.vehicle.thrusters))))
+    where: Actuation = actuation(subject.vehicle, still)
     # The smaller of both directions, a ramp's width short of the threshold: no thrust of the curve is lost.
     size = np.full(len(where.names), (1.0 - 0.5 * values["edge"]) * values["deadband"])
     ends = [abs(float(subject.vehicle.thrust(where.from_beyond(sign * size)[None])[0, index])) for sign in (1.0, -1.0)]
