@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import control
 import numpy as np
 import pytest
 from scipy import signal
@@ -541,3 +542,35 @@ def test_a_manoeuvre_against_a_current_has_the_error_of_its_stiffness() -> None:
         Manoeuvre(name="", start=120.0, wanted=120.0, current=10.0),
     )
     assert found.steady_error_deg == pytest.approx(math.degrees(10.0 / 1000.0), rel=1e-3)
+
+
+# Against python-control
+
+
+@pytest.mark.parametrize(("kp", "kd", "period", "rate_filter"), [(100.0, 710.0, 0.1, 0.3), (900.0, 2500.0, 0.5, 0.2)])
+def test_margins_are_those_of_python_control(kp: float, kd: float, period: float, rate_filter: float) -> None:
+    controller = law(kp, kd, period=period, rate_filter=rate_filter)
+    found = Loop(
+        law=controller, motion=linearised(PAPER), actuators=(np.array([0.1, 1.0]), np.ones(2, dtype=np.complex128))
+    ).margins()
+    motion = control.ss([[0.0, 1.0], [0.0, -132.37 / 5057.0]], [[0.0], [1.0 / 5057.0]], [[1.0, 0.0]], 0.0)
+    blend = 1.0 - math.exp(-period / rate_filter)
+    # The aid takes the linear drag off again.
+    rate = control.tf([blend / period, -blend / period], [1.0, blend - 1.0], period)
+    loop = (kp + (kd - 132.37) * rate) * control.ss2tf(control.sample_system(motion, period, "zoh"))
+    # By frequencies: its polynomials say themselves that they are not accurate here.
+    gain, phase, _, _, crossover, _ = control.stability_margins(loop, method="frd")
+    assert found.gain_db == pytest.approx(20.0 * math.log10(gain), abs=0.02)
+    assert found.phase_deg == pytest.approx(phase, abs=0.05)
+    assert found.crossover == pytest.approx(crossover, rel=1e-3)
+
+
+@pytest.mark.parametrize(("heading", "torque"), [(0.1, 50.0), (0.5, 120.0)])
+def test_weights_on_heading_and_torque_ask_for_a_damping_ratio_of_half_the_root_of_two(
+    heading: float, torque: float
+) -> None:
+    """Of the aided vehicle, a double integrator, the linear-quadratic gains are those of --damping 0.707."""
+    motion = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0 / 5057.0]])
+    optimal, _, _ = control.lqr(*motion, np.diag([1.0 / heading**2, 0.0]), np.array([[1.0 / torque**2]]))
+    known = gains(5057.0, math.sqrt(0.5), math.sqrt(torque / heading / 5057.0))
+    assert optimal.ravel() == pytest.approx(known, rel=1e-6)
