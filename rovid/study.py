@@ -147,7 +147,7 @@ class Study:
         return explain(read_table(self.sine), steady, drag, self.inertia(drag), rigid_body)
 
     def position_noise(self) -> float | None:
-        """Median standard deviation of the headings' noise in rad; None for tables."""
+        """Median standard deviation of the noise of what is measured; None for tables."""
         return None if self.runs is None else self.runs.noise()[0]
 
     def torque_in_use(self) -> float | None:
