@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rovid.axis import Axis
 from rovid.diagnose.diagnosis import Diagnosis
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.steady import DragFit
@@ -35,3 +36,8 @@ class Evidence:
     diagnosis: Diagnosis | None = None
     diagnosis_refusal: str = ""
     compared: tuple[TrialSimulation, TrialSimulation] | None = None
+
+    @property
+    def axis(self) -> Axis:
+        """The degree of freedom that the page is about."""
+        return self.vehicle.axis
