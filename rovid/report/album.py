@@ -13,6 +13,8 @@ from typing import TypeVar
 from matplotlib.figure import Figure
 
 from rovid.axis import Axis
+from rovid.control.design import Control
+from rovid.control.loop import Course
 from rovid.diagnose.diagnosis import Finding
 from rovid.diagnose.parts import parts_of
 from rovid.identify.inertia import InertiaFit
@@ -21,7 +23,18 @@ from rovid.model import Model
 from rovid.output import plus_minus, write_atomic
 from rovid.report.evidence import Evidence
 from rovid.report.findings import name_of, worth
-from rovid.report.plots import canvas, findings, inertia, left_over, residuals, simulations, sines, steady, thrust
+from rovid.report.plots import (
+    canvas,
+    closed_loop,
+    findings,
+    inertia,
+    left_over,
+    residuals,
+    simulations,
+    sines,
+    steady,
+    thrust,
+)
 from rovid.report.residual import left_by_all, residuals_of, sizes
 from rovid.report.text import number, steady_state, unit
 from rovid.simulation import TrialSimulation
@@ -71,11 +84,12 @@ class Album:
     rivals: Mapping[str, Picture] = field(default_factory=dict)
     compared: tuple[Picture, ...] = ()
     left_over: tuple[Picture, ...] = ()
+    closed_loop: tuple[Picture, ...] = ()
 
     def write(self, folder: Path) -> None:
         """Write every plot into ``folder``."""
         first = (self.thrust, self.steady, self.inertia, self.sines, self.overview, self.large, self.residuals)
-        for pictures in (*first, self.rivals.values(), self.compared, self.left_over):
+        for pictures in (*first, self.rivals.values(), self.compared, self.left_over, self.closed_loop):
             for picture in pictures:
                 picture.write(folder)
 
@@ -95,6 +109,7 @@ def make_album(evidence: Evidence) -> Album:
         rivals={finding.effect.key: _rivals(finding) for finding in _rivalled(evidence)},
         compared=() if evidence.compared is None else (_compared(*evidence.compared),),
         left_over=_left_over(evidence),
+        closed_loop=() if evidence.control is None else (_closed_loop(evidence.control, evidence.courses),),
     )
 
 
@@ -275,6 +290,19 @@ def _left_over(evidence: Evidence) -> tuple[Picture, ...]:
             alt=f"Five panels of the residual {axis.push}: {was} {axis.push_unit} root mean square without what was "
             f"found, {now} {axis.push_unit} with it.",
         ),
+    )
+
+
+def _closed_loop(control: Control, courses: Mapping[str, Mapping[str, Course]]) -> Picture:
+    effects = bool(control.model.effects)
+    full = {run.name: run.measures for run in control.runs if run.model_aid and run.effects_known == effects}
+    steps = "; ".join(f"{name}, {number(full[name].overshoot_deg, '.1f')} deg too far" for name in courses)
+    return _picture(
+        "closed_loop",
+        closed_loop.closed_loop(courses, control.bandwidth),
+        caption="Steps of the wanted heading, simulated without noise and disturbance: heading against set point, and "
+        "the torque that the controller asks for.",
+        alt=f"Heading and torque over time in three steps; with full aid, and disturbed as in the table: {steps}.",
     )
 
 
