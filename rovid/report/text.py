@@ -27,7 +27,6 @@ _UNITS = {
     "(N m)^0.5 s/rad": "√(N m) s/rad",
     "N s^2/m^2": "N s²/m²",
     "N s^3/m^3": "N s³/m³",
-    "N^0.5 s/m": "√N s/m",
 }
 
 
