@@ -470,6 +470,12 @@ def report(
     diagnosis: Annotated[
         bool, typer.Option("--diagnosis/--no-diagnosis", help="Say on the page what the simulation misses, and why.")
     ] = True,
+    control: Annotated[
+        bool, typer.Option("--control/--no-control", help="Say on the page which heading controller suits the vehicle.")
+    ] = True,
+    export: Annotated[
+        bool, typer.Option("--export/--no-export", help="Say on the page what each simulator's format holds.")
+    ] = True,
     cutoff: Cutoff = None,
     json: Json = False,
 ) -> None:
@@ -486,7 +492,15 @@ def report(
     study = _open(logs or _remembered(stored), cutoff, stored.axis)
     folder = output or Path("report" if stored.axis is YAW else f"report_{stored.axis.name}")
     with _working("Fitting drag and inertia …") as report_progress:
-        page = build_report(stored, study, folder, diagnosed=diagnosis, report=report_progress)
+        page = build_report(
+            stored,
+            study,
+            folder,
+            diagnosed=diagnosis,
+            controlled=control,
+            exported=export,
+            report=report_progress,
+        )
     if json:
         _print_json({"schema": "rovid-report/1", "page": str(page), "parameters": str(stored.path)})
     else:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
+from rovid.axis import Axis
+from rovid.control.design import Control
+from rovid.control.loop import Course
 from rovid.diagnose.diagnosis import Diagnosis
+from rovid.export import Exported
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.steady import DragFit
 from rovid.parameters import Parameters
@@ -20,7 +25,8 @@ class Evidence:
 
     ``campaign`` and ``runs`` are None where tables stood in place of logs. ``diagnosis`` is None where there was none:
     with a refusal it was not possible, without one it was not wanted. ``compared`` is one trial, simulated without and
-    with what it found.
+    with what it found. ``control`` and ``exports``, by the format's name, are None as ``diagnosis`` is, and along other
+    axes than yaw; ``courses`` are those of `rovid.report.courses`.
     """
 
     vehicle: Vehicle
@@ -35,3 +41,13 @@ class Evidence:
     diagnosis: Diagnosis | None = None
     diagnosis_refusal: str = ""
     compared: tuple[TrialSimulation, TrialSimulation] | None = None
+    control: Control | None = None
+    control_refusal: str = ""
+    courses: Mapping[str, Mapping[str, Course]] = field(default_factory=dict)
+    exports: Mapping[str, Exported] | None = None
+    export_refusal: str = ""
+
+    @property
+    def axis(self) -> Axis:
+        """The degree of freedom that the page is about."""
+        return self.vehicle.axis
