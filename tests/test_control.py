@@ -306,10 +306,10 @@ def test_a_dead_zone_and_a_lag_make_a_limit_cycle_that_is_seen() -> None:
     model = with_effect("thruster_lag", 1.0, model=with_effect("command_hysteresis", 0.4))
     bench = allocate(VEHICLE, PAPER)
     controller = law(2000.0, 3000.0)
-    shaken = run_manoeuvre(controller, bench, Plant(model=model, vehicle=VEHICLE), paper_runs()[2])
+    shaken, _ = run_manoeuvre(controller, bench, Plant(model=model, vehicle=VEHICLE), paper_runs()[2])
     assert shaken.limit_cycle is not None
     assert shaken.limit_cycle.amplitude_deg > 0.2
-    calm = run_manoeuvre(controller, bench, Plant(model=PAPER, vehicle=VEHICLE), paper_runs()[2])
+    calm, _ = run_manoeuvre(controller, bench, Plant(model=PAPER, vehicle=VEHICLE), paper_runs()[2])
     assert calm.limit_cycle is None
 
 
@@ -441,7 +441,7 @@ def test_a_random_vehicle_keeps_its_heading_within_predicted_margins(seed: int) 
         disturbance=0.02 * setting.torque_in_use,
     )
     for manoeuvre in manoeuvres((), setting.torque_in_use)[:3]:
-        found = run_manoeuvre(controller, allocation, plant, manoeuvre, seed=seed)
+        found, _ = run_manoeuvre(controller, allocation, plant, manoeuvre, seed=seed)
         assert found.settling_time is not None
         assert found.steady_error_deg < 0.6
         # What a play or a dead zone leaves, if anything.
@@ -535,7 +535,7 @@ def test_pd_alone_has_no_aid() -> None:
 
 
 def test_a_manoeuvre_against_a_current_has_the_error_of_its_stiffness() -> None:
-    found = run_manoeuvre(
+    found, _ = run_manoeuvre(
         law(1000.0, 3500.0),
         allocate(LOGGED, PAPER),
         Plant(model=PAPER, vehicle=LOGGED),

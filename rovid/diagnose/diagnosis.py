@@ -336,9 +336,9 @@ def _lack(runs: Sequence[Run], part: float) -> str:
     if not any(_moves(run) for run in runs):
         moves, move = ("turns", "turn") if axis.angular else ("moves", "move")
         return (
-            f"the vehicle never {moves}: its {axis.rate_words} is no larger than the sensor's noise makes it. Check that "
-            f"{axis.position} in rovid.toml is the vehicle's, and run sines, steps or a pseudo-random command that "
-            f"{move} it."
+            f"the vehicle never {moves}: its {axis.rate_words} is no larger than the sensor's noise makes it. Check "
+            f"that {axis.position} in rovid.toml is the vehicle's, and run sines, steps or a pseudo-random command "
+            f"that {move} it."
         )
     return ""
 

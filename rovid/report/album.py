@@ -14,13 +14,13 @@ from matplotlib.figure import Figure
 
 from rovid.axis import Axis
 from rovid.control.design import Control
-from rovid.control.loop import Course
 from rovid.diagnose.diagnosis import Finding
 from rovid.diagnose.parts import parts_of
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.steady import DragFit
 from rovid.model import Model
 from rovid.output import plus_minus, write_atomic
+from rovid.report.courses import courses_of
 from rovid.report.evidence import Evidence
 from rovid.report.findings import name_of, worth
 from rovid.report.plots import (
@@ -109,7 +109,7 @@ def make_album(evidence: Evidence) -> Album:
         rivals={finding.effect.key: _rivals(finding) for finding in _rivalled(evidence)},
         compared=() if evidence.compared is None else (_compared(*evidence.compared),),
         left_over=_left_over(evidence),
-        closed_loop=() if evidence.control is None else (_closed_loop(evidence.control, evidence.courses),),
+        closed_loop=() if evidence.control is None else (_closed_loop(evidence.control),),
     )
 
 
@@ -293,7 +293,8 @@ def _left_over(evidence: Evidence) -> tuple[Picture, ...]:
     )
 
 
-def _closed_loop(control: Control, courses: Mapping[str, Mapping[str, Course]]) -> Picture:
+def _closed_loop(control: Control) -> Picture:
+    courses = courses_of(control)
     effects = bool(control.model.effects)
     full = {run.name: run.measures for run in control.runs if run.model_aid and run.effects_known == effects}
     steps = "; ".join(f"{name}, {number(full[name].overshoot_deg, '.1f')} deg too far" for name in courses)

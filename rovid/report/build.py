@@ -16,7 +16,6 @@ from rovid.identify.estimate import Estimate
 from rovid.model import Model
 from rovid.output import require_writable
 from rovid.parameters import Parameters
-from rovid.report.courses import courses_of
 from rovid.report.evidence import Evidence
 from rovid.report.page import write_report
 from rovid.simulation import TrialSimulation, simulate_runs
@@ -89,7 +88,6 @@ def build_report(
             compared=None if diagnosis is None else most_improved(study, diagnosis),
             control=control,
             control_refusal=control_refusal,
-            courses={} if control is None else courses_of(control, study.vehicle),
             exports=exports,
             export_refusal=export_refusal,
         ),

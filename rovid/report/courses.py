@@ -2,45 +2,20 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
+from rovid.control.design import Control, paper_runs
+from rovid.control.loop import Course
 
-import numpy as np
+# Whether effects act, whether the model aids, whether the aid knows of the effects.
+_WITH_EFFECTS = {
+    "aid of drag and effects": (True, True, True),
+    "aid of drag alone": (True, True, False),
+    "the same without effects": (False, True, False),
+}
+_WITHOUT = {"aided by the model": (False, True, False), "PD alone": (False, False, False)}
 
-from rovid.control.allocation import allocate
-from rovid.control.design import Control, duration, paper_runs, unaided
-from rovid.control.loop import Course, Plant, run_closed
-from rovid.vehicle import Thruster, Vehicle
 
-
-def courses_of(control: Control, vehicle: Vehicle) -> dict[str, dict[str, Course]]:
+def courses_of(control: Control) -> dict[str, dict[str, Course]]:
     """Name of each step -> what controller and plant are -> the run."""
-    model, law, delay = control.model, control.law, control.setting.delay
-    # As for the design: where no thrusters are known the torque itself is commanded.
-    if not vehicle.thrusters:
-        vehicle = replace(vehicle, thrusters=(Thruster(name="torque", arm=1.0, curve=None),))
-    bare = replace(model, effects=(), effect_values=())
-    bench = allocate(vehicle, bare)
-    plain = replace(law, hold=(0.0,) * len(law.hold), lowest=bench.lowest, highest=bench.highest)
-    if model.effects:
-        ways = {
-            "aid of drag and effects": (law, control.allocation, model),
-            "aid of drag alone": (plain, bench, model),
-            "the same without effects": (plain, bench, bare),
-        }
-    else:
-        ways = {"aided by the model": (plain, bench, bare), "PD alone": (unaided(plain), bench, bare)}
-    samples = math.ceil(duration(law, model) / law.period)
-    return {
-        run.name: {
-            way: run_closed(
-                controller,
-                inverse,
-                Plant(model=acting, vehicle=vehicle, delay=delay),
-                np.full(samples, math.radians(run.wanted)),
-                math.radians(run.start),
-            )
-            for way, (controller, inverse, acting) in ways.items()
-        }
-        for run in paper_runs()
-    }
+    ways = _WITH_EFFECTS if control.model.effects else _WITHOUT
+    runs = {(run.name, bool(run.effects), run.model_aid, run.effects_known): run.quiet for run in control.runs}
+    return {step.name: {way: runs[step.name, *key] for way, key in ways.items()} for step in paper_runs()}

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from rovid.axis import Axis
 from rovid.control.design import Control
-from rovid.control.loop import Course
 from rovid.diagnose.diagnosis import Diagnosis
 from rovid.export import Exported
 from rovid.identify.inertia import InertiaFit
@@ -26,7 +25,7 @@ class Evidence:
     ``campaign`` and ``runs`` are None where tables stood in place of logs. ``diagnosis`` is None where there was none:
     with a refusal it was not possible, without one it was not wanted. ``compared`` is one trial, simulated without and
     with what it found. ``control`` and ``exports``, by the format's name, are None as ``diagnosis`` is, and along other
-    axes than yaw; ``courses`` are those of `rovid.report.courses`.
+    axes than yaw.
     """
 
     vehicle: Vehicle
@@ -43,7 +42,6 @@ class Evidence:
     compared: tuple[TrialSimulation, TrialSimulation] | None = None
     control: Control | None = None
     control_refusal: str = ""
-    courses: Mapping[str, Mapping[str, Course]] = field(default_factory=dict)
     exports: Mapping[str, Exported] | None = None
     export_refusal: str = ""
 

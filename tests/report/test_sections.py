@@ -186,7 +186,7 @@ def test_what_has_no_bound_is_said_in_words(control: Control) -> None:
 
 
 def test_the_courses_are_those_of_the_runs(day: Evidence, pushed: Control) -> None:
-    courses = courses_of(pushed, day.vehicle)
+    courses = courses_of(pushed)
     for name, ways in courses.items():
         run = next(run for run in pushed.runs if run.name == name and run.effects_known)
         course = ways["aid of drag and effects"]
@@ -200,7 +200,7 @@ def test_the_courses_are_those_of_the_runs(day: Evidence, pushed: Control) -> No
 
 def test_the_plot_shows_every_way_with_units(day: Evidence, control: Control, pushed: Control) -> None:
     for each, ways in ((control, 2), (pushed, 3)):
-        figure = closed_loop(courses_of(each, day.vehicle), each.bandwidth)
+        figure = closed_loop(courses_of(each), each.bandwidth)
         assert len(figure.axes) == 6
         assert all(axes.get_ylabel() in {"heading, deg", "torque, N m"} for axes in figure.axes)
         assert len(figure.legends[0].get_texts()) == ways + 1
@@ -211,7 +211,7 @@ def test_the_plot_shows_every_way_with_units(day: Evidence, control: Control, pu
 
 
 def test_a_page_with_effects_says_what_holds_against_them(day: Evidence, pushed: Control) -> None:
-    evidence = replace(day, control=pushed, courses=courses_of(pushed, day.vehicle))
+    evidence = replace(day, control=pushed)
     text = shown(evidence)
     assert "T = DQ·|r|·r + DL·r + hold + kp·(ψ wanted − ψ) − kd·r" in text
     assert "Effects: bias_torque." in text
