@@ -90,7 +90,7 @@ def _root(
 
 @app.command()
 def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
-    """What is in the logs and what is wrong with them.
+    """What is in the logs, what is wrong with them, and what to mind or to run besides before a fit.
 
     Example: rovid check sample_logs/rosub_tank
     """
@@ -98,16 +98,17 @@ def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
     from rovid.check import check_logs
     from rovid.config import find_config, load_config
     from rovid.documents import check_document
-    from rovid.terminal import show_check, show_warnings
+    from rovid.terminal import show_advice, show_check, show_warnings
 
     _announce_compilation()
     config = load_config(find_config(logs), axis_named(axis) if axis else YAW)
     found = check_logs(logs, config)
     if json:
-        _print_json(check_document(found.rows, found.problems, found.remarks))
+        _print_json(check_document(found.rows, found.problems, found.remarks, found.advice))
     else:
         show_check(_console(), found.rows, found.problems)
         show_warnings(_console(), [remark.text for remark in found.remarks])
+        show_advice(_console(), found.advice)
     if found.problems:
         name, problem = next(iter(found.problems.items()))
         raise DataError(

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rovid.advice import Advice
 from rovid.axis import YAW, Axis
 from rovid.control.design import Control, RunResult
 from rovid.diagnose.amplitudes import Amplitudes
@@ -422,7 +423,10 @@ def _mismatch(mismatch: Mismatch) -> Document:
 
 
 def check_document(
-    trials: Sequence[tuple[Trial, Mapping[str, Any]]], problems: Mapping[str, str], remarks: Sequence[Remark]
+    trials: Sequence[tuple[Trial, Mapping[str, Any]]],
+    problems: Mapping[str, str],
+    remarks: Sequence[Remark],
+    advice: Sequence[Advice],
 ) -> Document:
     """What `rovid check --json` prints."""
     return {
@@ -430,6 +434,7 @@ def check_document(
         "logs": [{"name": trial.name} | dict(facts) for trial, facts in trials],
         "unreadable": [{"name": name, "problem": problem} for name, problem in problems.items()],
         "remarks": [remark_document(remark) for remark in remarks],
+        "advice": [{"kind": one.kind, "text": one.text} for one in advice],
     }
 
 

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from rovid.advice import Advice
 from rovid.axis import YAW
 from rovid.export import Exported
 from rovid.identify.bench import BenchFit
@@ -264,6 +265,15 @@ def show_check(console: Console, rows: Sequence[tuple[Trial, Mapping[str, Any]]]
     for trial, _ in rows:
         for remark in trial.remarks:
             console.print(f"{escape(trial.name)}: {escape(remark.text)}", highlight=False)
+
+
+def show_advice(console: Console, advice: Sequence[Advice]) -> None:
+    """Print what to mind before a fit."""
+    for one in advice:
+        text = one.text[:1].upper() + one.text[1:] if one.text.split(" ")[0].isalpha() else one.text
+        console.print(f"[bold]Before a fit:[/bold] {escape(text)}", highlight=False)
+    if not advice:
+        console.print("These logs have what a fit wants.", highlight=False)
 
 
 def show_fit(

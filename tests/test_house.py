@@ -33,6 +33,7 @@ HOUSE = [
     "parameters",
     "control",
     "study",
+    "advice",
     "export",
     "documents",
     "check",
