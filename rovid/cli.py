@@ -89,6 +89,35 @@ def _root(
 
 
 @app.command()
+def init(
+    logs: Logs,
+    *,
+    force: Annotated[bool, typer.Option("--force", help="Write over a rovid.toml that is there.")] = False,
+    json: Json = False,
+) -> None:
+    """Look at the logs and write a commented rovid.toml beside them: which column is what, its unit and sense, and why.
+
+    Example: rovid init my_logs
+    """
+    from rovid.documents import survey_document
+    from rovid.output import write_atomic
+    from rovid.survey import files_of, survey
+    from rovid.terminal import show_survey
+
+    found = survey(logs)
+    files = files_of(found)
+    there = next(iter(files))
+    if there.exists() and not force:
+        raise ConfigError("is there already.", where=there, mend="Delete it, or give --force to write over it.")
+    for path, text in files.items():
+        write_atomic(path, text)
+    if json:
+        _print_json(survey_document(found, list(files)))
+    else:
+        show_survey(_console(), found, list(files))
+
+
+@app.command()
 def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
     """What is in the logs, what is wrong with them, and what to mind or to run besides before a fit.
 

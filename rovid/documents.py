@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from rovid.parameters import Parameters
 from rovid.runs import Runs
 from rovid.simulation import HORIZONS, TrialSimulation, overall
 from rovid.study import Study
+from rovid.survey import Survey
 from rovid.trial import Remark, Trial
 
 Document = dict[str, Any]
@@ -420,6 +422,27 @@ def export_document(name: str, file: str, made: Exported) -> Document:
 
 def _mismatch(mismatch: Mismatch) -> Document:
     return {"yaw_rate_percent_of_range": mismatch.percent_of_range, "rms": mismatch.rms, "unit": "rad/s"}
+
+
+def survey_document(found: Survey, written: Sequence[Path]) -> Document:
+    """What `rovid init --json` prints."""
+    return {
+        "schema": "rovid-init/1",
+        "written": [str(path) for path in written],
+        "logs": found.logs,
+        "curve": {"file": found.curve, "guessed": found.curve_guessed is not None},
+        "signals": {
+            kind: {
+                name: {"source": one.source, "unit": one.unit or None, "sign": one.sign, "why": one.why}
+                for name, one in guesses.signals.items()
+            }
+            for kind, guesses in found.guesses.items()
+        },
+        "commands": {
+            kind: [{"name": o.name, "source": o.source, "turns": o.way, "why": o.why} for o in guesses.commands]
+            for kind, guesses in found.guesses.items()
+        },
+    }
 
 
 def check_document(

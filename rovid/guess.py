@@ -19,22 +19,25 @@ _HEADING = {"heading", "hdg", "yaw", "psi", "compass", "kurs", "cap"}
 _COMMAND = {"cmd", "command", "pwm", "throttle", "thruster", "thrusters", "motor", "motors", "servo", "esc", "output"}
 _COMMAND |= {"actuator", "rcout", "rcou", "propeller", "prop", "thr"}
 _VOLTS = {"v", "volt", "volts", "voltage"}
-_SUPPLY = {"supply", "battery", "batt", "bat", "bus", "power"}
-_CLOCK = {"time", "t", "stamp", "timestamp", "seconds", "zeit", "utc"}
+_SAYS_LITTLE = _VOLTS | {"cmd", "command", "data", "thruster", "thrusters", "us", "norm"}
+_SUPPLY = {"supply", "battery", "batt", "bat", "bus"}
+_NOT_VOLTS = {"curr", "current", "amps", "a", "temp", "temperature", "percent", "remaining", "id", "res", "resistance"}
+CLOCK = {"time", "t", "stamp", "timestamp", "seconds", "zeit", "utc"}
 # A pulse width in us is between these, 1500 for no thrust.
 _PULSE, _REST = (800.0, 2200.0), 1500.0
 # Of a regression of the rate's change on commands.
-_WINDOW, _SURE = 2.0, 4.0
+_WINDOW, _SURE = 0.5, 4.0
 _FEWEST = 30
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Seen:
-    """One column or field of one log: its (n,) times in s and values."""
+    """One column or field of one log: its (n,) times in s and values; ``radians`` where it is an orientation."""
 
     source: str
     time: FloatArray
     values: FloatArray
+    radians: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +96,7 @@ def guess(logs: Sequence[Mapping[str, Seen]]) -> Guesses:
             signals[name] = found
     taken = {one.source for one in signals.values()}
     commands = _commands({source: every[source] for source in every if source not in taken}, logs, heading)
-    supply = next((s for s in every if words(s) & _SUPPLY and (words(s) & _VOLTS) and s not in taken), None)
+    supply = next((s for s in every if words(s) & _SUPPLY and not words(s) & _NOT_VOLTS and s not in taken), None)
     if supply is not None:
         signals["supply_voltage"] = Guess(source=supply, why="named so; the diagnosis tests what depends on it")
         commands = tuple(one for one in commands if one.source != supply)
@@ -117,6 +120,9 @@ def _heading(every: Mapping[str, Sequence[Seen]]) -> Guess | None:
         for source in every
         if words(source) & _HEADING and not words(source) & (_NOT_MEASURED | _RATES | _COMMAND)
     ]
+    turned = next((source for source, seen in every.items() if seen[0].radians), None)
+    if turned is not None and not named:
+        return Guess(source=turned, unit="rad", why="an orientation, of which the heading is made")
     found = [(source, *_turning(source, every[source])) for source in (named or every)]
     found = [one for one in found if one[1] and (named or "jumps" in one[2])]
     if not found:
@@ -185,21 +191,22 @@ def _radians(heading: Guess, seen: Seen) -> tuple[FloatArray, FloatArray]:
 
 
 def _rates(heading: Guess, seen: Seen) -> tuple[FloatArray, FloatArray]:
-    """(m,) s, a window apart, and the mean rate in rad/s over each window."""
+    """(m + 1,) s, a window apart, and the (m,) mean rates in rad/s between them."""
     time, angle = _radians(heading, seen)
     if len(time) < _FEWEST:
         return np.empty(0), np.empty(0)
-    grid = np.arange(time[0], time[-1], _WINDOW)
-    return grid[:-1], np.diff(np.interp(grid, time, angle)) / _WINDOW
+    window = max(_WINDOW, 2.0 * float(np.median(np.diff(time))))
+    grid = np.arange(time[0], time[-1], window)
+    return grid, np.diff(np.interp(grid, time, angle)) / window
 
 
 def _side_by_side(log: Mapping[str, Seen], heading: Guess, source: str) -> tuple[FloatArray, FloatArray]:
     time, rate = _rates(heading, log[heading.source])
     other = log[source]
     known = np.isfinite(other.values)
-    if not known.any():
+    if not known.any() or not rate.size:
         return np.empty(0), np.empty(0)
-    return rate, np.interp(time + 0.5 * _WINDOW, other.time[known], other.values[known])
+    return rate, np.interp(0.5 * (time[1:] + time[:-1]), other.time[known], other.values[known])
 
 
 def _commands(
@@ -209,7 +216,7 @@ def _commands(
     found = {
         source: values
         for source, seen in every.items()
-        if (words(source) & (_COMMAND | _VOLTS)) and not words(source) & (_CLOCK | _SUPPLY)
+        if (words(source) & (_COMMAND | _VOLTS)) and not words(source) & (CLOCK | _SUPPLY)
         if len(values := _finite(seen)) and np.ptp(values) > 0.0
     }
     # What a person or an autopilot asks for goes to the thrusters by way of their own pulses, where those are logged.
@@ -279,16 +286,17 @@ def _ways(
 
 
 def _mean(seen: Seen, time: FloatArray) -> FloatArray:
-    """(m,) mean of the held values over the window that begins at each of (m,) ``time``."""
+    """(m,) means of the held values between (m + 1,) ``time`` in s."""
     known = np.isfinite(seen.values)
     clock, values = seen.time[known], seen.values[known]
-    ends = np.append(clock, max(clock[-1], time[-1] + _WINDOW))
+    ends = np.append(clock, max(clock[-1], time[-1]) + 1.0)
     integral = np.concatenate(([0.0], np.cumsum(values * np.diff(ends))))
-    return np.asarray(np.interp(time + _WINDOW, ends, integral) - np.interp(time, ends, integral)) / _WINDOW
+    return np.asarray(np.diff(np.interp(time, ends, integral)) / np.diff(time))
 
 
 def _thruster(source: str, taken: Sequence[str]) -> str:
     """A name for people: the source without what only says that it is a command."""
-    parts = [p for p in re.split(r"[^\w]+|_", source) if p and not {p.lower()} & (_VOLTS | {"cmd", "command", "data"})]
-    name = "_".join(parts).lower() or "thruster"
+    parts = [p for p in re.split(r"[^\w]+|_", source) if p and p.lower() not in _SAYS_LITTLE]
+    name = "_".join(parts).lower()
+    name = f"thruster_{name}" if not name or name.isdigit() else name
     return name if name not in taken else f"{name}_{len(taken) + 1}"

@@ -26,6 +26,7 @@ from rovid.parameters import Parameters
 from rovid.runs import Runs
 from rovid.simulation import TrialSimulation, overall
 from rovid.study import Study
+from rovid.survey import Survey
 from rovid.trial import Trial
 
 _Fit = TypeVar("_Fit", DragFit, InertiaFit, LikelihoodFit)
@@ -237,6 +238,25 @@ def show_bench(console: Console, fit: BenchFit, output: Path) -> None:
         f"dead zone {zone}; thrust {fit.curve.thrust.min():.1f} to {fit.curve.thrust.max():.1f} N; residual "
         f"{fit.rms:.2g} N rms, {np.max(np.abs(fit.residuals)):.2g} N at most\nwritten to {escape(str(output))}",
         highlight=False,
+    )
+
+
+def show_survey(console: Console, found: Survey, written: Sequence[Path]) -> None:
+    """Print what each signal was taken for, and what to do next."""
+    rows = table(f"Guessed from {found.logs} logs", "signal", "taken from", "unit", "why", left=4)
+    for guesses in found.guesses.values():
+        for name, one in guesses.signals.items():
+            rows.add_row(name, escape(one.source), one.unit, escape(one.why))
+        for command in guesses.commands:
+            rows.add_row(f"command of {escape(command.name)}", escape(command.source), "", escape(command.why))
+    console.print(rows)
+    for path in written:
+        console.print(f"written: {escape(str(path))}", highlight=False, soft_wrap=True)
+    folder = escape(str(found.folder))
+    console.print(
+        f"[bold]Next:[/bold] read {escape(written[0].name)}, then rovid check {folder} and rovid report {folder}",
+        highlight=False,
+        soft_wrap=True,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from array import array
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any
 
@@ -36,6 +36,8 @@ from rovid.trial import FloatArray, Remark
 KIND = "mcap"
 _CLOCKS = ("log", "publish", "header")
 _LATEST = 2**63 - 1
+_STAMPED = {"header", "stamp", "timestamp"}
+_QUATERNIONS = {"orientation", "quaternion", "rotation"}
 
 
 def read(path: Path, config: Config) -> RawLog:
@@ -250,3 +252,41 @@ def _numbers(times: array[int] | list[Any]) -> NDArray[Any]:
         return np.frombuffer(times, dtype=np.int64)
     whole = all(isinstance(time, int) and abs(time) < _LATEST for time in times)
     return np.array(times, dtype=np.int64) if whole else np.array([as_float(time) for time in times])
+
+
+def sources(path: Path) -> tuple[str, list[str]]:
+    """Nothing, for the clock is that of the recording, and every field that holds a number or an orientation.
+
+    Raises
+    ------
+    LogError
+        It is no MCAP file, or an encoding is not supported.
+    """
+    found: dict[str, None] = {}
+
+    def opened(channel: McapChannel, schema: Schema | None) -> Handler | None:
+        decode, topic, first = decoder(channel, schema, str(path)), channel.topic, [True]
+
+        def take(payload: bytes, _log: int, _publish: int) -> None:
+            if first:
+                first.clear()
+                found.update(dict.fromkeys(_numeric(decode(payload), topic)))
+
+        return take
+
+    with path.open("rb", buffering=1 << 16) as file:
+        size = file.seek(0, io.SEEK_END)
+        Recording(path=path, size=size, file=file, open_channel=opened).read(by_index=True)
+    return "", list(found)
+
+
+def _numeric(message: Any, topic: str) -> Iterator[str]:
+    for name in field_names(message):
+        *inside, last = name.split(".")
+        if _STAMPED & {*inside, last}:
+            continue
+        value = getter(split_fields(f".{name}"), mapping=isinstance(message, dict))(message)
+        if last in "xyzw" and inside and inside[-1] in _QUATERNIONS:
+            yield f"{topic}.{'.'.join(inside)}"
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            yield f"{topic}.{name}"
