@@ -358,6 +358,77 @@ def simulate(
 
 
 @app.command()
+def plan(
+    logs: OptionalLogs = None,
+    *,
+    between: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ID", help="Tell this cause from another; to be given twice.", show_default=False),
+    ] = None,
+    narrow: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PARAMETER", help="Make this parameter surer; the least sure if not given.", show_default=False
+        ),
+    ] = None,
+    share: Annotated[float, typer.Option(min=0.05, max=1.0, help="Of the commands that the logs used.")] = 1.0,
+    minutes: Annotated[float, typer.Option(min=0.1, help="Longest run.")] = 10.0,
+    max_rate: Annotated[
+        float | None,
+        typer.Option(metavar="DEG/S", help="Fastest turn; m/s along an axis that is none.", show_default=False),
+    ] = None,
+    turns: Annotated[
+        float | None,
+        typer.Option(
+            metavar="TURNS", help="Farthest from the start; m along an axis that is none.", show_default=False
+        ),
+    ] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="Command file.")] = Path("plan.csv"),
+    axis: AxisName = None,
+    parameters: ParameterFile = None,
+    json: Json = False,
+) -> None:
+    """The run to make next, as a command file: to tell two causes apart, or to make a parameter surer.
+
+    Runs that a crew can play are ranked by what they are expected to tell for each minute in the water. A picture of
+    what each cause predicts goes beside the command file.
+
+    Example: rovid plan --between thruster_lag --between command_delay
+    """
+    import math
+
+    from rovid.documents import plan_document
+    from rovid.effects import effect_named
+    from rovid.output import write_atomic
+    from rovid.plan.design import command_text
+    from rovid.plan.programme import Limits
+    from rovid.report.plots.planned import picture
+    from rovid.terminal import show_plan
+
+    rivals = tuple(effect_named(name) for name in between or ())
+    if len({rival.id for rival in rivals}) not in {0, 2} or len(rivals) > 2:
+        raise ConfigError(f"names {len(rivals)} causes; two different ones were expected.", where="--between")
+    stored = _stored(parameters, axis)
+    study = _open(logs or _remembered(stored), None, stored.axis)
+    factor = math.pi / 180.0 if stored.axis.angular else 1.0
+    limits = Limits(
+        share=share,
+        seconds=60.0 * minutes,
+        rate=math.inf if max_rate is None else factor * max_rate,
+        travel=math.inf if turns is None else turns,
+    )
+    with _busy("Fitting, and trying runs …"):
+        found = study.plan(tuple(effect_named(name) for name in stored.effects), rivals, limits, narrow or "")
+    drawn = output.with_suffix(".png")
+    write_atomic(output, command_text(found))
+    write_atomic(drawn, picture(found, stored.axis))
+    if json:
+        _print_json(plan_document(found, stored.axis, str(output), str(drawn)))
+    else:
+        show_plan(_console(), found, [output, drawn])
+
+
+@app.command()
 def control(
     logs: OptionalLogs = None,
     *,

@@ -26,6 +26,7 @@ from rovid.identify.sine import Inertia
 from rovid.identify.steady import DragFit, SteadyPoint
 from rovid.model import effect_ids, unit_of
 from rovid.parameters import Parameters
+from rovid.plan.design import Plan, command_rows
 from rovid.runs import Runs
 from rovid.simulation import HORIZONS, TrialSimulation, overall
 from rovid.study import Study
@@ -335,6 +336,26 @@ def _trial_simulation(item: TrialSimulation) -> Document:
         f"{axis.rate}_fit_percent": item.fit.fit_percent,
         f"{axis.rate}_rmse": item.fit.rmse,
         **_position_errors(item.position_errors, axis),
+    }
+
+
+def plan_document(found: Plan, axis: Axis, command_file: str, picture: str) -> Document:
+    """What `rovid plan --json` prints."""
+    times, rows = command_rows(found.best)
+    return {
+        "schema": "rovid-plan/1",
+        **axis_document(axis),
+        "between": [belief.name for belief in found.beliefs] if len(found.beliefs) > 1 else None,
+        "narrow": found.narrow or None,
+        "decides": found.decides,
+        "runs": [
+            {"run": one.run.name, "seconds": one.run.seconds, "gain": one.gain, "gain_per_minute": one.per_minute}
+            for one in found.runs
+        ],
+        "gain": "expected log-likelihood ratio" if len(found.beliefs) > 1 else "logarithm of the ratio of variances",
+        "command_file": command_file,
+        "picture": picture,
+        "commands": {"time_s": times} | {name: [row[k] for row in rows] for k, name in enumerate(found.thrusters)},
     }
 
 

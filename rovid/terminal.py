@@ -23,12 +23,15 @@ from rovid.identify.likelihood import LikelihoodFit
 from rovid.identify.steady import DragFit, SteadyPoint
 from rovid.output import plus_minus
 from rovid.parameters import Parameters
+from rovid.plan.design import Plan
+from rovid.plan.worth import DECIDES
 from rovid.runs import Runs
 from rovid.simulation import TrialSimulation, overall
 from rovid.study import Study
 from rovid.survey import Survey
 from rovid.trial import Trial
 
+_RUNS_SHOWN = 8
 _Fit = TypeVar("_Fit", DragFit, InertiaFit, LikelihoodFit)
 
 
@@ -239,6 +242,30 @@ def show_bench(console: Console, fit: BenchFit, output: Path) -> None:
         f"{fit.rms:.2g} N rms, {np.max(np.abs(fit.residuals)):.2g} N at most\nwritten to {escape(str(output))}",
         highlight=False,
     )
+
+
+def show_plan(console: Console, found: Plan, written: Sequence[Path]) -> None:
+    """Print the best runs, and where the first of them went."""
+    rivals = len(found.beliefs) > 1
+    gain = "log-likelihood" if rivals else "variance over"
+    purpose = (
+        f"Runs that tell {found.beliefs[0].name} from {found.beliefs[1].name}"
+        if rivals
+        else f"Runs that make {found.narrow.replace('_', ' ')} surer"
+    )
+    rows = table(purpose, "run", "minutes", gain, f"{gain} a minute")
+    for one in found.runs[:_RUNS_SHOWN]:
+        told = (one.gain, one.per_minute) if rivals else (math.exp(one.gain), math.exp(one.per_minute))
+        rows.add_row(escape(one.run.name), number(one.run.seconds / 60.0, ".1f"), *(number(x, ".3g") for x in told))
+    console.print(rows)
+    if not found.decides:
+        console.print(
+            f"[yellow]Note:[/yellow] none is expected to decide: that takes a gain of {DECIDES:.0f}. Allow longer runs or "
+            "more command, or play the best several times.",
+            highlight=False,
+        )
+    for path in written:
+        console.print(f"written: {escape(str(path))}", highlight=False, soft_wrap=True)
 
 
 def show_survey(console: Console, found: Survey, written: Sequence[Path]) -> None:

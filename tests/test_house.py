@@ -29,6 +29,7 @@ HOUSE = [
     "model",
     "simulation",
     "identify",
+    "plan",
     "diagnose",
     "output",
     "parameters",

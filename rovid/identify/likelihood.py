@@ -67,6 +67,7 @@ class LikelihoodFit:
     """
 
     estimate: Estimate
+    model: Model
     log_likelihood: float
     disturbance: float
     correlation_time: float
@@ -218,6 +219,7 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
     require_inertia(estimate, CERTAINTY)
     return LikelihoodFit(
         estimate=estimate,
+        model=model,
         log_likelihood=-likelihood.cost(x),
         disturbance=disturbance,
         correlation_time=memory,
