@@ -375,13 +375,11 @@ def plan(
     minutes: Annotated[float, typer.Option(min=0.1, help="Longest run.")] = 10.0,
     max_rate: Annotated[
         float | None,
-        typer.Option(metavar="DEG/S", help="Fastest turn; m/s along an axis that is none.", show_default=False),
+        typer.Option(metavar="DEG/S", help="Fastest turn; m/s along an axis that is no angle.", show_default=False),
     ] = None,
     turns: Annotated[
         float | None,
-        typer.Option(
-            metavar="TURNS", help="Farthest from the start; m along an axis that is none.", show_default=False
-        ),
+        typer.Option(metavar="TURNS", help="Widest turn; m along an axis that is no angle.", show_default=False),
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="Command file.")] = Path("plan.csv"),
     axis: AxisName = None,

@@ -260,8 +260,8 @@ def show_plan(console: Console, found: Plan, written: Sequence[Path]) -> None:
     console.print(rows)
     if not found.decides:
         console.print(
-            f"[yellow]Note:[/yellow] none is expected to decide: that takes a gain of {DECIDES:.0f}. Allow longer runs or "
-            "more command, or play the best several times.",
+            f"[yellow]Note:[/yellow] none is expected to decide: that takes a gain of {DECIDES:.0f}. Allow longer runs "
+            "or more command, or play the best several times.",
             highlight=False,
         )
     for path in written:

@@ -31,6 +31,9 @@ from rovid.identify.likelihood import (
 from rovid.identify.regression import require_inertia
 from rovid.identify.simulated import SimulatedLikelihood, SimulatedRecords
 from rovid.model import Model
+from rovid.plan.design import Plan, plan
+from rovid.plan.programme import Limits
+from rovid.plan.worth import Belief
 from rovid.runs import Run, Runs, channels
 from rovid.trial import FloatArray
 from rovid.vehicle import Vehicle
@@ -82,6 +85,8 @@ class Finding:
         Other causes in its place, best first.
     undecided
         Those of them that these data do not rule out.
+    plan
+        Runs that would tell it from the first of those; None where it is decided.
     """
 
     effect: Effect
@@ -90,6 +95,7 @@ class Finding:
     held_out_gain: float
     rivals: tuple[Rival, ...]
     undecided: tuple[Effect, ...]
+    plan: Plan | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -378,6 +384,7 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
     # What is missing makes one of them uncertain; where both are, the vehicle was not excited.
     require_inertia(min(base_estimate, estimate, key=_uncertainty), CERTAINTY)
     findings = [_finding(work, one, estimate, white=white) for one in found if not is_driver(one.effect)]
+    findings = [replace(one, plan=_telling(work, one)) if one.undecided else one for one in findings]
     signals = tuple((one.effect, one.worth) for one in found if is_driver(one.effect))
     at_limit = final.likelihood.at_limit(final.x)
     if at_limit:
@@ -442,6 +449,24 @@ def _finding(work: _Work, found: Found, estimate: Estimate, *, white: bool) -> F
             rival.effect for rival in found.rivals if rival.gain > found.worth - margin and not is_driver(rival.effect)
         ),
     )
+
+
+def _telling(work: _Work, finding: Finding) -> Plan | None:
+    """Runs that would tell ``finding`` from its nearest rival; None where there is no such run."""
+    rival = next(one for one in finding.rivals if one.effect is finding.undecided[0])
+    models = {finding.effect.title: work.final, rival.effect.title: rival.fitted}
+    if any(is_driver(effect) for fitted in models.values() for effect in fitted.effects):
+        return None  # nobody knows what the signal will be
+    vehicle = work.full.vehicle
+    assert vehicle is not None  # noqa: S101 - a diagnosis has one
+    beliefs = []
+    for name, fitted in models.items():
+        full = work.refined(fitted)
+        beliefs.append(Belief.of(name, full.likelihood, full.x, covariance(full.likelihood, full.x, sandwich=False)))
+    try:
+        return plan(beliefs, vehicle, [run.trial for run in work.full.runs], Limits())
+    except DataError:
+        return None
 
 
 def _noise_floor(fitted: Fitted) -> float:
