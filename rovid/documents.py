@@ -446,6 +446,7 @@ def survey_document(found: Survey, written: Sequence[Path]) -> Document:
 
 
 def check_document(
+    axis: Axis,
     trials: Sequence[tuple[Trial, Mapping[str, Any]]],
     problems: Mapping[str, str],
     remarks: Sequence[Remark],
@@ -454,6 +455,7 @@ def check_document(
     """What `rovid check --json` prints."""
     return {
         "schema": "rovid-check/1",
+        **axis_document(axis),
         "logs": [{"name": trial.name} | dict(facts) for trial, facts in trials],
         "unreadable": [{"name": name, "problem": problem} for name, problem in problems.items()],
         "remarks": [remark_document(remark) for remark in remarks],
