@@ -106,9 +106,10 @@ def init(
 
     found = survey(logs)
     files = files_of(found)
-    there = next(iter(files))
-    if there.exists() and not force:
-        raise ConfigError("is there already.", where=there, mend="Delete it, or give --force to write over it.")
+    # A guessed curve that is there may be a bench curve by now.
+    there = next((path for path in files if path.exists()), None)
+    if there is not None and not force:
+        raise ConfigError("is there already.", where=there, mend="Move it away, or give --force to write over it.")
     for path, text in files.items():
         write_atomic(path, text)
     if json:

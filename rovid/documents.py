@@ -442,6 +442,7 @@ def survey_document(found: Survey, written: Sequence[Path]) -> Document:
             kind: [{"name": o.name, "source": o.source, "turns": o.way, "why": o.why} for o in guesses.commands]
             for kind, guesses in found.guesses.items()
         },
+        "warnings": list(found.lacking),
     }
 
 
