@@ -8,8 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovid.effects import restoring_of
 from rovid.effects.base import neutral_commands
+from rovid.effects.restoring import columns
 from rovid.errors import RovidError
+from rovid.identify.estimate import Estimate
 from rovid.identify.regression import fit_regression
 from rovid.runs import Run, Runs, prepare
 from rovid.segments import find_holds, find_sines
@@ -18,6 +21,8 @@ from rovid.vehicle import Vehicle
 
 # Of a good campaign.
 _LEVELS, _SINES, _CYCLES, _ALONE_SECONDS, _COAST_SECONDS = 4, 2, 5, 20.0, 20.0
+_SETTLING, _TEN = "five time constants plus a minute", "ten vehicle time constants long"
+_NO_COAST = "no coast-down: stop the thrusters under way"
 # Levels that differ by less than this share of the largest are one.
 _SAME_LEVEL = 0.1
 # A command within this share of its bench range from the end is at it; for this share of a trial that matters.
@@ -27,7 +32,9 @@ _FEEDBACK_R2 = 0.5
 _FEEDBACK_SECONDS = 10.0
 # Clocks are compared over so many s, and an offset beyond this is said.
 _LONGEST_OFFSET, _OFFSET = 3.0, 0.15
-# A parameter known worse than this share of itself is not determined.
+# Steps of that, and how many readings are enough to compare by.
+_STEP, _READINGS = 0.02, 20_000
+# A parameter known worse than this share of itself, or a drag or buoyancy than of all there is, is not determined.
 _VAGUE = 0.25
 
 
@@ -118,8 +125,10 @@ def _less_mean(values: FloatArray, width: int) -> FloatArray:
 def _clocks(runs: Runs) -> Iterator[Advice]:
     """Whether the vehicle moves before it is told to."""
     period = runs.items[0].rates.kernel.period
-    steps = np.arange(-round(_LONGEST_OFFSET / period), round(_LONGEST_OFFSET / period) + 1)
-    misfits = np.array([_misfit(runs.items, int(shift)) for shift in steps])
+    each = max(round(_STEP / period), 1)
+    most = round(_LONGEST_OFFSET / (each * period))
+    steps = each * np.arange(-most, most + 1)
+    misfits = np.array([_misfit(runs, int(shift)) for shift in steps])
     if not np.isfinite(misfits).all():
         return
     best = int(np.argmin(misfits))
@@ -133,15 +142,17 @@ def _clocks(runs: Runs) -> Iterator[Advice]:
         yield Advice(kind="clock_offset", text=text)
 
 
-def _misfit(runs: Sequence[Run], shift: int) -> float:
-    """Sum of squares that a regression leaves of a drive ``shift`` samples later."""
-    rows, drives = [], []
-    for run in runs:
+def _misfit(runs: Runs, shift: int) -> float:
+    """Mean square that a regression leaves of a drive ``shift`` samples later."""
+    rows, drives, restoring = [], [], restoring_of(runs.axis)
+    few = sum(len(run.drive) for run in runs.items) // _READINGS + 1
+    for run in runs.items:
         drive = np.full(len(run.drive), np.nan)
         drive[max(shift, 0) : len(drive) + min(shift, 0)] = run.drive[max(-shift, 0) : len(drive) - max(shift, 0)]
-        known = run.rates.valid & np.isfinite(drive)
-        rate = run.rates.rate[known]
-        rows.append(np.column_stack((run.rates.acceleration[known], np.abs(rate) * rate, rate, np.ones(len(rate)))))
+        known = np.flatnonzero(run.rates.valid & np.isfinite(drive))[::few]
+        rate, brings_back = run.rates.rate[known], columns(restoring, run.rates.position[known])
+        plain = (run.rates.acceleration[known], np.abs(rate) * rate, rate, np.ones(len(rate)))
+        rows.append(np.column_stack((*plain, brings_back)))
         drives.append(drive[known])
     x, y = np.concatenate(rows), np.concatenate(drives)
     if len(y) < 10 * x.shape[1]:
@@ -159,8 +170,8 @@ def _missing(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
         if levels < _LEVELS:
             text = (
                 f"{levels or 'no'} level{'' if levels == 1 else 's'} of held command with the {axis.position_words} "
-                f"{name}: run at least {_LEVELS}, each for five time constants plus a minute. Drag and what differs "
-                "between the directions rest on them."
+                f"{name}: run at least {_LEVELS}, each for {'some swings' if axis.rights else _SETTLING}. "
+                f"{'Stiffness' if axis.rights else 'Drag'} and what differs between the directions rest on them."
             )
             yield Advice(kind="holds", text=text)
     sines = [sine for run in runs for sine in find_sines(run.trial, run.torque) if sine.cycles >= _CYCLES]
@@ -168,8 +179,8 @@ def _missing(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
     if periods < _SINES:
         text = (
             f"{periods or 'no'} period{'' if periods == 1 else 's'} of sine with {_CYCLES} cycles or more: run sines "
-            f"of at least {_SINES} periods, about ten vehicle time constants long and shorter. Inertia, lag and memory "
-            "of the water rest on them."
+            f"of at least {_SINES} periods, about {'that of its own swing' if axis.rights else _TEN} and shorter. "
+            "Inertia, lag and memory of the water rest on them."
         )
         yield Advice(kind="sines", text=text)
     if len(vehicle.thrusters) > 1 and not _alone(runs, vehicle):
@@ -178,9 +189,11 @@ def _missing(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
             "both ways."
         )
         yield Advice(kind="one_thruster", text=text)
-    if not any(hold.torque == 0.0 and hold.duration >= _COAST_SECONDS and hold.start > 1.0 for hold in holds):
-        text = f"no coast-down: stop the thrusters under way and wait {_COAST_SECONDS:.0f} s or more."
-        yield Advice(kind="coast", text=text)
+    # Along an axis that rights itself a run may begin with the vehicle let go of.
+    early = 0.0 if axis.rights else 1.0
+    if not any(hold.torque == 0.0 and hold.duration >= _COAST_SECONDS and hold.start >= early for hold in holds):
+        what = "no release: tilt the vehicle, let go of it" if axis.rights else _NO_COAST
+        yield Advice(kind="coast", text=f"{what} and wait {_COAST_SECONDS:.0f} s or more.")
 
 
 def _levels(values: Sequence[float]) -> int:
@@ -210,14 +223,24 @@ def _determined(runs: Sequence[Run]) -> Iterator[Advice]:
     except RovidError as error:
         yield Advice(kind="undetermined", text=str(error))
         return
-    for name in estimate.names:
+    for name, size in _sizes(runs, estimate).items():
         value, spread = estimate.value(name), estimate.standard_error(name)
-        if spread > _VAGUE * abs(value) and name != "trim":
+        if spread > _VAGUE * max(abs(value), size):
             text = (
                 f"{name.replace('_', ' ')} is hardly determined by these logs: {value:.3g} ± {spread:.2g} "
                 f"{estimate.unit(name)} by a first regression."
             )
             yield Advice(kind="undetermined", text=text)
+
+
+def _sizes(runs: Sequence[Run], estimate: Estimate) -> dict[str, float]:
+    """What each parameter would be that did as much as all of its kind: one that is next to nothing may be so."""
+    rates, torque = np.concatenate([run.rates.rate for run in runs]), np.concatenate([run.torque for run in runs])
+    rate = float(np.sqrt(np.nanmean(rates**2)))
+    drag = estimate.value("quadratic_drag") * rate**2 + estimate.value("linear_drag") * rate
+    known = {"quadratic_drag": drag / rate**2, "linear_drag": drag / rate}
+    known["net_buoyancy"] = float(np.sqrt(np.mean(torque[torque != 0.0] ** 2)))
+    return {name: known.get(name, 0.0) for name in estimate.names if name != "trim"}
 
 
 def _listed(names: Sequence[str], most: int = 5) -> str:

@@ -54,6 +54,16 @@ class Axis:
         return self.rate.replace("_", " ")
 
     @property
+    def measures(self) -> str:
+        """Keys of rovid.toml that hold what is measured, for messages."""
+        return self.position if self.angular else f"{self.position} or {self.rate}"
+
+    @property
+    def moves(self) -> str:
+        """What a vehicle does that goes along it."""
+        return "turns" if self.angular else "moves"
+
+    @property
     def push(self) -> str:
         """What drives it."""
         return "torque" if self.angular else "force"

@@ -106,9 +106,10 @@ def init(
 
     found = survey(logs)
     files = files_of(found)
-    there = next(iter(files))
-    if there.exists() and not force:
-        raise ConfigError("is there already.", where=there, mend="Delete it, or give --force to write over it.")
+    # A guessed curve that is there may be a bench curve by now.
+    there = next((path for path in files if path.exists()), None)
+    if there is not None and not force:
+        raise ConfigError("is there already.", where=there, mend="Move it away, or give --force to write over it.")
     for path, text in files.items():
         write_atomic(path, text)
     if json:
@@ -133,11 +134,12 @@ def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
     config = load_config(find_config(logs), axis_named(axis) if axis else YAW)
     found = check_logs(logs, config)
     if json:
-        _print_json(check_document(found.rows, found.problems, found.remarks, found.advice))
+        _print_json(check_document(config.axis, found.rows, found.problems, found.remarks, found.advice))
     else:
         show_check(_console(), found.rows, found.problems)
         show_warnings(_console(), [remark.text for remark in found.remarks])
-        show_advice(_console(), found.advice)
+        if found.rows:
+            show_advice(_console(), found.advice)
     if found.problems:
         name, problem = next(iter(found.problems.items()))
         raise DataError(
@@ -212,7 +214,7 @@ def fit(
         typer.Option(metavar="ID", help="Include this effect in the model; may be given again.", show_default=False),
     ] = None,
     gyro: Annotated[
-        bool, typer.Option("--gyro", help="Fit logged yaw rates too; not where one filter made them and the heading.")
+        bool, typer.Option("--gyro", help="Fit logged rates too; not where one filter made them and the position.")
     ] = False,
     axis: AxisName = None,
     parameters: ParameterFile = None,
@@ -585,6 +587,7 @@ def report(
     Example: rovid report
     """
     from rovid.axis import YAW
+    from rovid.documents import axis_document
     from rovid.report.build import build_report
 
     stored = _stored(parameters, axis)
@@ -601,7 +604,14 @@ def report(
             report=report_progress,
         )
     if json:
-        _print_json({"schema": "rovid-report/1", "page": str(page), "parameters": str(stored.path)})
+        _print_json(
+            {
+                "schema": "rovid-report/1",
+                **axis_document(stored.axis),
+                "page": str(page),
+                "parameters": str(stored.path),
+            }
+        )
     else:
         _console().print(str(page), highlight=False, soft_wrap=True)
 

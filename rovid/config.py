@@ -171,9 +171,9 @@ class _Reader:
         measured = next((name for name in (*axis.positions, axis.rate) if name in signals), "")
         if not measured and axis.fixes and set(axis.fixes) <= set(signals):
             measured = axis.fixes[0]
-        # A rate alone would leave the heading unknown, which is what yaw is about.
-        if not measured or (axis is YAW and measured == axis.rate):
-            wanted = axis.position if axis is YAW else f"{' or '.join(axis.positions)} and no {axis.rate}"
+        # A rate alone would leave unknown where the vehicle points: the heading, or the tilt that rights it.
+        if not measured or (axis.angular and measured == axis.rate):
+            wanted = axis.position if axis.angular else f"{' or '.join(axis.positions)} and no {axis.rate}"
             unit = _DEFAULT_UNIT[axis.position]
             mend = f'Add {axis.position} = {{ csv = "<column>", unit = "{unit}" }}.'
             raise self.complain("[signals]", f"has no {wanted}.", mend)
@@ -181,7 +181,8 @@ class _Reader:
         thrusters = document.get("thrusters", [])
         if not isinstance(thrusters, list):
             raise self.complain("thrusters", "must be written [[thrusters]], one block each.")
-        if thrusters and axis.push in signals:
+        pairs = [pair for index, block in enumerate(thrusters) if (pair := self.thruster(index, block)) is not None]
+        if pairs and axis.push in signals:
             raise self.complain(
                 f"[signals] {axis.push}",
                 f"stands beside [[thrusters]]; the {axis.push} comes from one of them.",
@@ -189,7 +190,6 @@ class _Reader:
             )
         if not thrusters and axis.push not in signals:
             raise self.complain("[[thrusters]]", f"there are none, and no {axis.push} is mapped in [signals].")
-        pairs = [pair for index, block in enumerate(thrusters) if (pair := self.thruster(index, block)) is not None]
         if axis.push in signals:
             logged = Thruster(name=axis.push, arm=1.0, curve=None)
             pairs = [(logged, signals.pop(axis.push))]

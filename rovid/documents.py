@@ -463,10 +463,12 @@ def survey_document(found: Survey, written: Sequence[Path]) -> Document:
             kind: [{"name": o.name, "source": o.source, "turns": o.way, "why": o.why} for o in guesses.commands]
             for kind, guesses in found.guesses.items()
         },
+        "warnings": list(found.lacking),
     }
 
 
 def check_document(
+    axis: Axis,
     trials: Sequence[tuple[Trial, Mapping[str, Any]]],
     problems: Mapping[str, str],
     remarks: Sequence[Remark],
@@ -475,6 +477,7 @@ def check_document(
     """What `rovid check --json` prints."""
     return {
         "schema": "rovid-check/1",
+        **axis_document(axis),
         "logs": [{"name": trial.name} | dict(facts) for trial, facts in trials],
         "unreadable": [{"name": name, "problem": problem} for name, problem in problems.items()],
         "remarks": [remark_document(remark) for remark in remarks],

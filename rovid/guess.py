@@ -22,7 +22,9 @@ _VOLTS = {"v", "volt", "volts", "voltage"}
 _SAYS_LITTLE = _VOLTS | {"cmd", "command", "data", "thruster", "thrusters", "us", "norm"}
 _SUPPLY = {"supply", "battery", "batt", "bat", "bus"}
 _NOT_VOLTS = {"curr", "current", "amps", "a", "temp", "temperature", "percent", "remaining", "id", "res", "resistance"}
-CLOCK = {"time", "t", "stamp", "timestamp", "seconds", "zeit", "utc"}
+_NOT_VOLTAGES = {"m", "s", "kn", "vel", "velocity", "speed", "dvl", "gps"}
+CLOCK = {"time", "t", "stamp", "timestamp", "seconds", "zeit", "utc", "elapsed"}
+NOT_CLOCK = {"h", "hours", "min", "minutes", "days", "left", "remaining"}
 # A pulse width in us is between these, 1500 for no thrust.
 _PULSE, _REST = (800.0, 2200.0), 1500.0
 # Of a regression of the rate's change on commands.
@@ -83,20 +85,22 @@ def guess(logs: Sequence[Mapping[str, Seen]]) -> Guesses:
     for log in logs:
         for source, seen in log.items():
             every.setdefault(source, []).append(seen)
+    # A log without a signal that is mapped cannot be read: what is not needed has to be in all of them.
+    shared = {source: seen for source, seen in every.items() if len(seen) == len(logs)}
     signals: dict[str, Guess] = {}
     heading = _heading(every)
     if heading is not None:
         signals["heading"] = heading
-        rate = _yaw_rate(every, logs, heading)
+        rate = _yaw_rate(shared, logs, heading)
         if rate is not None:
             signals["yaw_rate"] = rate
     for name, known in (("roll", {"roll", "phi"}), ("pitch", {"pitch", "theta"})):
-        found = _angle(every, known)
+        found = _angle(shared, known, heading)
         if found is not None:
             signals[name] = found
     taken = {one.source for one in signals.values()}
     commands = _commands({source: every[source] for source in every if source not in taken}, logs, heading)
-    supply = next((s for s in every if words(s) & _SUPPLY and not words(s) & _NOT_VOLTS and s not in taken), None)
+    supply = next((s for s in shared if words(s) & _SUPPLY and not words(s) & _NOT_VOLTS and s not in taken), None)
     if supply is not None:
         signals["supply_voltage"] = Guess(source=supply, why="named so; the diagnosis tests what depends on it")
         commands = tuple(one for one in commands if one.source != supply)
@@ -123,7 +127,8 @@ def _heading(every: Mapping[str, Sequence[Seen]]) -> Guess | None:
     turned = next((source for source, seen in every.items() if seen[0].radians), None)
     if turned is not None and not named:
         return Guess(source=turned, unit="rad", why="an orientation, of which the heading is made")
-    found = [(source, *_turning(source, every[source])) for source in (named or every)]
+    others = [source for source in every if not words(source) & (_NOT_MEASURED | _RATES | _COMMAND | _VOLTS)]
+    found = [(source, *_turning(source, every[source])) for source in (named or others)]
     found = [one for one in found if one[1] and (named or "jumps" in one[2])]
     if not found:
         return None
@@ -151,14 +156,20 @@ def _turning(source: str, seen: Sequence[Seen]) -> tuple[str, str]:
     return "rad", f"{span}: taken for radians, for it stays within a turn of them"
 
 
-def _angle(every: Mapping[str, Sequence[Seen]], known: set[str]) -> Guess | None:
+def _angle(every: Mapping[str, Sequence[Seen]], known: set[str], heading: Guess | None) -> Guess | None:
+    """By its name; a tilt is small in either unit, and mostly in that of the heading."""
     for source in every:
         if words(source) & known and not words(source) & (_NOT_MEASURED | _RATES | _COMMAND):
             values = _finite(every[source])
             if len(values) < _FEWEST:
                 continue
-            unit = _declared(source) or ("deg" if float(np.max(np.abs(values))) > 0.5 * np.pi else "rad")
-            return Guess(source=source, unit=unit, why=f"named so; {values.min():.3g} to {values.max():.3g}")
+            span = f"{values.min():.3g} to {values.max():.3g}"
+            if declared := _declared(source):
+                return Guess(source=source, unit=declared, why=f"named so; {span}")
+            if float(np.max(np.abs(values))) > 0.5 * np.pi:
+                return Guess(source=source, unit="deg", why=f"named so; {span}, more than upright in radians")
+            unit, like = ("deg", "") if heading is None else (heading.unit, " like the heading")
+            return Guess(source=source, unit=unit, why=f"named so; {span}: taken for {unit}{like}")
     return None
 
 
@@ -216,7 +227,7 @@ def _commands(
     found = {
         source: values
         for source, seen in every.items()
-        if (words(source) & (_COMMAND | _VOLTS)) and not words(source) & (CLOCK | _SUPPLY)
+        if _commands_something(words(source)) and not words(source) & (CLOCK | _SUPPLY)
         if len(values := _finite(seen)) and np.ptp(values) > 0.0
     }
     # What a person or an autopilot asks for goes to the thrusters by way of their own pulses, where those are logged.
@@ -244,6 +255,11 @@ def _commands(
             )
         )
     return tuple(commands)
+
+
+def _commands_something(named: set[str]) -> bool:
+    # A v is a sway velocity as well.
+    return bool(named & _COMMAND or (named & _VOLTS and named != {"v"} and not named & _NOT_VOLTAGES))
 
 
 def _neutral(values: FloatArray) -> float:

@@ -359,7 +359,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
     a, r, d = angle[0], start[0], 0.0
     p00, p01, p02 = noise[2] ** 2, 0.0, 0.0
     p11, p12, p22 = start[1] ** 2, 0.0, sigma**2
-    h, fade, mean, fresh, grown, left = 0.0, 1.0, 1.0, 0.0, 0.0, np.empty(3)
+    h, fade, mean, fresh, grown, pull, left = 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, np.empty(3)
     for k in range(n):
         if k > 0:
             interval = time[k] - time[k - 1]
@@ -377,6 +377,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
                 fade = math.exp(-h / tau)
                 mean = (1.0 - fade) * tau / h
                 fresh, grown = sigma**2 * (1.0 - fade * fade), 2.0 * sigma**2 / tau * h
+                pull = 0.5 * base[6] * h / inertia
                 for node in range(3):
                     left[node] = math.exp(-_NODES[node] * h / tau)
             # States of effects that are faster than all this have no variance: steps of the mean alone do for them.
@@ -390,6 +391,11 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
                     )
                 a += origin
                 d *= fade
+                # What brings the vehicle back, as half an impulse at each end of the step (Strang 1968).
+                if base[6] > 0.0:
+                    p11 += pull * (pull * p00 - 2.0 * p01)
+                    p12 -= pull * p02
+                    p01 -= pull * p00
                 part = damping * h
                 f11 = 1.0 - part * (1.0 - 0.5 * part * (1.0 - part / 3.0 * (1.0 - 0.25 * part)))
                 f01 = h * (1.0 - 0.5 * part * (1.0 - part / 3.0 * (1.0 - 0.25 * part)))
@@ -415,8 +421,6 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
                 p12 = fade * q12 + n12
                 p22 = fade * fade * p22 + fresh
                 if base[6] > 0.0:
-                    # What brings the vehicle back, as an impulse at the end of the step.
-                    pull = base[6] * h / inertia
                     p11 += pull * (pull * p00 - 2.0 * p01)
                     p12 -= pull * p02
                     p01 -= pull * p00
@@ -533,8 +537,10 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
                 f[1, 1] = 1.0 - part * (1.0 - 0.5 * part * (1.0 - part / 3.0))
                 f[1, 2], f[1, 3] = gain * (1.0 - 0.5 * h / tau - 0.5 * part), gain * (1.0 - 0.5 * part)
                 f[1, 4] = 0.5 * h * gain
-                f[1, 0] = -base[6] * gain
-                f[0, 0] = 1.0 + 0.5 * h * f[1, 0]
+                pull = base[6] * gain
+                f[1, 0] = -pull * (1.0 - 0.5 * part)
+                f[0, 0] = 1.0 - 0.5 * h * pull
+                f[1, 1] -= 0.5 * h * pull
                 _congruence(f, p, q, moved)
             a += moment[k - 1] / inertia
             r -= drag * moment[k - 1] / inertia

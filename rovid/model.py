@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Self
@@ -24,6 +25,7 @@ UNITS = {
 }
 _START_SECONDS = 2.0
 _START_SAMPLES = 5
+_START_SWING = 0.5  # rad of the phase of a swing about its level
 _FIXED_POINT_TURNS = 6
 _NUDGE = 1e-4  # rad
 # Into how many the interval between two samples is cut for an effect that acts within it.
@@ -137,6 +139,15 @@ class Model:
         """How much torque in N m a tilt of one rad from rest would ask for; 0 along an axis without."""
         return self.restoring_values[0] if self.axis.rights else 0.0
 
+    @property
+    def swing(self) -> float:
+        """Frequency in rad/s at which the vehicle would swing about its level without drag; 0 along an axis without."""
+        return math.sqrt(max(self.stiffness, 0.0) / self.inertia)
+
+    def initial_rate(self, trial: Trial) -> float:
+        """Rate at the first sample of ``trial``, as `initial_rate` reads it."""
+        return initial_rate(trial, self.swing)
+
     def base(self, trial: Trial) -> FloatArray:
         """(7,) inertia, drags, first position, fastest state, room and stiffness, as the kernels take them."""
         return self.base_from(float(trial.position[int(np.argmax(trial.measured))]))
@@ -144,7 +155,7 @@ class Model:
     def base_from(self, position: float) -> FloatArray:
         """As ``base``, with the first ``position``."""
         fastest = max((e.fastest(e.values(numbers)) for e, numbers in self._each() if e.fastest), default=0.0)
-        fastest = max(fastest, np.sqrt(self.stiffness / self.inertia))
+        fastest = max(fastest, self.swing)
         drags = self.quadratic_drag, self.linear_drag
         return np.array([self.inertia, *drags, position, fastest, 0.0, self.stiffness])
 
@@ -299,7 +310,7 @@ class Model:
             the first one measured. In yaw, where roll and pitch are logged, the body rate turns into the heading's by
             psidot = (r + thetadot sin(phi)) / (cos(phi) cos(theta)) (Fossen 2011, eq. 2.28).
         """
-        rate, angle = self._integrate(trial, trial.time, drive, (initial_rate(trial), 0.0))
+        rate, angle = self._integrate(trial, trial.time, drive, (self.initial_rate(trial), 0.0))
         if self.axis is YAW and trial.roll is not None and trial.pitch is not None:
             angle = _euler_heading(trial, rate)
         first = int(np.argmax(trial.measured))
@@ -310,23 +321,28 @@ class Model:
         return rate, heading
 
 
-def initial_rate(trial: Trial) -> float:
+def initial_rate(trial: Trial, swing: float = 0.0) -> float:
     """Rate at the first sample: the gyro's, or the slope of the first positions.
 
     The slope is taken over two seconds at most, and only until the first command changes: a fast vehicle is elsewhere
-    soon after.
+    soon after. One that swings at ``swing`` rad/s is so after a fraction of a radian.
     """
     changed = np.flatnonzero(np.any(trial.commands != trial.commands[0], axis=1))
     steady = trial.time[changed[0]] - trial.time[0] if changed.size else _START_SECONDS
+    most = _START_SWING / swing if swing > 0.0 else _START_SECONDS
     known = np.flatnonzero(trial.measured)
-    early = known[trial.time[known] <= trial.time[0] + min(steady, _START_SECONDS)]
+    early = known[trial.time[known] <= trial.time[0] + min(steady, most, _START_SECONDS)]
     early = early if len(early) >= _START_SAMPLES else known[:_START_SAMPLES]
-    if trial.rate is not None and np.isfinite(trial.rate[early]).any():
+    time = trial.time[early] - trial.time[0]
+    if trial.rate is not None and (read := np.isfinite(trial.rate[early])).any():
+        if swing > 0.0 and read.sum() > 1:
+            return float(np.polynomial.polynomial.polyfit(time[read], trial.rate[early][read], 1)[0])
         return float(np.nanmean(trial.rate[early][:_START_SAMPLES]))
-    time, angle = trial.time[early] - trial.time[0], body_position(trial)[early]
+    angle = body_position(trial)[early]
     if len(time) < _START_SAMPLES:
         return 0.0
-    return float(np.polynomial.polynomial.polyfit(time, angle - angle[0], 2 if len(time) > _START_SAMPLES else 1)[1])
+    bent = len(time) > _START_SAMPLES or swing > 0.0
+    return float(np.polynomial.polynomial.polyfit(time, angle - angle[0], 2 if bent else 1)[1])
 
 
 def _euler_heading(trial: Trial, rate: FloatArray) -> FloatArray:

@@ -41,6 +41,8 @@ class Survey:
         Name of the thrust curve beside the logs, and whether that is a guess, still to be written.
     logs
         How many were looked at.
+    lacking
+        What `rovid check` will say of some logs: that they cannot be read, or lack what is mapped.
     """
 
     folder: Path
@@ -49,6 +51,7 @@ class Survey:
     curve: str
     curve_guessed: ThrustCurve | None
     logs: int
+    lacking: tuple[str, ...] = ()
 
 
 def survey(paths: Sequence[Path]) -> Survey:
@@ -62,6 +65,7 @@ def survey(paths: Sequence[Path]) -> Survey:
     folder = paths[0] if paths[0].is_dir() else paths[0].parent
     logs: dict[str, list[Mapping[str, Seen]]] = {}
     clocks: dict[str, str] = {}
+    names: dict[str, list[str]] = {}
     problems = []
     for path in _files(paths):
         kind = READERS[path.suffix.lower()].kind
@@ -74,13 +78,33 @@ def survey(paths: Sequence[Path]) -> Survey:
             continue
         clocks.setdefault(kind, clock)
         logs[kind].append(seen)
+        names.setdefault(kind, []).append(path.name)
     guesses = {kind: guess(found) for kind, found in logs.items() if found}
     if not guesses:
         raise DataError(problems[0] if problems else "holds no logs.", where="" if problems else folder)
     _require(guesses, logs, folder)
     curve, guessed = _curve(folder, [one for found in guesses.values() for one in found.commands])
-    count = sum(map(len, logs.values()))
-    return Survey(folder=folder, guesses=guesses, clocks=clocks, curve=curve, curve_guessed=guessed, logs=count)
+    lacking = [
+        text
+        for kind, found in guesses.items()
+        for name, log in zip(names[kind], logs[kind], strict=True)
+        if (text := _lacks(name, log, found))
+    ]
+    return Survey(
+        folder=folder,
+        guesses=guesses,
+        clocks=clocks,
+        curve=curve,
+        curve_guessed=guessed,
+        logs=sum(map(len, logs.values())),
+        lacking=(*problems, *lacking),
+    )
+
+
+def _lacks(name: str, log: Mapping[str, Seen], found: Guesses) -> str:
+    turning = [one.source for one in found.commands if one.way] or [one.source for one in found.commands]
+    missing = [source for source in (*(one.source for one in found.signals.values()), *turning) if source not in log]
+    return f"{name}: holds no {', '.join(missing)}; is it of another vehicle?" if missing else ""
 
 
 def _files(paths: Sequence[Path]) -> Iterator[Path]:
@@ -88,7 +112,8 @@ def _files(paths: Sequence[Path]) -> Iterator[Path]:
         if not path.exists():
             raise ConfigError("there is no such file or folder.", where=path)
         inside = sorted(path.rglob("*")) if path.is_dir() else [path]
-        yield from (one for one in inside if one.suffix.lower() in READERS and one.is_file())
+        shown = (one for one in inside if not any(part.startswith(".") for part in one.relative_to(path).parts))
+        yield from (one for one in shown if one.suffix.lower() in READERS and one.is_file())
 
 
 def _is_table(path: Path) -> bool:
@@ -169,8 +194,14 @@ def toml_of(found: Survey) -> str:
     return "\n".join([*_head(found), *_thrusters(found), *_signals(found)]) + "\n"
 
 
+def logs_in_words(found: Survey) -> str:
+    """How many logs were looked at."""
+    return "one log" if found.logs == 1 else f"{found.logs} logs"
+
+
 def _head(found: Survey) -> Iterator[str]:
-    yield f"# Written by `rovid init`, which looked at {found.logs} logs. Each guess says why: correct what is wrong."
+    yield f"# Written by `rovid init`, which looked at {logs_in_words(found)}. Each guess says why: correct what is"
+    yield "# wrong."
     yield ""
     yield "[vehicle]"
     yield f"name = {_quoted(found.folder.resolve().name)}"

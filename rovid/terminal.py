@@ -28,7 +28,7 @@ from rovid.plan.worth import DECIDES
 from rovid.runs import Runs
 from rovid.simulation import TrialSimulation, overall
 from rovid.study import Study
-from rovid.survey import Survey
+from rovid.survey import Survey, logs_in_words
 from rovid.trial import Trial
 
 _RUNS_SHOWN = 8
@@ -270,13 +270,14 @@ def show_plan(console: Console, found: Plan, written: Sequence[Path]) -> None:
 
 def show_survey(console: Console, found: Survey, written: Sequence[Path]) -> None:
     """Print what each signal was taken for, and what to do next."""
-    rows = table(f"Guessed from {found.logs} logs", "signal", "taken from", "unit", "why", left=4)
+    rows = table(f"Guessed from {logs_in_words(found)}", "signal", "taken from", "unit", "why", left=4)
     for guesses in found.guesses.values():
         for name, one in guesses.signals.items():
             rows.add_row(name, escape(one.source), one.unit, escape(one.why))
         for command in guesses.commands:
             rows.add_row(f"command of {escape(command.name)}", escape(command.source), "", escape(command.why))
     console.print(rows)
+    show_warnings(console, found.lacking)
     for path in written:
         console.print(f"written: {escape(str(path))}", highlight=False, soft_wrap=True)
     folder = escape(str(found.folder))

@@ -69,6 +69,40 @@ def test_clocks_that_differ_are_told_from_a_lag(csv_day: Path, tmp_path: Path, r
     assert "clock_offset" not in kinds(rovid, spoilt(csv_day, tmp_path / "early", shifted(-0.6)))
 
 
+@pytest.mark.parametrize("axis", ["surge", "pitch"])
+def test_the_sample_day_of_an_axis_wants_nothing(axis: str, rovid: Rovid) -> None:
+    document = rovid("check", SAMPLES / f"{axis}_tank", "--axis", axis, "--json").document
+    assert (document["axis"], document["advice"]) == (axis, [])
+
+
+def test_a_tilting_vehicle_is_asked_for_a_release(tmp_path: Path, rovid: Rovid) -> None:
+    day = tmp_path / "day"
+    day.mkdir()
+
+    def early(log: pd.DataFrame) -> pd.DataFrame:
+        commands = ["fore_V", "aft_V"]
+        log[commands] = log[commands].shift(round(0.6 / float(log["time_s"].diff().median()))).bfill()
+        return log
+
+    for name in ("rovid.toml", "thrust_curve.csv"):
+        shutil.copy(SAMPLES / "pitch_tank" / name, day)
+    for name in ("sine_10s.csv", "sine_4.5s.csv"):
+        early(pd.read_csv(SAMPLES / "pitch_tank" / name)).to_csv(day / name, index=False)
+    found = {a["kind"]: a["text"] for a in rovid("check", day, "--axis", "pitch", "--json").document["advice"]}
+    assert "let go of it" in found["coast"]
+    assert "Stiffness" in found["holds"]
+    assert "The vehicle moves 0." in found["clock_offset"]
+
+
+def test_logs_that_cannot_be_read_have_not_what_a_fit_wants(tmp_path: Path, rovid: Rovid) -> None:
+    shutil.copy(SAMPLES / "surge_tank" / "rovid.toml", tmp_path)
+    shutil.copy(SAMPLES / "surge_tank" / "thrust_curve.csv", tmp_path)
+    (tmp_path / "a.csv").write_text("time_s,surge_velocity_m_s\n0,1\n")
+    done = rovid("check", tmp_path, "--axis", "surge")
+    assert done.code == 2
+    assert "what a fit wants" not in done.out
+
+
 def test_a_drive_at_its_end_is_said(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
     shutil.copytree(csv_day, tmp_path / "day")
     for path in (tmp_path / "day").glob("*curve*.csv"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import secrets
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +12,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.linalg import expm
 
+from rovid.axis import AXES
+from rovid.effects import MOTION, restoring_of
+from rovid.kernels import innovations, innovations_wave
+from rovid.model import Model
+from rovid.trial import FloatArray, Trial
 from tests.conftest import SAMPLES, Rovid
 from tools.axis_day import write_axis_day
 from tools.axis_truth import Vehicle
@@ -20,6 +27,9 @@ from tools.truth import Axis, Truth
 # Fresh campaigns on each run, so that nothing is tuned to a seed; ROVID_SEED repeats them.
 SEED = int(os.environ.get("ROVID_SEED", secrets.randbelow(10**6)))
 SIGMAS = 5.0
+# Of a work-class vehicle in pitch; the disturbance's size and memory, the noise of angle and rate.
+INERTIA, DRAG, STIFFNESS = 3500.0, 600.0, 2550.0
+NOISE = (20.0, 4.0, 1e-3, 1.0)
 UNITS = {
     "surge": ("kg", "N s^2/m^2", "N s/m"),
     "heave": ("kg", "N s^2/m^2", "N s/m"),
@@ -153,6 +163,7 @@ def test_the_sample_days(axis: str, expected: Mapping[str, float], tmp_path: Pat
             "nothing that acts in surge",
         ),
         (("simulate", "--axis", "pitch"), "parameters_pitch.toml"),
+        (("fit", SAMPLES / "pitch_tank", "--axis", "roll"), "has no roll. Add roll"),
     ],
 )
 def test_a_mistake_gives_one_message(arguments: tuple[object, ...], said: str, rovid: Rovid) -> None:
@@ -198,3 +209,108 @@ def test_places_on_the_map_do_as_well(axis: str, tmp_path: Path, rovid: Rovid) -
     document = rovid("fit", "day", "--axis", axis, "--json").document
     assert document["axis"] == axis
     assert_parameters(document["parameters"], truth)
+
+
+def stiff(angle: FloatArray, time: FloatArray, wave: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """Innovations of a pitching vehicle's angle by the filter, and their variances."""
+    n = len(time)
+    nothing, term = np.zeros(n), np.array([[STIFFNESS, 0.0, 0.0, 0.0]])
+    restoring = restoring_of(AXES["pitch"])
+    kinds = np.array([k for k, effect in enumerate(MOTION) if effect is restoring])
+    base = np.array([INERTIA, 0.0, DRAG, angle[0], np.sqrt(STIFFNESS / INERTIA), 0.0, STIFFNESS])
+    logged = (time, nothing, nothing, nothing, angle, np.full(n, np.nan), base, term, kinds, np.array(NOISE))
+    start = np.array([0.0, 0.01])
+    found = innovations(*logged, start) if wave is None else innovations_wave(*logged, wave, start)
+    return found[0][:, 0], found[1][:, 0]
+
+
+def exact(angle: FloatArray, time: FloatArray, wave: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """The same by matrix exponentials."""
+    sigma, tau, white, _ = NOISE
+    size = 3 if wave is None else 5
+    a, q, p = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, size))
+    a[0, 1], a[1, :3], a[2, 2] = 1.0, (-STIFFNESS / INERTIA, -DRAG / INERTIA, 1.0 / INERTIA), -1.0 / tau
+    q[2, 2] = 2.0 * sigma**2 / tau
+    p[:3, :3] = np.diag((white**2, 0.01**2, sigma**2))
+    if wave is not None:
+        height, frequency, damping = wave
+        a[1, 3], a[3, 4], a[4, 3:] = 1.0 / INERTIA, 1.0, (-(frequency**2), -2.0 * damping * frequency)
+        p[3:, 3:] = 0.5 * height**2 * np.diag((1.0, frequency**2))
+        q[4, 4] = 2.0 * damping * frequency**3 * height**2
+    state, errors, variances = np.zeros(size), np.full(len(time), np.nan), np.full(len(time), np.nan)
+    state[0] = angle[0]
+    for k, reading in enumerate(angle):
+        if k > 0:
+            both = expm(np.block([[-a, q], [np.zeros_like(a), a.T]]) * (time[k] - time[k - 1]))
+            step = both[size:, size:].T
+            state, p = step @ state, step @ p @ step.T + step @ both[:size, size:]
+        if np.isfinite(reading):
+            variances[k], errors[k] = p[0, 0] + white**2, reading - state[0]
+            gain = p[:, 0] / variances[k]
+            state, p = state + gain * errors[k], p - np.outer(gain, p[0])
+    return errors, variances
+
+
+@pytest.mark.parametrize("wave", [None, np.array([40.0, 0.9, 0.1])])
+@pytest.mark.parametrize("blind", [False, True])
+def test_the_filter_of_a_stiff_vehicle_is_exact(wave: FloatArray | None, blind: bool) -> None:
+    time = np.arange(0.0, 40.0, 0.2)
+    angle = 1e-3 * np.cos(np.sqrt(STIFFNESS / INERTIA) * time)
+    if blind:
+        angle[10:-1] = np.nan
+    (error, variance), (wanted, known) = stiff(angle, time, wave), exact(angle, time, wave)
+    measured = np.isfinite(known)
+    measured[0] = False  # where the filter starts
+    assert variance[measured] == pytest.approx(known[measured], rel=0.01)
+    assert np.abs(error - wanted)[measured].max() < 0.01 * np.sqrt(known[measured].max())
+
+
+@pytest.mark.parametrize("logged", [False, True])
+@pytest.mark.parametrize("frequency", [0.85, 2.0, 4.0])
+def test_a_vehicle_let_go_of_starts_from_rest(frequency: float, logged: bool) -> None:
+    time = np.arange(0.0, 20.0, 0.05)
+    angle = 0.3 * np.cos(frequency * time)
+    log = Trial(
+        name="release",
+        path=Path("release"),
+        time=time,
+        position=angle,
+        commands=np.zeros((len(time), 1)),
+        rate=-0.3 * frequency * np.sin(frequency * time) if logged else None,
+        axis=AXES["pitch"],
+    )
+    model = Model(
+        inertia=INERTIA,
+        quadratic_drag=0.0,
+        linear_drag=0.0,
+        axis=AXES["pitch"],
+        restoring_values=(INERTIA * frequency**2, 0.0),
+    )
+    assert abs(model.initial_rate(log)) < 0.03 * 0.3 * frequency
+
+
+def test_thrusters_of_another_axis_stand_beside_a_force(tmp_path: Path, rovid: Rovid) -> None:
+    day = tmp_path / "day"
+    day.mkdir()
+    for path in (SAMPLES / "surge_tank").glob("*.csv"):
+        if "curve" in path.name or path.name.startswith(("hold", "sine")):
+            log = pd.read_csv(path)
+            if "curve" not in path.name:
+                log["push_kN"] = 0.1 * (log["port_V"] + log["starboard_V"])
+            log.to_csv(day / path.name, index=False)
+    toml = (SAMPLES / "surge_tank" / "rovid.toml").read_text().replace("surge = 1.0", "yaw_arm = 0.4")
+    (day / "rovid.toml").write_text(toml + 'force = { csv = "push_kN", unit = "kN" }\n')
+    document = rovid("check", day, "--axis", "surge", "--json").document
+    assert document["axis"] == "surge"
+    assert document["logs"][0]["force_range"][1] > 100.0
+
+
+def test_no_word_of_yaw_is_said_of_surge(tmp_path: Path, rovid: Rovid) -> None:
+    day = tmp_path / "day"
+    day.mkdir()
+    for name in ("rovid.toml", "thrust_curve.csv", "sine_8s.csv"):
+        (day / name).write_bytes((SAMPLES / "surge_tank" / name).read_bytes())
+    done = [rovid("check", day, "--axis", "surge"), rovid("fit-drag", day, "--axis", "surge")]
+    assert done[1].code == 2
+    said = done[0].out + done[1].err
+    assert not re.search(r"turn|heading|yaw|torque|N m\b|rad", said), said

@@ -89,6 +89,55 @@ def test_without_a_curve_one_is_guessed_and_said_to_be(tmp_path: Path, rovid: Ro
     assert rovid("check", "dive").code == 0
 
 
+def test_small_tilts_of_a_recording_are_in_the_unit_of_its_heading(tmp_path: Path, rovid: Rovid) -> None:
+    (tmp_path / "day").mkdir()
+    for path in (SAMPLES / "rosub_tank").glob("*.mcap"):
+        shutil.copy(path, tmp_path / "day")
+    signals = rovid("init", "day", "--json").document["signals"]["mcap"]
+    assert [signals[name]["unit"] for name in ("heading", "roll", "pitch")] == ["deg", "deg", "deg"]
+
+
+def test_what_is_no_heading_is_not_taken_for_one(tmp_path: Path, rovid: Rovid) -> None:
+    (tmp_path / "day").mkdir()
+    for path in (SAMPLES / "surge_tank").glob("*.csv"):
+        shutil.copy(path, tmp_path / "day")
+    done = rovid("init", "day")
+    assert done.code == 2
+    assert "no heading was recognised" in done.err
+
+
+def test_logs_of_different_columns_share_what_is_mapped(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
+    folder = tmp_path / "day"
+    (folder / ".trash").mkdir(parents=True)
+    log = pd.read_csv(next(csv_day.glob("sine_*.csv")))
+    log.insert(0, "dive_time_h", log["time_s"] / 3600.0)
+    log["v_m_s"] = 0.1 * log["fore_V"]
+    log.to_csv(folder / "a.csv", index=False)
+    log = log.drop(columns="roll_deg")
+    log.to_csv(folder / "b.csv", index=False)
+    log.drop(columns="aft_V").to_csv(folder / "c.csv", index=False)
+    (folder / ".trash" / "d.csv").write_text("x\n1\n")
+    document = rovid("init", folder, "--json").document
+    assert document["logs"] == 3
+    assert "roll" not in document["signals"]["csv"]
+    assert {one["source"] for one in document["commands"]["csv"]} == {"fore_V", "aft_V"}
+    assert document["warnings"] == ["c.csv: holds no aft_V; is it of another vehicle?"]
+    assert toml_of(folder)["signals"]["time"] == {"csv": "time_s"}
+    assert rovid("check", folder / "a.csv", folder / "b.csv").code == 0
+
+
+def test_a_guessed_curve_is_not_written_over(tmp_path: Path, rovid: Rovid) -> None:
+    (tmp_path / "dive").mkdir()
+    shutil.copy(SAMPLES / "bluerov2_pier59" / "dive.csv", tmp_path / "dive")
+    curve = tmp_path / "dive" / "thrust_guess.csv"
+    curve.write_text("command,thrust_N\n1100,-40\n1500,0\n1900,51\n")
+    done = rovid("init", "dive")
+    assert done.code == 2
+    assert "thrust_guess.csv: is there already" in done.err
+    assert "51" in curve.read_text()
+    assert not (tmp_path / "dive" / "rovid.toml").exists()
+
+
 def test_nothing_is_written_over(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
     folder = logs_of(csv_day, tmp_path / "day")
     (folder / "rovid.toml").write_text("# mine\n")
@@ -107,6 +156,7 @@ def test_nothing_is_written_over(csv_day: Path, tmp_path: Path, rovid: Rovid) ->
             "no heading was recognised among depth_m, fore_V",
         ),
         ("time_s,heading_deg\n" + "".join(f"{k},{k % 360}\n" for k in range(60)), "no command was recognised"),
+        ("heading_deg,fore_V\n1,0\n2,1\n1,0\n", "no column that could be the time"),
         ("name,place\nrov,tank\n", "holds no column of numbers"),
         ("", "is empty"),
     ],

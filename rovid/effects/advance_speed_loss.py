@@ -37,7 +37,7 @@ EFFECT: Effect = Effect(
             name="coefficient", unit="N^0.5 s/m", null=0.0, low=0.0, high=2.0, starts=(0.05,), scale="advance"
         ),
     ),
-    equation="each thrust less a·√|F|·l·r, l its yaw arm",
+    equation="each thrust less a·√|F|·l·r, l its arm",
     fingerprint="more damping with thrust on than coasting",
     experiment="coast-downs beside holds at the same rates",
     rivals=("drag_curvature", "supply_sag"),

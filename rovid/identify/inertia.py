@@ -110,7 +110,8 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
     if regression is not None:
         methods["regression"] = _as_inertia(regression)
     if not methods:
-        raise DataError(f"{refused['regression']} {refused['orbit_integral']}")
+        sines = refused["orbit_integral"]
+        raise DataError(refused["regression"] + ("" if axis.rights else f" {sines[:1].upper()}{sines[1:]}"))
     # Without a steady drag the regression gives inertia and drag that belong together.
     chosen = "orbit_integral" if trials and (drag is not None or regression is None) else "regression"
     if regression is None or chosen != "regression":
@@ -232,7 +233,7 @@ def _plausibility(estimate: Estimate, rigid_body: float | None) -> list[str]:
     if not value > 0.0:
         raise DataError(
             f"the inertia comes out at {value:.3g} {unit}: the vehicle moves against its {axis.push}.",
-            mend=f"Check in rovid.toml the signs of {axis.arm}, command and {axis.position}.",
+            mend=f"Check in rovid.toml the signs of {axis.arm}, command and {axis.measures}.",
         )
     if rigid_body is None:
         return []
@@ -241,7 +242,7 @@ def _plausibility(estimate: Estimate, rigid_body: float | None) -> list[str]:
         raise DataError(
             f"the inertia comes out at {value:.3g} {unit}, {ratio:.2g} times the rigid body's {rigid_body:.3g}, which "
             "no vehicle has.",
-            mend=f"Check in rovid.toml the unit of {axis.position}, mass, {axis.arm} and the curve's newtons.",
+            mend=f"Check in rovid.toml the unit of {axis.measures}, mass, {axis.arm} and the curve's newtons.",
         )
     if _PLAUSIBLE_RATIO[0] < ratio < _PLAUSIBLE_RATIO[1]:
         return []

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rovid.axis import Axis
 from rovid.effects import Effect, restoring_of
 from rovid.effects.base import Scales, neutral_commands, race
-from rovid.model import MOST_PARTS, Drive, Model, initial_rate
+from rovid.model import MOST_PARTS, Drive, Model
 from rovid.rates import body_position
 from rovid.runs import Run
 from rovid.trial import FloatArray
@@ -167,8 +167,8 @@ class Records:
 
     @cached_property
     def initial_rates(self) -> list[float]:
-        """Yaw rate of each run at its first instant, rad/s."""
-        return [initial_rate(run.trial) for run in self.runs]
+        """Rate of each run at its first instant, rad/s."""
+        return [self.start.initial_rate(run.trial) for run in self.runs]
 
     @cached_property
     def trial(self) -> NDArray[np.intp]:

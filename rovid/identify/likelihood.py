@@ -244,12 +244,13 @@ def canonical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
 
 
 def _warnings(likelihood: Likelihood, model: Model, *, white: bool, at_limit: bool) -> list[str]:
-    texts = []
+    texts, axis = [], likelihood.records.axis
     if at_limit:
+        most = f"{likelihood.limit * likelihood.records.torque:.3g} {axis.push_unit}"
         texts.append(
-            f"The disturbance torque would exceed {100 * likelihood.limit:.2g} % of the torque in use "
-            f"({likelihood.limit * likelihood.records.torque:.3g} N m): the model misses something that these data "
-            f"show. The standard errors include what a limit {_LOOSER:g} times as high would change."
+            f"The disturbance {axis.push} would exceed {100 * likelihood.limit:.2g} % of the {axis.push} in use "
+            f"({most}): the model misses something that these data show. The standard errors include what "
+            f"a limit {_LOOSER:g} times as high would change."
         )
     if isinstance(likelihood, SimulatedLikelihood):
         texts.append(

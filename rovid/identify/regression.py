@@ -177,7 +177,7 @@ def _bounded(
     if not values[0] > 0.0:
         raise DataError(
             f"the inertia comes out negative: the vehicle moves against its {axis.push}, or hardly at all.",
-            mend=f"Check in rovid.toml the signs of {axis.arm}, command and {axis.position}. {ADVICE}",
+            mend=f"Check in rovid.toml the signs of {axis.arm}, command and {axis.measures}. {ADVICE}",
         )
     return free, values
 

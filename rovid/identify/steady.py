@@ -33,8 +33,8 @@ _TREND_SHARE = 0.005
 # Rates this close together cannot tell a quadratic from a linear drag.
 _MIN_RATE_RATIO = 1.25
 
-ADVICE = (
-    "Run held commands: at least four levels each way, from the slowest that turns the vehicle to the fastest, "
+_ADVICE = (
+    "Run held commands: at least four levels each way, from the slowest that {} the vehicle to the fastest, "
     "each for five time constants plus a minute (about 2 min for a work-class vehicle, 20 s for a small one), "
     "autopilot off."
 )
@@ -264,7 +264,7 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     if not (values[:2] > 0.0).any():
         raise DataError(
             f"the vehicle moves against its {axis.push} in these holds, which no drag does.",
-            mend=f"Check in rovid.toml the signs of {axis.arm}, command and {axis.position}.",
+            mend=f"Check in rovid.toml the signs of {axis.arm}, command and {axis.measures}.",
         )
     residuals = torque - design @ values
     estimate = Estimate(
@@ -273,9 +273,7 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
         covariance=covariance,
         degrees_of_freedom=dof,
         axis=axis,
-        method="steady turns, ordinary least squares"
-        if _from_table(fitted)
-        else "steady turns, weighted least squares",
+        method=f"{_states(axis)}, {'ordinary' if _from_table(fitted) else 'weighted'} least squares",
         samples=len(fitted),
         refused=refused,
     )
@@ -303,6 +301,10 @@ def _design(points: Sequence[SteadyPoint], axis: Axis) -> FloatArray:
     return np.column_stack(([point.square_rate for point in points], [point.rate for point in points], more))
 
 
+def _states(axis: Axis) -> str:
+    return "steady turns" if axis.angular else "steady states"
+
+
 def _from_table(points: Sequence[SteadyPoint]) -> bool:
     return all(math.isnan(point.rate_error) for point in points)
 
@@ -310,9 +312,9 @@ def _from_table(points: Sequence[SteadyPoint]) -> bool:
 def _no_steady(points: Sequence[SteadyPoint], axis: Axis) -> DataError:
     if not points:
         return DataError(
-            f"no held command of at least {MIN_HOLD_SECONDS:g} s under which the vehicle turns; drag cannot be read "
-            "from these logs.",
-            mend=ADVICE,
+            f"no held command of at least {MIN_HOLD_SECONDS:g} s under which the vehicle {axis.moves}; drag cannot be "
+            "read from these logs.",
+            mend=_ADVICE.format(axis.moves),
         )
     worst = max(points, key=lambda point: abs(point.drift))
     return DataError(
@@ -327,7 +329,7 @@ def _undetermined(points: Sequence[SteadyPoint], axis: Axis) -> dict[str, str]:
     speeds = np.abs([point.rate for point in points])
     if speeds.max() < _MIN_RATE_RATIO * speeds.min():
         return {
-            "linear_drag": "all steady turns are at nearly the same rate "
+            "linear_drag": f"all {_states(axis)} are at nearly the same rate "
             f"({speeds.min():.3g} to {speeds.max():.3g} {axis.unit('rad/s')}), so quadratic and linear drag cannot be "
             "told apart; it is taken as zero, and the quadratic drag and its error hold at that rate alone. "
             "Run holds at other commands."
@@ -402,7 +404,7 @@ def _directions(
             values=values,
             covariance=covariance,
             degrees_of_freedom=dof,
-            method=f"steady turns, {axis.position_words} {name} only",
+            method=f"{_states(axis)}, {axis.position_words} {name} only",
             samples=len(chosen),
             axis=axis,
         )
@@ -419,8 +421,8 @@ def _direction_warning(
     rates = np.array([point.rate for point in points])
     if (rates > 0).all() or (rates < 0).all():
         return (
-            f"All steady turns are in one direction: a constant {axis.push} (tether, trim) or a weaker reverse thrust "
-            "would pass for drag. Run the same holds the other way."
+            f"All {_states(axis)} are in one direction: a constant {axis.push} (tether, trim) or a weaker reverse "
+            "thrust would pass for drag. Run the same holds the other way."
         )
     if len(directions) < 2:
         return None

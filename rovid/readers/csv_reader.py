@@ -16,7 +16,7 @@ import pandas as pd
 
 from rovid.config import Config, Signal
 from rovid.errors import ConfigError, LogError
-from rovid.guess import CLOCK, words
+from rovid.guess import CLOCK, NOT_CLOCK, words
 from rovid.readers.csv_header import Layout, last_whole_line, read_layout
 from rovid.readers.instants import seconds
 from rovid.readers.raw import Channel, RawLog, mapped
@@ -276,13 +276,21 @@ def sources(path: Path) -> tuple[str, list[str]]:
     Raises
     ------
     LogError
-        It is no table.
+        It is no table, or none of its columns is a time.
     """
     layout = read_layout(path, ())
     columns = {name: [row[at] for row in layout.rows if at < len(row)] for at, name in enumerate(layout.names) if name}
     numbers = {name: found for name, cells in columns.items() if (found := _numbers(cells, layout)) is not None}
-    named = [name for name in columns if words(name) & CLOCK and (name not in numbers or _rises(numbers[name]))]
-    clock = next(iter(named or (name for name in numbers if _rises(numbers[name]))), "")
+    rising = [name for name in columns if name not in numbers or _rises(numbers[name])]
+    called = [name for name in rising if words(name) & CLOCK]
+    clocks = [name for name in called if not words(name) & NOT_CLOCK] or called
+    clock = next(iter(clocks or (name for name in rising if name in numbers)), "")
+    if numbers and not clock:
+        raise LogError(
+            "holds no column that could be the time: none only grows.",
+            where=path,
+            mend="Export the log with a column of times, or leave it out.",
+        )
     return clock, [name for name in numbers if name != clock]
 
 
