@@ -16,7 +16,7 @@ from rovid.effects import effect_named, restoring_of
 from rovid.identify.inertia import METHODS
 from rovid.model import base_names
 from rovid.output import plus_minus, write_atomic
-from rovid.report import controller, exports, findings, grids
+from rovid.report import controller, correlations, exports, findings, grids
 from rovid.report.album import Album, make_album
 from rovid.report.evidence import Evidence
 from rovid.report.residual import residuals_of, sizes
@@ -112,6 +112,7 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "controlled": evidence.control is not None or bool(evidence.control_refusal),
         "exported": bool(evidence.exports) or bool(evidence.export_refusal),
         "findings": findings,
+        "correlations": correlations,
         "controller": controller,
         "exporting": exports,
         "decides": deciding_experiment,

@@ -154,6 +154,12 @@ def test_page_says_how_it_was_done_and_what_it_cannot_tell(page: str, day: Evide
     assert "heading falling" in text
 
 
+def test_parameters_that_go_together_are_shaded(page: str) -> None:
+    table = page.split("Correlation of parameters</caption>")[1].split("</table>", maxsplit=1)[0]
+    assert re.search(r'<td class="s\d">−0\.\d\d</td>', table)
+    assert table.count("<tr>") == 4
+
+
 def test_same_evidence_same_bytes(folder: Path, day: Evidence, tmp_path: Path) -> None:
     write_report(tmp_path, replace(day, simulations=day.simulations[:1]), today=TODAY)
     again = [path for path in (tmp_path / "plots").iterdir() if "overview" not in path.name]
