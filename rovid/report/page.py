@@ -18,9 +18,11 @@ from rovid.model import base_names
 from rovid.output import plus_minus, write_atomic
 from rovid.report import controller, correlations, exports, findings, grids
 from rovid.report.album import Album, make_album
+from rovid.report.assets import read_assets
 from rovid.report.evidence import Evidence
 from rovid.report.residual import residuals_of, sizes
 from rovid.report.text import arm, column, number, positions, prose, steady_state, title, unit
+from rovid.report.viewer import viewer_document
 from rovid.simulation import HORIZONS, overall
 from rovid.vehicle import Vehicle, box_inertia
 
@@ -119,6 +121,8 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "next_experiment": next_experiment,
         "grids": grids,
         "album": album,
+        "viewer": viewer_document(evidence) if simulations else None,
+        "assets": read_assets(),
         "today": f"{today:%d %B %Y}".lstrip("0"),
         "version": __version__,
     }

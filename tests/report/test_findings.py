@@ -174,13 +174,19 @@ def test_the_summary_has_verdict_and_gain(lagged: Evidence) -> None:
     assert findings.gained(nothing.diagnosis or lagged.diagnosis) == ""
 
 
+def test_every_trial_is_simulated_with_what_was_found(lagged: Evidence) -> None:
+    pairs = list(zip(lagged.simulations, lagged.extended, strict=True))
+    assert all(one.run is other.run for one, other in pairs)
+    assert sum(other.fit.rmse for _, other in pairs) < 0.5 * sum(one.fit.rmse for one, _ in pairs)
+
+
 def test_nothing_found_says_what_would_have_been_seen(lagged: Evidence) -> None:
     assert lagged.diagnosis is not None
     sizes = ((effect_named("thruster_lag"), 0.0512), (effect_named("bias_torque"), 2.34))
     quiet = with_diagnosis(
         lagged, verdict="nothing_found", findings=(), extended=lagged.diagnosis.base, detectable=sizes
     )
-    shown = text(section(replace(quiet, compared=None)))
+    shown = text(section(replace(quiet, compared=None, extended=())))
     assert "Nothing was found: the model explains these data." in shown
     assert "with what was found" not in shown
     assert "The smallest that would have been seen" in shown
