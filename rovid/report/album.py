@@ -22,7 +22,7 @@ from rovid.model import Model
 from rovid.output import plus_minus, write_atomic
 from rovid.report.courses import courses_of
 from rovid.report.evidence import Evidence
-from rovid.report.findings import name_of, worth
+from rovid.report.findings import RIVALS, name_of, worth
 from rovid.report.plots import (
     canvas,
     closed_loop,
@@ -246,7 +246,7 @@ def _rivalled(evidence: Evidence) -> list[Finding]:
 
 
 def _rivals(finding: Finding) -> Picture:
-    shown, axis = finding.rivals[: findings.RIVALS], finding.estimate.axis
+    shown, axis = finding.rivals[:RIVALS], finding.estimate.axis
     rest = "; ".join(f"{name_of(rival.effect, axis)} {rival.gain:.0f}" for rival in shown)
     return _picture(
         f"rivals_{_file_name(finding.effect.key)}",

@@ -83,6 +83,7 @@ def build_report(
             inertia=inertia,
             inertia_refusal=inertia_refusal,
             simulations=_simulations(study, stored),
+            extended=_extended(study, diagnosis),
             diagnosis=diagnosis,
             diagnosis_refusal=diagnosis_refusal,
             compared=None if diagnosis is None else most_improved(study, diagnosis),
@@ -157,6 +158,14 @@ def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...
     if study.runs is None or not _whole(stored):
         return ()
     return tuple(simulate_runs(study.runs.items, _model_of(study, stored), study.vehicle))
+
+
+def _extended(study: Study, diagnosis: Diagnosis | None) -> tuple[TrialSimulation, ...]:
+    """Every trial simulated with what was found; none where nothing was."""
+    side = None if diagnosis is None else diagnosis.extended
+    if study.runs is None or side is None or not side.model.effects:
+        return ()
+    return tuple(simulate_runs(study.runs.items, side.model, study.vehicle))
 
 
 def _whole(stored: Parameters) -> bool:

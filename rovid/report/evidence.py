@@ -23,9 +23,10 @@ class Evidence:
     """What the logs gave; where something is missing its refusal says why.
 
     ``campaign`` and ``runs`` are None where tables stood in place of logs. ``diagnosis`` is None where there was none:
-    with a refusal it was not possible, without one it was not wanted. ``compared`` is one trial, simulated without and
-    with what it found. ``control`` and ``exports``, by the format's name, are None as ``diagnosis`` is, and along other
-    axes than yaw.
+    with a refusal it was not possible, without one it was not wanted. ``extended`` is in step with ``simulations``, the
+    same trials simulated with what it found, and empty where it found nothing; ``compared`` is one trial, simulated
+    without and with it. ``control`` and ``exports``, by the format's name, are None as ``diagnosis`` is, and along
+    other axes than yaw.
     """
 
     vehicle: Vehicle
@@ -37,6 +38,7 @@ class Evidence:
     inertia: InertiaFit | None
     inertia_refusal: str
     simulations: tuple[TrialSimulation, ...]
+    extended: tuple[TrialSimulation, ...] = ()
     diagnosis: Diagnosis | None = None
     diagnosis_refusal: str = ""
     compared: tuple[TrialSimulation, TrialSimulation] | None = None

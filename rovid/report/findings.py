@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from rovid.axis import YAW, Axis
 from rovid.diagnose.amplitudes import Amplitudes, Explanation
 from rovid.diagnose.diagnosis import Diagnosis, Finding, Side, not_identifiable
+from rovid.diagnose.search import Rival
+from rovid.diagnose.signals import is_driver
 from rovid.effects import Effect
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS
@@ -17,6 +19,7 @@ from rovid.report.grids import Column, Grid, numbers, words
 from rovid.report.text import NOTHING, column, number, title, unit
 from rovid.vehicle import Vehicle
 
+RIVALS = 8  # that are shown
 _INVISIBLE = {
     "thrust_scale": "a common scale of all thrust",
     "rate_scale": "a constant scale of the rate",
@@ -33,6 +36,20 @@ def verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "unexplained":
         return "The simulation misses something that no effect of the catalogue explains."
     return "There is too little data for a diagnosis."
+
+
+def gained(diagnosis: Diagnosis) -> str:
+    """What the simulation gains by what was found, in one sentence; empty where nothing was."""
+    base, extended = diagnosis.base, diagnosis.extended
+    if base is None or extended is None or diagnosis.verdict != "found":
+        return ""
+    errors = (base.held_out.rate_rmse, extended.held_out.rate_rmse, diagnosis.noise_floor)
+    without, with_it, floor = column(errors, 3)
+    axis = base.estimate.axis
+    return (
+        f"With what was found the simulated {axis.rate_words} of trials that were not fitted is off by {with_it} in "
+        f"place of {without} {axis.rate_unit}, root mean square; a perfect model's would be by {floor}."
+    )
 
 
 def never_visible(vehicle: Vehicle) -> str:
@@ -62,6 +79,29 @@ def worth(finding: Finding) -> float:
         return finding.gain
     samples = len(finding.rivals[0].fitted.likelihood.records.trial)
     return finding.gain - 0.5 * math.log(samples) * len(finding.effect.parameters)
+
+
+def standing(finding: Finding, rival: Rival) -> str:
+    """What the data say of a rival."""
+    if is_driver(rival.effect):
+        return "depends on a signal"
+    open_ids = {effect.id for effect in finding.undecided}
+    return "not ruled out" if rival.effect.id in open_ids else "ruled out"
+
+
+def rivals_grid(finding: Finding) -> Grid:
+    """What was found beside the best other causes in its place."""
+    rivals, axis = finding.rivals[:RIVALS], finding.estimate.axis
+    gains = [worth(finding), *(rival.gain for rival in rivals)]
+    return Grid(
+        caption="What it may be confused with: each cause in its place",
+        columns=(
+            words("cause", [name_of(effect, axis) for effect in (finding.effect, *(r.effect for r in rivals))]),
+            numbers("log-likelihood gained, less the price", "", [number(gain, ".0f") for gain in gains]),
+            numbers("behind the first by", "", [NOTHING, *(number(gains[0] - gain, ".0f") for gain in gains[1:])]),
+            words("these data", ["found", *(standing(finding, rival) for rival in rivals)]),
+        ),
+    )
 
 
 def parameters_grid(finding: Finding) -> Grid:

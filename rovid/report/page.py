@@ -16,11 +16,13 @@ from rovid.effects import effect_named, restoring_of
 from rovid.identify.inertia import METHODS
 from rovid.model import base_names
 from rovid.output import plus_minus, write_atomic
-from rovid.report import controller, exports, findings, grids
+from rovid.report import controller, correlations, exports, findings, grids
 from rovid.report.album import Album, make_album
+from rovid.report.assets import read_assets
 from rovid.report.evidence import Evidence
 from rovid.report.residual import residuals_of, sizes
 from rovid.report.text import arm, column, number, positions, prose, steady_state, title, unit
+from rovid.report.viewer import viewer_document
 from rovid.simulation import HORIZONS, overall
 from rovid.vehicle import Vehicle, box_inertia
 
@@ -112,12 +114,15 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "controlled": evidence.control is not None or bool(evidence.control_refusal),
         "exported": bool(evidence.exports) or bool(evidence.export_refusal),
         "findings": findings,
+        "correlations": correlations,
         "controller": controller,
         "exporting": exports,
         "decides": deciding_experiment,
         "next_experiment": next_experiment,
         "grids": grids,
         "album": album,
+        "viewer": viewer_document(evidence) if simulations else None,
+        "assets": read_assets(),
         "today": f"{today:%d %B %Y}".lstrip("0"),
         "version": __version__,
     }

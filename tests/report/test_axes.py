@@ -21,6 +21,7 @@ from rovid.report.evidence import Evidence
 from rovid.report.page import write_report
 from rovid.report.plots import inertia, residuals, simulations, sines, steady, thrust
 from rovid.report.residual import residuals_of, sizes
+from rovid.report.viewer import viewer_document
 from rovid.study import open_study
 from tests.conftest import SAMPLES
 
@@ -55,7 +56,7 @@ def shown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         patch.setattr(build, "write_report", write)
         stored = Parameters(path=folder / "parameters.toml", axis=axis)
         page = build.build_report(stored, open_study([logs], axis=axis), folder, diagnosed=False).read_text()
-    body = re.sub(r"<style>.*</style>", "", page, flags=re.DOTALL)
+    body = re.sub(r"<(style|script)\b.*?</\1>", "", page, flags=re.DOTALL)
     text = " ".join([*re.findall(r'alt="([^"]*)"', body), re.sub(r"<[^>]+>", " ", body)])
     return kept[0], re.sub(r"\s+", " ", html.unescape(text))
 
@@ -85,6 +86,14 @@ def test_the_plots_speak_of_their_axis(shown: tuple[Evidence, str]) -> None:
         legends = [text for panel in figure.axes for text in panel.get_legend_handles_labels()[1]]
         around = [str(text.get_text()) for text in figure.texts]
         assert not re.findall(FOREIGN[axis.name], " ".join([*labels, *legends, *around]))
+
+
+def test_the_viewer_speaks_of_its_axis(shown: tuple[Evidence, str]) -> None:
+    evidence, _ = shown
+    axis = evidence.axis
+    words = " ".join(f"{panel['title']}, {panel['unit']}" for panel in viewer_document(evidence)["panels"])
+    assert axis.rate_words in words
+    assert re.findall(FOREIGN[axis.name], words) == []
 
 
 def figures(evidence: Evidence) -> list[Figure]:

@@ -149,13 +149,44 @@ def test_rivals_that_are_not_ruled_out_stand_out(lagged: Evidence, finding: Find
     assert f"cannot tell it from {rival.title}. This run decides: " in shown
 
 
+def test_rivals_stand_in_a_table_with_what_the_data_say_of_them(lagged: Evidence, finding: Finding) -> None:
+    rival = finding.rivals[0].effect
+    table = findings.rivals_grid(replace(finding, undecided=(rival,)))
+    cause, gain, behind, said = (column.cells for column in table.columns)
+    assert cause[:2] == ("thruster lag", findings.name_of(rival))
+    assert len(cause) == 1 + min(len(finding.rivals), findings.RIVALS)
+    assert said[:2] == ("found", "not ruled out")
+    assert set(said[2:]) == {"ruled out"}
+    assert behind[0] == "–"
+    assert int(gain[0]) - int(gain[1]) == pytest.approx(int(behind[1]), abs=1)  # each rounded by itself
+    assert table.caption in text(section(lagged))
+
+
+def test_the_summary_has_verdict_and_gain(lagged: Evidence) -> None:
+    assert lagged.diagnosis is not None
+    page = render_page(lagged, Album(), today=date(2026, 3, 7))
+    summary = text(page.split('<section id="summary"')[1].split("</section>")[0])
+    assert "The simulation misses thruster lag. With what was found the simulated yaw rate of trials" in summary
+    numbers = re.search(r"is off by ([\d.]+) in place of ([\d.]+) rad/s", summary)
+    assert numbers is not None
+    assert float(numbers[1]) < 0.5 * float(numbers[2])
+    nothing = with_diagnosis(lagged, verdict="nothing_found", findings=(), extended=lagged.diagnosis.base)
+    assert findings.gained(nothing.diagnosis or lagged.diagnosis) == ""
+
+
+def test_every_trial_is_simulated_with_what_was_found(lagged: Evidence) -> None:
+    pairs = list(zip(lagged.simulations, lagged.extended, strict=True))
+    assert all(one.run is other.run for one, other in pairs)
+    assert sum(other.fit.rmse for _, other in pairs) < 0.5 * sum(one.fit.rmse for one, _ in pairs)
+
+
 def test_nothing_found_says_what_would_have_been_seen(lagged: Evidence) -> None:
     assert lagged.diagnosis is not None
     sizes = ((effect_named("thruster_lag"), 0.0512), (effect_named("bias_torque"), 2.34))
     quiet = with_diagnosis(
         lagged, verdict="nothing_found", findings=(), extended=lagged.diagnosis.base, detectable=sizes
     )
-    shown = text(section(replace(quiet, compared=None)))
+    shown = text(section(replace(quiet, compared=None, extended=())))
     assert "Nothing was found: the model explains these data." in shown
     assert "with what was found" not in shown
     assert "The smallest that would have been seen" in shown

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from PIL import Image
 
 from rovid.trial import FloatArray
@@ -149,14 +150,19 @@ def extremes(time: FloatArray, values: FloatArray, count: int = _POINTS) -> tupl
     size = -(-2 * len(values) // count)
     if size <= 2:
         return time, values
+    rows = extreme_rows(values, size)
+    return time[rows], values[rows]
+
+
+def extreme_rows(values: FloatArray, size: int) -> NDArray[np.intp]:
+    """Where the lowest and highest of each stretch of ``size`` stand, in order; its first where it has no value."""
     padding = -len(values) % size
     blocks = np.pad(values, (0, padding), constant_values=np.nan).reshape(-1, size)
     missing = np.isnan(blocks)
     lowest = np.where(missing, np.inf, blocks).argmin(axis=1)
     highest = np.where(missing, -np.inf, blocks).argmax(axis=1)
     pick = np.sort(np.stack((lowest, highest), axis=1), axis=1)
-    rows = (pick + size * np.arange(len(blocks))[:, None]).ravel()
-    return time[rows], values[rows]
+    return np.asarray((pick + size * np.arange(len(blocks))[:, None]).ravel())
 
 
 def shortened(name: str, length: int) -> str:

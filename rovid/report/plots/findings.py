@@ -5,13 +5,10 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from rovid.diagnose.diagnosis import Finding
-from rovid.diagnose.search import Rival
-from rovid.diagnose.signals import is_driver
-from rovid.report.findings import name_of, worth
+from rovid.report.findings import RIVALS, name_of, standing, worth
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, PALE, extremes, sheet, shortened, styled
 from rovid.simulation import TrialSimulation
 
-RIVALS = 8
 _LABEL = -0.085  # of the axes' width
 _NAME = 40  # letters beside a bar
 _LOOKS = {
@@ -28,7 +25,7 @@ def rival_gains(finding: Finding) -> Figure:
     rivals, axis = finding.rivals[:RIVALS], finding.estimate.axis
     names = [name_of(finding.effect, axis), *(name_of(rival.effect, axis) for rival in rivals)]
     gains = [worth(finding), *(rival.gain for rival in rivals)]
-    labels = ["found", *(_standing(finding, rival) for rival in rivals)]
+    labels = ["found", *(standing(finding, rival) for rival in rivals)]
     figure, ((panel,),) = sheet([(0.3 * len(gains) + 0.15, 1)], left=3.2, right=0.55)
     for label, (colour, hatch) in _LOOKS.items():
         rows = [row for row, each in enumerate(labels) if each == label]
@@ -45,13 +42,6 @@ def rival_gains(finding: Finding) -> Figure:
     panel.set_axisbelow(True)
     figure.legend(*panel.get_legend_handles_labels(), ncols=4, loc="upper right", borderaxespad=0.1)
     return figure
-
-
-def _standing(finding: Finding, rival: Rival) -> str:
-    if is_driver(rival.effect):
-        return "depends on a signal"
-    open_ids = {effect.id for effect in finding.undecided}
-    return "not ruled out" if rival.effect.id in open_ids else "ruled out"
 
 
 @styled

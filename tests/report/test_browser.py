@@ -1,0 +1,263 @@
+"""The page in a real browser: it opens quickly, zooms, pans, changes trials, and asks for nothing but itself."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rovid.report.album import Album
+from rovid.report.evidence import Evidence
+from rovid.report.page import render_page
+from tests.conftest import SAMPLES, run_rovid
+from tests.report.conftest import make_evidence
+
+pytest.importorskip("fcntl", reason="Chromium is driven over a POSIX pipe")
+from tests.report.chromium import NAMES, Tab, chromium, find_chromium
+
+in_browser = pytest.mark.skipif(find_chromium() is None, reason=f"no browser: none of {', '.join(NAMES)} on the PATH")
+NASTY = "</script><b>x</b>.csv"
+
+
+@pytest.fixture(scope="module")
+def sample_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The sample day's page with all its plots."""
+    folder = tmp_path_factory.mktemp("sample")
+    more = ("-o", folder, "-p", folder / "parameters.toml", "--no-diagnosis", "--no-control", "--no-export")
+    done = run_rovid("report", SAMPLES / "rosub_tank", *more)
+    assert done.code == 0, done.err
+    return folder / "index.html"
+
+
+@pytest.fixture(scope="module")
+def plain_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three trials, one of an evil name, with lines of what was found; no pictures."""
+    folder = tmp_path_factory.mktemp("plain")
+    evidence: Evidence = make_evidence(folder, {"hold_1.csv": NASTY, "hold_2.csv": "b.csv", "sine_a.csv": "c.csv"})
+    page = folder / "index.html"
+    text = render_page(replace(evidence, extended=evidence.simulations), Album(), today=date(2026, 3, 7))
+    page.write_text(text, encoding="utf-8")
+    return page
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
+    with chromium(tmp_path_factory.mktemp("profile"), "--window-size=1100,1400") as tab:
+        yield tab
+
+
+@pytest.fixture
+def tab(browser: Tab, plain_page: Path) -> Iterator[Tab]:
+    """The plain page, freshly opened and scrolled to the viewer; afterwards, that it complained of nothing."""
+    opened(browser, plain_page)
+    yield browser
+    quiet(browser, plain_page)
+
+
+def opened(tab: Tab, page: Path) -> None:
+    tab.complaints.clear()
+    tab.requests.clear()
+    tab.open(page)
+    tab.ask("document.getElementById('trials').scrollIntoView()")
+
+
+def quiet(tab: Tab, page: Path) -> None:
+    assert tab.complaints == []
+    assert {url for url in tab.requests if not url.startswith("data:")} == {page.resolve().as_uri()}
+
+
+def view(tab: Tab) -> tuple[float, float]:
+    """What the viewer says it shows."""
+    text = tab.ask("document.getElementById('viewer-range').textContent")
+    start, stop = re.findall(r"[\d.]+", text)[:2]
+    return float(start), float(stop)
+
+
+def panel(tab: Tab, index: int, share: float) -> tuple[float, float]:
+    """A point of a panel, at that share of its width."""
+    box = tab.ask(
+        f"(() => {{ const box = document.querySelectorAll('#viewer-panels .u-over')[{index}].getBoundingClientRect();"
+        " return [box.x, box.y, box.width, box.height]; })()"
+    )
+    return box[0] + share * box[2], box[1] + 0.5 * box[3]
+
+
+def readings(tab: Tab) -> list[str]:
+    found: list[str] = tab.ask("[...document.querySelectorAll('.viewer-key b')].map((each) => each.textContent)")
+    return found
+
+
+def test_the_sample_days_page_is_small(sample_page: Path) -> None:
+    assert sample_page.stat().st_size < 8e6
+
+
+@in_browser
+def test_the_sample_days_page_opens_quickly_and_moves(browser: Tab, sample_page: Path) -> None:
+    browser.call("Performance.enable")
+    opened(browser, sample_page)
+    spent = {each["name"]: each["value"] for each in browser.call("Performance.getMetrics")["metrics"]}
+    # Of the machine's time, not by the clock: other work may keep it waiting.
+    assert spent["ScriptDuration"] + spent["LayoutDuration"] + spent["RecalcStyleDuration"] < 2.0
+    whole = view(browser)
+    browser.drag(panel(browser, 1, 0.25), panel(browser, 1, 0.5))
+    assert view(browser) != whole
+    assert browser.ask("document.querySelectorAll('#viewer-trial option').length") == 18
+    quiet(browser, sample_page)
+
+
+@in_browser
+def test_a_drag_zooms_and_a_double_click_shows_the_whole(tab: Tab) -> None:
+    start, stop = view(tab)
+    tab.drag(panel(tab, 1, 0.2), panel(tab, 1, 0.6))
+    length = stop - start
+    assert view(tab) == pytest.approx((start + 0.2 * length, start + 0.6 * length), abs=0.02 * length)
+    place = panel(tab, 2, 0.5)
+    for count in (1, 2):
+        tab.mouse("mousePressed", *place, button="left", buttons=1, clickCount=count)
+        tab.mouse("mouseReleased", *place, button="left", clickCount=count)
+    assert view(tab) == (start, stop)
+
+
+@in_browser
+def test_shift_and_drag_pans(tab: Tab) -> None:
+    tab.drag(panel(tab, 1, 0.3), panel(tab, 1, 0.7))
+    start, stop = view(tab)
+    tab.drag(panel(tab, 3, 0.3), panel(tab, 3, 0.55), shift=True)
+    length = stop - start
+    assert view(tab) == pytest.approx((start - 0.25 * length, stop - 0.25 * length), abs=0.03 * length)
+
+
+@in_browser
+def test_the_wheel_scrolls_the_page_until_a_panel_was_clicked(tab: Tab) -> None:
+    whole, scrolled = view(tab), tab.ask("scrollY")
+    wheel: dict[str, Any] = {"deltaX": 0, "deltaY": -100}
+    tab.mouse("mouseWheel", *panel(tab, 0, 0.5), **wheel)
+    tab.until(f"scrollY < {scrolled}")
+    assert view(tab) == whole
+    tab.ask("document.getElementById('trials').scrollIntoView()")
+    place = panel(tab, 1, 0.5)
+    tab.mouse("mousePressed", *place, button="left", buttons=1, clickCount=1)
+    tab.mouse("mouseReleased", *place, button="left", clickCount=1)
+    scrolled = tab.ask("scrollY")
+    tab.mouse("mouseWheel", *place, **wheel)
+    assert view(tab)[1] - view(tab)[0] < 0.8 * (whole[1] - whole[0])
+    assert tab.ask("scrollY") == scrolled
+
+
+@in_browser
+def test_two_fingers_zoom(tab: Tab) -> None:
+    whole = view(tab)
+    tab.call("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=2)
+    try:
+        for kind, shares in (("touchStart", (0.4, 0.6)), ("touchMove", (0.3, 0.7)), ("touchMove", (0.2, 0.8))):
+            points = [dict(zip("xy", panel(tab, 1, share), strict=True), id=k) for k, share in enumerate(shares)]
+            tab.call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+        tab.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+    finally:
+        tab.call("Emulation.setTouchEmulationEnabled", enabled=False)
+    length = whole[1] - whole[0]
+    assert view(tab)[1] - view(tab)[0] == pytest.approx(length / 3.0, rel=0.1)  # fingers three times as far apart
+
+
+@in_browser
+def test_keys_alone_do_it_all(tab: Tab) -> None:
+    whole = view(tab)
+    tab.ask("document.getElementById('viewer-panels').focus()")
+    tab.key("+")
+    near = view(tab)
+    assert near[1] - near[0] == pytest.approx(0.5 * (whole[1] - whole[0]), rel=0.01)
+    tab.key("ArrowRight")
+    assert view(tab)[0] == pytest.approx(near[0] + 0.2 * (near[1] - near[0]), abs=0.11)
+    tab.key("ArrowRight", shift=True)
+    assert all(readings(tab))
+    tab.key("-")
+    tab.key("0")
+    assert view(tab) == whole
+
+
+@in_browser
+def test_arrows_change_the_trial(tab: Tab) -> None:
+    whole = view(tab)
+    tab.ask("document.getElementById('viewer-trial').focus()")
+    tab.key("ArrowDown")
+    tab.key("ArrowDown")
+    tab.until("document.getElementById('viewer-trial').selectedIndex === 2")
+    assert view(tab)[1] == pytest.approx(59.95, abs=0.06)  # the sine
+    assert view(tab) != whole
+
+
+@in_browser
+def test_buttons_do_what_they_say(tab: Tab) -> None:
+    whole = view(tab)
+    seen = [whole]
+    for name in ("in", "earlier", "later", "out", "in", "whole"):
+        tab.ask(f"document.getElementById('viewer-{name}').click()")
+        seen.append(view(tab))
+    _, near, before, after, far, again, last = seen
+    assert near[1] - near[0] == pytest.approx(0.5 * (whole[1] - whole[0]))
+    assert before[0] < after[0]
+    assert far == last == whole
+    assert again == near
+
+
+@in_browser
+def test_the_cursor_reads_all_panels_at_one_instant(tab: Tab) -> None:
+    assert not any(readings(tab))
+    tab.mouse("mouseMoved", *panel(tab, 2, 0.5))
+    tab.until("document.getElementById('viewer-time').textContent")
+    shown = [float(text.replace("−", "-")) for text in readings(tab)]
+    assert len(shown) == 8  # torque; measured, simulated, found; the errors of two in rate and heading
+    _, measured, simulated, found, error, error_found = shown[:6]
+    assert error == pytest.approx(simulated - measured, abs=1e-3 * abs(measured))  # four digits are shown
+    assert (found, error_found) == (simulated, error)
+
+
+@in_browser
+def test_names_from_logs_make_no_elements(tab: Tab) -> None:
+    assert tab.ask("document.querySelector('#viewer-trial').selectedOptions[0].textContent").endswith(NASTY)
+    assert tab.ask("[...document.querySelectorAll('b')].filter((each) => each.textContent === 'x').length") == 0
+
+
+@in_browser
+def test_dark_and_narrow_and_print(tab: Tab) -> None:
+    colour = "getComputedStyle(document.querySelector('.viewer-key line')).stroke"
+    light = tab.ask(colour)
+    tab.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
+    tab.call("Emulation.setDeviceMetricsOverride", width=400, height=800, deviceScaleFactor=2, mobile=True)
+    try:
+        assert tab.ask(colour) != light
+        tab.until("document.querySelectorAll('#viewer-panels canvas').length === 4")
+        tab.until("document.querySelector('#viewer-panels canvas').clientWidth <= 400")
+        assert tab.ask("document.documentElement.scrollWidth") <= 400
+        tab.call("Emulation.setEmulatedMedia", media="print")
+        assert tab.ask("getComputedStyle(document.getElementById('trials')).display") == "none"
+    finally:
+        tab.call("Emulation.setEmulatedMedia", media="", features=[])
+        tab.call("Emulation.clearDeviceMetricsOverride")
+
+
+@in_browser
+def test_without_script_the_page_points_to_its_pictures(browser: Tab, plain_page: Path) -> None:
+    browser.call("Emulation.setScriptExecutionDisabled", value=True)
+    try:
+        browser.open(plain_page)
+        assert browser.ask("document.getElementById('viewer-root').hidden")
+        assert browser.ask("document.querySelector('#trials .note').offsetHeight") > 0
+    finally:
+        browser.call("Emulation.setScriptExecutionDisabled", value=False)
+
+
+@in_browser
+def test_the_browser_would_tell_of_an_error_and_of_a_request(browser: Tab, tmp_path: Path) -> None:
+    page = tmp_path / "bad.html"
+    page.write_text("<img src='none.png'><script>nonsense()</script>")
+    browser.complaints.clear()
+    browser.requests.clear()
+    browser.open(page)
+    assert any("nonsense" in each for each in browser.complaints)
+    assert any(url.endswith("none.png") for url in browser.requests)
