@@ -37,6 +37,7 @@ class Format:
 READERS: Mapping[str, Format] = {
     ".csv": Format(kind="csv", module="rovid.readers.csv_reader"),
     ".mcap": Format(kind="mcap", module="rovid.readers.mcap_reader"),
+    ".bin": Format(kind="bin", module="rovid.readers.bin_reader"),
 }
 
 
@@ -67,6 +68,7 @@ def read_log(path: Path, config: Config, name: str | None = None) -> Trial:
     from rovid.readers.timebase import build
 
     try:
+        config = config.of(form.kind)
         raw = form.read(path, config)
     except OSError as error:
         raise LogError(f"cannot be read ({error.strerror or error}).", where=path) from error

@@ -17,13 +17,12 @@ from rovid.config import Config, Signal
 from rovid.errors import LogError, nearest
 from rovid.readers.instants import seconds
 from rovid.readers.mcap_container import Handler, Recording
-from rovid.readers.mcap_messages import (
+from rovid.readers.mcap_messages import Decoder, decoder
+from rovid.readers.messages import (
     ABSENT,
-    Decoder,
     Getter,
     Pick,
     as_float,
-    decoder,
     field_names,
     getter,
     split_fields,

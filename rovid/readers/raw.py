@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rovid.config import Config, Signal
-from rovid.errors import ConfigError
+from rovid.errors import ConfigError, LogError
 from rovid.trial import FloatArray, Remark
 
 # No time in s, angle or command is this large; a damaged log is.
@@ -83,6 +83,15 @@ def mapped(config: Config, kind: str, path: Path) -> dict[str, Signal]:
                 mend=f'Add {kind} = "…" beside its other sources, or leave this log out.',
             )
     return wanted
+
+
+def foreign(path: Path, what: str) -> LogError:
+    """That ``path`` is not ``what`` its suffix says."""
+    return LogError(
+        f"is not {what}: it {'does not begin as one' if path.stat().st_size else 'is empty'}.",
+        where=path,
+        mend="Fetch the log again, or give it the suffix of its format.",
+    )
 
 
 def sensible(values: FloatArray) -> NDArray[np.bool_]:

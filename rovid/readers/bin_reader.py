@@ -1,0 +1,199 @@
+"""ArduPilot's DataFlash logs: the wanted fields of the wanted messages.
+
+A log describes itself: FMT messages say how long each kind of message is and what stands in it. The walk from
+message to message only notes where the wanted ones begin; numpy then takes them out all at once.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable
+from mmap import ACCESS_READ, mmap
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rovid.config import Config
+from rovid.readers.columns import Columns, channels_of, missing_topic, raw_log
+from rovid.readers.raw import RawLog, foreign, mapped
+from rovid.trial import Remark
+
+KIND = "bin"
+_NAME = "an ArduPilot DataFlash log"
+_MARK = b"\xa3\x95"
+_FMT = 128
+_DESCRIPTION = struct.Struct("<BB4s16s64s")  # type, length, name, letters, labels
+_FMT_LENGTH = 3 + _DESCRIPTION.size
+# A letter of FMT -> its type in numpy, as the ArduPilot developers' page "Adding a new log message" has them.
+_TYPES = dict(
+    zip(
+        "bBMhHiIqQgfdcCeELanNZ",
+        [
+            "i1",
+            "u1",
+            "u1",
+            "<i2",
+            "<u2",
+            "<i4",
+            "<u4",
+            "<i8",
+            "<u8",
+            "<f2",
+            "<f4",
+            "<f8",
+            "<i2",
+            "<u2",
+            "<i4",
+            "<u4",
+            "<i4",
+            "V64",
+            "S4",
+            "S16",
+            "S64",
+        ],
+        strict=True,
+    )
+)
+_FACTORS = {**dict.fromkeys("cCeE", 0.01), "L": 1e-7}
+# Messages of several sensors of one kind say which one in a byte; FMTU marks that field, and these are its usual names.
+_INSTANCES = (("I", "B"), ("Inst", "B"), ("Instance", "B"), ("C", "B"))
+_TOPIC = re.compile(r"(.*)\[(\d+)\]$")
+
+
+def read(path: Path, config: Config) -> RawLog:
+    """Wanted fields of ``path``; ``IMU[1].GyrZ`` is of the second sensor, ``IMU.GyrZ`` of the first.
+
+    Raises
+    ------
+    LogError
+        It is no DataFlash log, or a message or field is missing or no number.
+    ConfigError
+        rovid.toml does not map a command for it.
+    """
+    signals = mapped(config, KIND, path)
+    sources = [signal.sources[KIND].partition(".")[0] for signal in signals.values()]
+    with path.open("rb") as file:
+        if file.read(2) != _MARK:
+            raise foreign(path, _NAME)
+        with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+            log = Log(path, data, {_split(source)[0] for source in sources})
+            clock = config.time.sources.get(KIND, "TimeUS")
+            channels = channels_of(path, KIND, signals, log.columns, clock)
+    return raw_log(channels, tuple(log.remarks))
+
+
+def _split(topic: str) -> tuple[str, int | None]:
+    """Name, and which sensor."""
+    found = _TOPIC.match(topic)
+    return (found[1], int(found[2])) if found else (topic, None)
+
+
+class _Kind:
+    """One kind of message: its fields, and where in the file the wanted ones begin."""
+
+    def __init__(self, letters: str, labels: list[str]) -> None:
+        fields = list(zip(labels, letters, strict=True))
+        self.labels, self.instance = labels, next((label for label, kind in _INSTANCES if (label, kind) in fields), "")
+        self.offsets: list[int] = []
+        self.factors = {label: _FACTORS[letter] for label, letter in fields if letter in _FACTORS}
+        self.layout = np.dtype([("", "V3"), *((label, _TYPES[letter]) for label, letter in fields)])
+
+    def columns(self, data: mmap | bytes) -> dict[str, NDArray[Any]]:
+        """Every field of the messages found, (n,) each, scaled."""
+        size = self.layout.itemsize
+        rows = np.frombuffer(b"".join([data[at : at + size] for at in self.offsets]), dtype=self.layout)
+        return {
+            label: rows[label] * self.factors[label] if label in self.factors else rows[label] for label in self.labels
+        }
+
+
+class Log:
+    """The walk through a file."""
+
+    def __init__(self, path: Path, data: mmap | bytes, wanted: set[str]) -> None:
+        self.path, self.data = path, data
+        self.wanted = {*wanted, "FMTU"}
+        self.kinds: dict[str, _Kind] = {}
+        self.remarks: list[Remark] = []
+        self._lengths = [0] * 256
+        self._takers: list[Callable[[int], None] | None] = [None] * 256
+        self._names: dict[int, str] = {}
+        self._lengths[_FMT], self._takers[_FMT] = _FMT_LENGTH, self._describe
+        self._walk()
+        self._instances()
+
+    def _walk(self) -> None:
+        data, lengths, takers, size = self.data, self._lengths, self._takers, len(self.data)
+        at = lost = 0
+        while at + 3 <= size:
+            head, mark, kind = data[at : at + 3]
+            length = lengths[kind]
+            if head != 0xA3 or mark != 0x95 or not length:
+                after = data.find(_MARK, at + 1)
+                after = size if after < 0 else after
+                lost += after - at
+                at = after
+                continue
+            if at + length > size:
+                break
+            take = takers[kind]
+            if take is not None:
+                take(at)
+            at += length
+        lost += size - at
+        if not self.kinds:
+            raise foreign(self.path, _NAME)
+        if lost:
+            text = f"{lost} of {size} bytes belong to no whole message, as a loss of power or of data leaves them."
+            self.remarks.append(Remark(kind="truncated", count=lost, text=text))
+
+    def _describe(self, at: int) -> None:
+        """Take a FMT message: the length of a kind, and its fields if it is wanted."""
+        number, length, *texts = _DESCRIPTION.unpack_from(self.data, at + 3)
+        name, letters, labels = (text.split(b"\0", 1)[0].decode("ascii", errors="replace") for text in texts)
+        names = labels.split(",") if labels else []
+        if number == _FMT or number in self._names:
+            return
+        whole = len(names) == len(set(names)) == len(letters) and set(letters) <= set(_TYPES)
+        kind = _Kind(letters, names) if whole else None
+        if kind is None or kind.layout.itemsize != length:  # a damaged description would lead the walk astray
+            return
+        self._lengths[number], self._names[number], self.kinds[name] = length, name, kind
+        if name in self.wanted:
+            self._takers[number] = kind.offsets.append
+
+    def _instances(self) -> None:
+        """Learn from FMTU which field tells sensors of one kind apart."""
+        units = self.kinds.get("FMTU")
+        columns = units.columns(self.data) if units else {}
+        if not {"FmtType", "UnitIds"} <= set(columns):
+            return
+        for number, letters in zip(columns["FmtType"].tolist(), columns["UnitIds"].tolist(), strict=True):
+            kind = self.kinds.get(self._names.get(number, ""))
+            at = letters.find(b"#") if isinstance(letters, bytes) else -1
+            if kind is not None and 0 <= at < len(kind.labels):
+                kind.instance = kind.labels[at]
+
+    def columns(self, topic: str) -> Columns:
+        """What the messages ``topic`` hold, of one sensor."""
+        name, wanted = _split(topic)
+        kind = self.kinds.get(name)
+        if kind is None or not kind.offsets:
+            raise missing_topic(self.path, KIND, topic, self.kinds)
+        columns = kind.columns(self.data)
+        if not kind.instance:
+            return columns
+        instances = columns[kind.instance]
+        present = np.unique(instances).tolist()
+        if wanted is None and len(present) > 1:
+            text = (
+                f"{name} comes from several sensors, {present}; the first was taken. {name}[{present[1]}] is another."
+            )
+            self.remarks.append(Remark(kind="chosen", count=len(instances), text=text))
+        chosen = present[0] if wanted is None else wanted
+        if chosen not in present:
+            raise missing_topic(self.path, KIND, topic, {f"{name}[{one}]": None for one in present})
+        return {label: values[instances == chosen] for label, values in columns.items()}

@@ -1,0 +1,101 @@
+"""Every format: the same run in each, and what is no such log gets one message, in bounded time."""
+
+from __future__ import annotations
+
+import functools
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from PIL import Image
+
+from rovid.config import Config
+from rovid.errors import LogError
+from rovid.readers import READERS, read_log
+from rovid.tables import LOG_SUFFIXES
+from tests.conftest import Rovid
+from tests.readers.logs import campaign, kinds, toml
+from tests.readers.recordings import CHANGES, HEADING, RECORDINGS, TIME
+from tests.readers.test_fuzz import EDITS, FUZZ, Edits, edited, survive
+
+FORMATS = pytest.mark.parametrize("suffix", RECORDINGS)
+
+
+@functools.cache
+def recording(suffix: str) -> bytes:
+    return RECORDINGS[suffix].write()
+
+
+def configured(suffix: str, folder: Path) -> Config:
+    one = RECORDINGS[suffix]
+    return campaign(folder, toml(time="", heading=one.heading, command=one.command))
+
+
+def test_every_format_is_here_and_makes_a_folder_one_of_logs() -> None:
+    assert {suffix.lower() for suffix in RECORDINGS} == set(READERS) - {".csv", ".mcap"}
+    assert set(LOG_SUFFIXES) == set(READERS) - {".csv"}
+
+
+@FORMATS
+def test_the_run_is_the_same_in_each(suffix: str, tmp_path: Path) -> None:
+    config = configured(suffix, tmp_path)
+    (tmp_path / f"a{suffix}").write_bytes(recording(suffix))
+    trial = read_log(tmp_path / f"a{suffix}", config)
+    rows = np.searchsorted(trial.time, TIME + 1e-9) - 1
+    np.testing.assert_allclose(trial.time[rows], TIME, atol=1e-6)
+    np.testing.assert_allclose(np.rad2deg(trial.position[rows]), HEADING, atol=RECORDINGS[suffix].tolerance)
+    for at, value in CHANGES:
+        assert trial.commands[np.searchsorted(trial.time, at + 1e-6) - 1, 0] == value
+    assert trial.remarks == ()
+
+
+def png() -> bytes:
+    out = io.BytesIO()
+    Image.new("RGB", (40, 30)).save(out, "PNG")
+    return out.getvalue()
+
+
+FOREIGN = {
+    "empty": b"",
+    "random": np.random.default_rng(3).bytes(5000),
+    "a picture": png(),
+    "text": b"time_s,heading_deg\n0,1\n",
+    "zeros": bytes(5000),
+}
+
+
+@FORMATS
+@pytest.mark.parametrize("content", FOREIGN)
+def test_what_is_no_such_log_gets_one_message(suffix: str, content: str, tmp_path: Path, rovid: Rovid) -> None:
+    config = configured(suffix, tmp_path / "logs")
+    path = config.path.parent / f"a{suffix}"
+    path.write_bytes(FOREIGN[content])
+    done = rovid("fit-drag", path)
+    assert done.code == 2
+    assert done.err.count("\n") == 1, done.err
+    assert done.err.startswith(f"rovid: {path}: {'is empty' if content == 'empty' else 'is not '}") or (
+        content == "empty" and "is empty" in done.err
+    ), done.err
+
+
+@FORMATS
+@pytest.mark.parametrize("share", [0.001, 0.02, 0.3, 0.5, 0.9, 0.999])
+def test_a_cut_log_is_read_or_refused(suffix: str, share: float, tmp_path: Path) -> None:
+    config = configured(suffix, tmp_path)
+    data = recording(suffix)
+    (tmp_path / f"a{suffix}").write_bytes(data[: int(share * len(data))])
+    try:
+        trial = read_log(tmp_path / f"a{suffix}", config)
+    except LogError as error:
+        assert "\n" not in str(error)  # noqa: PT017
+    else:
+        assert kinds(trial)["truncated"] > 0
+
+
+@FORMATS
+@settings(FUZZ, max_examples=60)
+@given(edits=EDITS)
+def test_edited_logs_do_no_harm(suffix: str, edits: Edits, tmp_path: Path) -> None:
+    survive(tmp_path / f"e{suffix}", edited(recording(suffix), edits), configured(suffix, tmp_path))
