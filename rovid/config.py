@@ -45,6 +45,9 @@ STANDARD: Mapping[str, Mapping[str, tuple[str, str]]] = {
     "bin": {"heading": ("ATT.Yaw", "deg"), "roll": ("ATT.Roll", "deg"), "pitch": ("ATT.Pitch", "deg")},
 }
 
+# Format -> another, whose names it takes where it has none of its own.
+SHARED: Mapping[str, str] = {"parquet": "csv"}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Signal:
@@ -69,6 +72,11 @@ class Signal:
     unit: str = ""
     factor: float = 1.0
     optional: bool = False
+
+    def of(self, kind: str) -> Signal:
+        """With a source for the format ``kind`` where one for its like is named."""
+        other = SHARED.get(kind, kind)
+        return replace(self, sources={kind: self.sources[other], **self.sources}) if other in self.sources else self
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +110,7 @@ class Config:
         return (*measured, *(signal.name for signal in self.commands))
 
     def of(self, kind: str) -> Config:
-        """As it applies to logs of the format ``kind``: with the names of `STANDARD` for what [signals] leaves out."""
+        """As it applies to logs of the format ``kind``, by `STANDARD` and `SHARED`."""
         standard = {
             name: Signal(
                 name=name,
@@ -113,7 +121,12 @@ class Config:
             )
             for name, (source, unit) in STANDARD.get(kind, {}).items()
         }
-        return replace(self, signals={**standard, **self.signals})
+        return replace(
+            self,
+            time=self.time.of(kind),
+            signals={**standard, **{name: signal.of(kind) for name, signal in self.signals.items()}},
+            commands=tuple(signal.of(kind) for signal in self.commands),
+        )
 
     def wanted(self, kind: str) -> dict[str, Signal]:
         """Every signal that logs of the format ``kind`` are mapped to, time excepted."""

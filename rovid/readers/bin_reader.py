@@ -27,36 +27,10 @@ _MARK = b"\xa3\x95"
 _FMT = 128
 _DESCRIPTION = struct.Struct("<BB4s16s64s")  # type, length, name, letters, labels
 _FMT_LENGTH = 3 + _DESCRIPTION.size
-# A letter of FMT -> its type in numpy, as the ArduPilot developers' page "Adding a new log message" has them.
-_TYPES = dict(
-    zip(
-        "bBMhHiIqQgfdcCeELanNZ",
-        [
-            "i1",
-            "u1",
-            "u1",
-            "<i2",
-            "<u2",
-            "<i4",
-            "<u4",
-            "<i8",
-            "<u8",
-            "<f2",
-            "<f4",
-            "<f8",
-            "<i2",
-            "<u2",
-            "<i4",
-            "<u4",
-            "<i4",
-            "V64",
-            "S4",
-            "S16",
-            "S64",
-        ],
-        strict=True,
-    )
-)
+# Type in numpy -> the letters of FMT that stand for it, as the ArduPilot developers' page "Adding a new log message" has them.
+_INTEGERS = {"i1": "b", "u1": "BM", "<i2": "hc", "<u2": "HC", "<i4": "ieL", "<u4": "IE", "<i8": "q", "<u8": "Q"}
+_OTHERS = {"<f2": "g", "<f4": "f", "<f8": "d", "V64": "a", "S4": "n", "S16": "N", "S64": "Z"}
+_TYPES = {letter: kind for kind, letters in (_INTEGERS | _OTHERS).items() for letter in letters}
 _FACTORS = {**dict.fromkeys("cCeE", 0.01), "L": 1e-7}
 # Messages of several sensors of one kind say which one in a byte; FMTU marks that field, and these are its usual names.
 _INSTANCES = (("I", "B"), ("Inst", "B"), ("Instance", "B"), ("C", "B"))

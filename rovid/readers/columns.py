@@ -47,7 +47,7 @@ def channels_of(
         except LogError:
             if not signal.optional:
                 raise
-    stamps = {one: _field(path, clock, one, topics[one], "time").astype(np.int64) for one, _, _ in found.values()}
+    stamps = {one: _field(path, clock, one, topics[one], "time") for one, _, _ in found.values()}
     origin = min(int(values[0]) for values in stamps.values())
     times = {one: seconds(values, clock, "us", origin) for one, values in stamps.items()}
     with np.errstate(invalid="ignore"):  # a damaged number may be a NaN that signals

@@ -37,6 +37,7 @@ class Format:
 READERS: Mapping[str, Format] = {
     ".csv": Format(kind="csv", module="rovid.readers.csv_reader"),
     ".mcap": Format(kind="mcap", module="rovid.readers.mcap_reader"),
+    ".parquet": Format(kind="parquet", module="rovid.readers.parquet_reader"),
     ".bin": Format(kind="bin", module="rovid.readers.bin_reader"),
 }
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +85,41 @@ def mapped(config: Config, kind: str, path: Path) -> dict[str, Signal]:
                 mend=f'Add {kind} = "…" beside its other sources, or leave this log out.',
             )
     return wanted
+
+
+def time_signal(config: Config, kind: str) -> Signal:
+    """The time column.
+
+    Raises
+    ------
+    ConfigError
+        rovid.toml names none for the format ``kind``.
+    """
+    if kind not in config.time.sources:
+        raise ConfigError(
+            f"time names no {kind} column, but there is a {kind} log.",
+            where=config.path,
+            mend=f'Add time = {{ {kind} = "<column>" }} to [signals].',
+        )
+    return config.time
+
+
+def library(module: str, extra: str, path: Path) -> ModuleType:
+    """A package that one format needs and rovid as a whole does not.
+
+    Raises
+    ------
+    LogError
+        It is not installed.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise LogError(
+            f"cannot be read without the package {module.partition('.')[0]}.",
+            where=path,
+            mend=f"Install it with `pip install 'rovid[{extra}]'`.",
+        ) from error
 
 
 def foreign(path: Path, what: str) -> LogError:

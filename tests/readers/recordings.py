@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from tests.readers.logs import turning
 
@@ -57,6 +63,22 @@ def _bin() -> bytes:
     return dataflash(sorted(rows, key=lambda row: row[1][0]))  # type: ignore[arg-type, return-value]
 
 
+# --- Parquet ------------------------------------------------------------------------------------------------------
+
+
+def parquet(columns: Mapping[str, Any]) -> bytes:
+    """A table of ``columns``."""
+    out = io.BytesIO()
+    pq.write_table(pa.table(dict(columns)), out)
+    return out.getvalue()
+
+
+def _parquet() -> bytes:
+    command = np.select([at <= TIME for at, _ in CHANGES[::-1]], [value for _, value in CHANGES[::-1]])
+    return parquet({"time_s": TIME, "heading_deg": HEADING % 360.0, "fore_V": command})
+
+
 RECORDINGS: Mapping[str, Recording] = {
+    ".parquet": Recording(write=_parquet, heading='heading = { csv = "heading_deg" }', command='{ csv = "fore_V" }'),
     ".BIN": Recording(write=_bin, heading="", command='{ bin = "RCOU.C1" }', tolerance=1e-5),
 }
