@@ -27,7 +27,7 @@ _MARK = b"\xa3\x95"
 _FMT = 128
 _DESCRIPTION = struct.Struct("<BB4s16s64s")  # type, length, name, letters, labels
 _FMT_LENGTH = 3 + _DESCRIPTION.size
-# Type in numpy -> the letters of FMT that stand for it, as the ArduPilot developers' page "Adding a new log message" has them.
+# Type in numpy -> the letters of FMT that stand for it: ArduPilot's page "Adding a new log message".
 _INTEGERS = {"i1": "b", "u1": "BM", "<i2": "hc", "<u2": "HC", "<i4": "ieL", "<u4": "IE", "<i8": "q", "<u8": "Q"}
 _OTHERS = {"<f2": "g", "<f4": "f", "<f8": "d", "V64": "a", "S4": "n", "S16": "N", "S64": "Z"}
 _TYPES = {letter: kind for kind, letters in (_INTEGERS | _OTHERS).items() for letter in letters}

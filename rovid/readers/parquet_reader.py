@@ -88,7 +88,7 @@ def _numbers(path: Path, column: pd.Series[Any], name: str) -> FloatArray:
     try:
         numbers = pd.to_numeric(cells, errors="coerce")
         wrong = numbers.isna() & cells.notna() & (cells.astype(str).str.lower() != "nan")
-    except TypeError:  # bytes
+    except (TypeError, ValueError):  # bytes
         numbers, wrong = cells, cells.notna()
     if wrong.any():
         row = int(np.argmax(wrong.to_numpy()))

@@ -94,7 +94,7 @@ def test_columns_inside_columns_and_names_of_its_own(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_columns(change: Mapping[str, Any], words: str, tmp_path: Path) -> None:
-    columns = {name: values for name, values in (standard() | change).items() if values is not None}
+    columns = {name: values for name, values in {**standard(), **change}.items() if values is not None}
     with pytest.raises(LogError, match=words):
         read(tmp_path, columns)
 
