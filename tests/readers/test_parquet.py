@@ -77,7 +77,7 @@ def test_missing_numbers(missing: float | None, tmp_path: Path) -> None:
 
 def test_columns_inside_columns_and_names_of_its_own(tmp_path: Path) -> None:
     columns = standard()
-    columns["pose"] = pa.array([{"psi": heading, "z": 1.0} for heading in HEADING % 360.0])  # type: ignore[assignment]
+    columns["pose"] = pa.array([{"psi": heading, "z": 1.0} for heading in HEADING % 360.0])
     heading = 'heading = { csv = "no", parquet = "pose.psi", unit = "deg" }'
     trial = read(tmp_path, columns, toml(heading=heading))
     np.testing.assert_allclose(np.rad2deg(trial.position), HEADING, atol=1e-6)
