@@ -118,6 +118,39 @@ def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
 
 
 @app.command()
+def convert(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="A log of any format that rovid reads.")],
+    *,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="A .csv, .mcap or .parquet file.")],
+    axis: AxisName = None,
+    json: Json = False,
+) -> None:
+    """A log in another format, as rovid reads it, and the lines of rovid.toml that read it again.
+
+    Example: rovid convert dive.BIN -o dive.csv
+    """
+    from rovid.axis import YAW, axis_named
+    from rovid.config import find_config, load_config
+    from rovid.convert import check_target
+    from rovid.convert import convert as make
+    from rovid.output import require_writable, write_atomic
+
+    check_target(output, log)
+    config = load_config(find_config([log]), axis_named(axis) if axis else YAW)
+    require_writable(output)
+    made = make(log, config, output)
+    write_atomic(output, made.content)
+    remarks = [remark.text for remark in made.trial.remarks]
+    if json:
+        _print_json(
+            {"schema": "rovid-convert/1", "file": str(output), "configuration": made.mapping, "warnings": remarks}
+        )
+    else:
+        typer.echo(made.mapping, nl=False)
+        sys.stderr.writelines(f"Note: {text}\n" for text in remarks)
+
+
+@app.command()
 def fit_drag(
     logs: Logs,
     *,

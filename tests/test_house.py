@@ -30,6 +30,8 @@ HOUSE = [
     "identify",
     "diagnose",
     "output",
+    "recording",
+    "convert",
     "parameters",
     "control",
     "study",

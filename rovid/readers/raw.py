@@ -116,7 +116,7 @@ def library(module: str, extra: str, path: Path) -> ModuleType:
         return import_module(module)
     except ImportError as error:
         raise LogError(
-            f"cannot be read without the package {module.partition('.')[0]}.",
+            f"needs the package {module.partition('.')[0]}.",
             where=path,
             mend=f"Install it with `pip install 'rovid[{extra}]'`.",
         ) from error

@@ -111,7 +111,5 @@ def test_time_has_to_be_mapped(tmp_path: Path) -> None:
 
 def test_without_pyarrow_the_message_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    with pytest.raises(
-        LogError, match=r"without the package pyarrow. Install it with `pip install 'rovid\[parquet\]'`"
-    ):
+    with pytest.raises(LogError, match=r"needs the package pyarrow. Install it with `pip install 'rovid\[parquet\]'`"):
         read(tmp_path, standard())
