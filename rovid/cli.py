@@ -334,13 +334,22 @@ def simulate(
     axis: AxisName = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
+    mcap: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT",
+            help="Write measurement, simulation and what is left over as MCAP: a file for one trial, else a folder.",
+            show_default=False,
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Free-running simulation over the measurement; fit per trial.
 
-    Example: rovid simulate
+    Example: rovid simulate --mcap simulated
     """
     from rovid.documents import simulation_document
+    from rovid.report.recordings import recording_paths, write_recordings
     from rovid.simulation import simulate_runs
     from rovid.terminal import show_simulation, show_warnings
 
@@ -350,11 +359,14 @@ def simulate(
     if study.campaign is None or study.runs is None:
         raise DataError("are tables; only logs can be simulated.", where="LOGS", mend="Give LOGS.")
     study.require(model.effects)
+    recordings = recording_paths(mcap, [run.trial for run in study.runs.items]) if mcap else []
     with _busy("Simulating …"):
         simulations = simulate_runs(study.runs.items, model, study.vehicle)
+        if recordings:
+            write_recordings(recordings, simulations, study.runs, model, study.vehicle)
     warnings = [*study.remarks(), *stored.changed_sources(study.campaign)]
     if json:
-        _print_json(simulation_document(stored, simulations, warnings))
+        _print_json(simulation_document(stored, simulations, warnings) | {"recordings": list(map(str, recordings))})
     else:
         show_simulation(_console(), simulations)
         show_warnings(_console(), warnings)
