@@ -43,6 +43,7 @@ _NOT_SOURCES = ("unit", "sign")
 # Format -> signal -> (source, unit): what every log of the format calls by one name, so that [signals] need not.
 STANDARD: Mapping[str, Mapping[str, tuple[str, str]]] = {
     "bin": {"heading": ("ATT.Yaw", "deg"), "roll": ("ATT.Roll", "deg"), "pitch": ("ATT.Pitch", "deg")},
+    "ulg": dict.fromkeys(("heading", "roll", "pitch"), ("vehicle_attitude.q", "rad")),
 }
 
 # Format -> another, whose names it takes where it has none of its own.

@@ -39,6 +39,7 @@ READERS: Mapping[str, Format] = {
     ".mcap": Format(kind="mcap", module="rovid.readers.mcap_reader"),
     ".parquet": Format(kind="parquet", module="rovid.readers.parquet_reader"),
     ".bin": Format(kind="bin", module="rovid.readers.bin_reader"),
+    ".ulg": Format(kind="ulg", module="rovid.readers.ulg_reader"),
 }
 
 

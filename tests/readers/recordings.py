@@ -78,7 +78,48 @@ def _parquet() -> bytes:
     return parquet({"time_s": TIME, "heading_deg": HEADING % 360.0, "fore_V": command})
 
 
+# --- PX4 ULog -----------------------------------------------------------------------------------------------------
+
+_ULG_FORMATS = {
+    "vehicle_attitude": ("uint64_t timestamp;float[4] q;", "<Q4f"),
+    "actuator_motors": ("uint64_t timestamp;float[2] control;", "<Q2f"),
+}
+
+
+def ulog(rows: list[Row]) -> bytes:
+    """A ULog; the topic of a row may name its instance, ``actuator_motors#1``."""
+
+    def message(kind: bytes, body: bytes) -> bytes:
+        return struct.pack("<HB", len(body), kind[0]) + body
+
+    data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0) + message(b"B", bytes(40))
+    for name, (fields, _) in _ULG_FORMATS.items():
+        data += message(b"F", f"{name}:{fields}".encode())
+    numbers = {topic: number for number, topic in enumerate(dict.fromkeys(topic for topic, _ in rows))}
+    for topic, number in numbers.items():
+        name, _, instance = topic.partition("#")
+        data += message(b"A", struct.pack("<BH", int(instance or 0), number) + name.encode())
+    for topic, values in rows:
+        form = _ULG_FORMATS[topic.partition("#")[0]][1]
+        data += message(b"D", struct.pack("<H", numbers[topic]) + struct.pack(form, *values))
+    return data
+
+
+def attitude(microseconds: float, heading: float, roll: float = 0.0) -> Row:
+    """A message that turns by ``heading`` deg and then rolls."""
+    z, x = 0.5 * np.deg2rad(heading), 0.5 * np.deg2rad(roll)
+    quaternion = np.cos(z) * np.cos(x), np.cos(z) * np.sin(x), np.sin(z) * np.sin(x), np.sin(z) * np.cos(x)
+    return "vehicle_attitude", (int(microseconds), *map(float, quaternion))
+
+
+def _ulg() -> bytes:
+    rows = [attitude(1e6 * t, h) for t, h in zip(TIME, HEADING, strict=True)]
+    rows += [("actuator_motors", (int(1e6 * t), c, 0.0)) for t, c in CHANGES]
+    return ulog(sorted(rows, key=lambda row: row[1][0]))  # type: ignore[arg-type, return-value]
+
+
 RECORDINGS: Mapping[str, Recording] = {
     ".parquet": Recording(write=_parquet, heading='heading = { csv = "heading_deg" }', command='{ csv = "fore_V" }'),
     ".BIN": Recording(write=_bin, heading="", command='{ bin = "RCOU.C1" }', tolerance=1e-5),
+    ".ulg": Recording(write=_ulg, heading="", command='{ ulg = "actuator_motors.control[0]" }', tolerance=1e-4),
 }
