@@ -47,7 +47,7 @@ STANDARD: Mapping[str, Mapping[str, tuple[str, str]]] = {
 }
 
 # Format -> another, whose names it takes where it has none of its own.
-SHARED: Mapping[str, str] = {"parquet": "csv"}
+SHARED: Mapping[str, str] = {"parquet": "csv", "bag": "mcap"}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,6 +38,8 @@ READERS: Mapping[str, Format] = {
     ".csv": Format(kind="csv", module="rovid.readers.csv_reader"),
     ".mcap": Format(kind="mcap", module="rovid.readers.mcap_reader"),
     ".parquet": Format(kind="parquet", module="rovid.readers.parquet_reader"),
+    ".bag": Format(kind="bag", module="rovid.readers.bag_reader"),
+    ".db3": Format(kind="bag", module="rovid.readers.bag_reader"),
     ".bin": Format(kind="bin", module="rovid.readers.bin_reader"),
     ".ulg": Format(kind="ulg", module="rovid.readers.ulg_reader"),
 }

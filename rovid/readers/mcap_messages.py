@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from typing import Any
 
 from mcap.records import Channel, Schema
 
 from rovid.errors import LogError
-
-Decoder = Callable[[bytes], Any]
+from rovid.readers.topics import Decoder
 
 
 def decoder(channel: Channel, schema: Schema | None, where: str) -> Decoder:

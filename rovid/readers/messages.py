@@ -140,7 +140,7 @@ class Pick:
     def _other(self, value: Any, message: Any) -> None:
         if value is None:
             self.values.append(float("nan"))
-        elif isinstance(value, int | float):
+        elif isinstance(value, int | float | np.number):
             self.seen = True
             self.values.append(as_float(value))
         elif self._orientation(value):

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import io
 import struct
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from rosbags.rosbag1 import Writer as Rosbag1
+from rosbags.rosbag2 import Writer as Rosbag2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from tests.readers.logs import turning
+from tests.readers.logs import EPOCH, turning
 
 TIME, HEADING = turning(300)
 CHANGES = ((0.0, 1.0), (3.017, 2.0), (7.033, 3.0))
@@ -118,8 +123,60 @@ def _ulg() -> bytes:
     return ulog(sorted(rows, key=lambda row: row[1][0]))  # type: ignore[arg-type, return-value]
 
 
+# --- ROS bags -----------------------------------------------------------------------------------------------------
+
+Said = tuple[str, str, float, dict[str, Any]]  # topic, type, s, fields
+_STAMPED = "std_msgs/Header header\nfloat64 data\nfloat64[3] list\n"
+
+
+def said() -> list[Said]:
+    """Heading and command with a header, and an attitude."""
+    rows: list[Said] = []
+    for at, heading in zip(TIME.tolist(), HEADING.tolist(), strict=True):
+        fields = {"data": heading % 360.0, "list": [1.0, 2.0, heading % 360.0]}
+        rows.append(("/phins/heading", "test_msgs/msg/Stamped", at, fields))
+        z = np.deg2rad(heading) / 2.0
+        quaternion = {"x": 0.0, "y": 0.0, "z": float(np.sin(z)), "w": float(np.cos(z))}
+        rows.append(("/attitude", "geometry_msgs/msg/Quaternion", at, quaternion))
+    rows += [("/thrusters/fore", "std_msgs/msg/Float32", at, {"data": value}) for at, value in CHANGES]
+    return sorted(rows, key=lambda row: row[2])
+
+
+def bag(rows: list[Said], *, ros: int) -> bytes:
+    """A ROS 1 bag or a ROS 2 database."""
+    store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(_STAMPED, "test_msgs/msg/Stamped"))
+    serialize = store.serialize_ros1 if ros == 1 else store.serialize_cdr
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / ("a.bag" if ros == 1 else "a")
+        with Rosbag1(path) if ros == 1 else Rosbag2(path, version=9) as writer:
+            connections: dict[str, Any] = {}
+            for topic, kind, at, fields in rows:
+                if topic not in connections:
+                    connections[topic] = writer.add_connection(topic, kind, typestore=store)
+                ns = EPOCH + round(at * 1e9)
+                writer.write(connections[topic], ns, serialize(_message(store, kind, ns, fields), kind))
+        return (path if ros == 1 else path / "a.db3").read_bytes()
+
+
+def _message(store: Any, kind: str, ns: int, fields: dict[str, Any]) -> Any:
+    if kind != "test_msgs/msg/Stamped":
+        return store.types[kind](**fields)
+    stamp = store.types["builtin_interfaces/msg/Time"](sec=ns // 10**9, nanosec=ns % 10**9)
+    sequence = {"seq": 0} if "seq" in store.types["std_msgs/msg/Header"].__dataclass_fields__ else {}
+    header = store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="phins", **sequence)
+    return store.types[kind](header=header, data=fields["data"], list=np.array(fields["list"]))
+
+
+def _recorded(ros: int) -> Recording:
+    heading = 'heading = { mcap = "/phins/heading.data", unit = "deg" }'
+    return Recording(write=lambda: bag(said(), ros=ros), heading=heading, command='{ mcap = "/thrusters/fore.data" }')
+
+
 RECORDINGS: Mapping[str, Recording] = {
     ".parquet": Recording(write=_parquet, heading='heading = { csv = "heading_deg" }', command='{ csv = "fore_V" }'),
+    ".bag": _recorded(1),
+    ".db3": _recorded(2),
     ".BIN": Recording(write=_bin, heading="", command='{ bin = "RCOU.C1" }', tolerance=1e-5),
     ".ulg": Recording(write=_ulg, heading="", command='{ ulg = "actuator_motors.control[0]" }', tolerance=1e-4),
 }
