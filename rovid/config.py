@@ -40,9 +40,11 @@ _ARMS = tuple(axis.arm for axis in AXES.values())
 _THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside")
 _NOT_SOURCES = ("unit", "sign")
 
+_ATTITUDE = {"heading": "yaw", "roll": "roll", "pitch": "pitch"}
 # Format -> signal -> (source, unit): what every log of the format calls by one name, so that [signals] need not.
 STANDARD: Mapping[str, Mapping[str, tuple[str, str]]] = {
     "bin": {"heading": ("ATT.Yaw", "deg"), "roll": ("ATT.Roll", "deg"), "pitch": ("ATT.Pitch", "deg")},
+    "tlog": {name: (f"ATTITUDE.{field}", "rad") for name, field in _ATTITUDE.items()},
     "ulg": dict.fromkeys(("heading", "roll", "pitch"), ("vehicle_attitude.q", "rad")),
 }
 

@@ -6,7 +6,6 @@ message to message only notes where the wanted ones begin; numpy then takes them
 
 from __future__ import annotations
 
-import re
 import struct
 from collections.abc import Callable
 from mmap import ACCESS_READ, mmap
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rovid.config import Config
-from rovid.readers.columns import Columns, channels_of, missing_topic, raw_log
+from rovid.readers.columns import Columns, channels_of, missing_topic, of_sensor, raw_log, split_sensor
 from rovid.readers.raw import RawLog, foreign, mapped
 from rovid.trial import Remark
 
@@ -34,7 +33,6 @@ _TYPES = {letter: kind for kind, letters in (_INTEGERS | _OTHERS).items() for le
 _FACTORS = {**dict.fromkeys("cCeE", 0.01), "L": 1e-7}
 # Messages of several sensors of one kind say which one in a byte; FMTU marks that field, and these are its usual names.
 _INSTANCES = (("I", "B"), ("Inst", "B"), ("Instance", "B"), ("C", "B"))
-_TOPIC = re.compile(r"(.*)\[(\d+)\]$")
 
 
 def read(path: Path, config: Config) -> RawLog:
@@ -53,16 +51,10 @@ def read(path: Path, config: Config) -> RawLog:
         if file.read(2) != _MARK:
             raise foreign(path, _NAME)
         with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-            log = Log(path, data, {_split(source)[0] for source in sources})
+            log = Log(path, data, {split_sensor(source)[0] for source in sources})
             clock = config.time.sources.get(KIND, "TimeUS")
             channels = channels_of(path, KIND, signals, log.columns, clock)
     return raw_log(channels, tuple(log.remarks))
-
-
-def _split(topic: str) -> tuple[str, int | None]:
-    """Name, and which sensor."""
-    found = _TOPIC.match(topic)
-    return (found[1], int(found[2])) if found else (topic, None)
 
 
 class _Kind:
@@ -153,21 +145,7 @@ class Log:
 
     def columns(self, topic: str) -> Columns:
         """What the messages ``topic`` hold, of one sensor."""
-        name, wanted = _split(topic)
-        kind = self.kinds.get(name)
+        kind = self.kinds.get(split_sensor(topic)[0])
         if kind is None or not kind.offsets:
             raise missing_topic(self.path, KIND, topic, self.kinds)
-        columns = kind.columns(self.data)
-        if not kind.instance:
-            return columns
-        instances = columns[kind.instance]
-        present = np.unique(instances).tolist()
-        if wanted is None and len(present) > 1:
-            text = (
-                f"{name} comes from several sensors, {present}; the first was taken. {name}[{present[1]}] is another."
-            )
-            self.remarks.append(Remark(kind="chosen", count=len(instances), text=text))
-        chosen = present[0] if wanted is None else wanted
-        if chosen not in present:
-            raise missing_topic(self.path, KIND, topic, {f"{name}[{one}]": None for one in present})
-        return {label: values[instances == chosen] for label, values in columns.items()}
+        return of_sensor(self.path, KIND, topic, kind.columns(self.data), kind.instance, self.remarks)

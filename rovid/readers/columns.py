@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from rovid.readers.instants import seconds
 from rovid.readers.messages import ANGLES, euler
 from rovid.readers.raw import Channel, RawLog
 from rovid.trial import Remark
+
+_SENSOR = re.compile(r"(.*)\[(\d+)\]$")
 
 # Field -> (n,) as logged; the clock is one of them, in us.
 Columns = Mapping[str, NDArray[Any]]
@@ -80,6 +83,36 @@ def missing_topic(path: Path, kind: str, name: str, present: Mapping[str, Any]) 
         where=path,
         mend=f'Write {kind} = "<message>.<field>" in rovid.toml.',
     )
+
+
+def split_sensor(topic: str) -> tuple[str, int | None]:
+    """Name of a message, and which of several sensors it is asked of: ``IMU[1]``."""
+    found = _SENSOR.match(topic)
+    return (found[1], int(found[2])) if found else (topic, None)
+
+
+def of_sensor(path: Path, kind: str, topic: str, columns: Columns, marker: str, remarks: list[Remark]) -> Columns:
+    """What one sensor said, of messages in which the field ``marker`` tells several apart.
+
+    The first, with a remark, where ``topic`` does not say which; everything where there is no such field.
+
+    Raises
+    ------
+    LogError
+        There is no such sensor.
+    """
+    name, wanted = split_sensor(topic)
+    if marker not in columns:
+        return columns
+    numbers = columns[marker]
+    present = np.unique(numbers).tolist()
+    if wanted is None and len(present) > 1:
+        text = f"{name} comes from several sensors, {present}; the first was taken. {name}[{present[1]}] is another."
+        remarks.append(Remark(kind="chosen", count=len(numbers), text=text))
+    chosen = present[0] if wanted is None else wanted
+    if chosen not in present:
+        raise missing_topic(path, kind, topic, {f"{name}[{one}]": None for one in present})
+    return {field: values[numbers == chosen] for field, values in columns.items()}
 
 
 def _values(path: Path, field: str, topic: str, columns: Columns, name: str) -> tuple[NDArray[Any], bool]:

@@ -41,6 +41,7 @@ READERS: Mapping[str, Format] = {
     ".bag": Format(kind="bag", module="rovid.readers.bag_reader"),
     ".db3": Format(kind="bag", module="rovid.readers.bag_reader"),
     ".bin": Format(kind="bin", module="rovid.readers.bin_reader"),
+    ".tlog": Format(kind="tlog", module="rovid.readers.tlog_reader"),
     ".ulg": Format(kind="ulg", module="rovid.readers.ulg_reader"),
 }
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rosbags.rosbag1 import Writer as Rosbag1
 from rosbags.rosbag2 import Writer as Rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -168,6 +169,41 @@ def _message(store: Any, kind: str, ns: int, fields: dict[str, Any]) -> Any:
     return store.types[kind](header=header, data=fields["data"], list=np.array(fields["list"]))
 
 
+# --- MAVLink telemetry --------------------------------------------------------------------------------------------
+
+Sent = tuple[float, int, Any]  # s, system, message
+
+
+def tlog(rows: list[Sent], *, version: int = 2) -> bytes:
+    """Telemetry of ``rows``."""
+    senders: dict[int, Any] = {}
+    data = b""
+    for at, system, message in rows:
+        sender = senders.setdefault(system, mavlink.MAVLink(None, srcSystem=system, srcComponent=1))
+        frame = bytes(message.pack(sender, force_mavlink1=version == 1))
+        sender.seq = (sender.seq + 1) % 256
+        data += struct.pack(">Q", EPOCH // 1000 + round(at * 1e6)) + frame
+    return data
+
+
+def attitude_sent(at: float, heading: float, system: int = 1) -> Sent:
+    """An attitude in deg."""
+    yaw = float((np.deg2rad(heading) + np.pi) % (2.0 * np.pi) - np.pi)
+    return at, system, mavlink.MAVLink_attitude_message(int(1e3 * at), 0.0, 0.0, yaw, 0.0, 0.0, 0.0)
+
+
+def servos_sent(at: float, first: int, port: int = 0, system: int = 1) -> Sent:
+    """Eight servos, of which the fourth is ``first``."""
+    values = [1500, 1500, 1500, first, *[1500] * 4]
+    return at, system, mavlink.MAVLink_servo_output_raw_message(int(1e6 * at), port, *values)
+
+
+def _tlog() -> bytes:
+    rows = [attitude_sent(t, h) for t, h in zip(TIME.tolist(), HEADING.tolist(), strict=True)]
+    rows += [servos_sent(t, int(c)) for t, c in CHANGES]
+    return tlog(sorted(rows, key=lambda row: row[0]))
+
+
 def _recorded(ros: int) -> Recording:
     heading = 'heading = { mcap = "/phins/heading.data", unit = "deg" }'
     return Recording(write=lambda: bag(said(), ros=ros), heading=heading, command='{ mcap = "/thrusters/fore.data" }')
@@ -178,5 +214,6 @@ RECORDINGS: Mapping[str, Recording] = {
     ".bag": _recorded(1),
     ".db3": _recorded(2),
     ".BIN": Recording(write=_bin, heading="", command='{ bin = "RCOU.C1" }', tolerance=1e-5),
+    ".tlog": Recording(write=_tlog, heading="", command='{ tlog = "SERVO_OUTPUT_RAW.servo4_raw" }', tolerance=1e-4),
     ".ulg": Recording(write=_ulg, heading="", command='{ ulg = "actuator_motors.control[0]" }', tolerance=1e-4),
 }

@@ -1,0 +1,151 @@
+"""MAVLink telemetry (.tlog): the wanted fields of the vehicle's messages, decoded and checked by pymavlink.
+
+Each record is the time of its arrival, in us since 1970 and big-endian, and one MAVLink frame.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rovid.config import Config
+from rovid.readers.columns import Columns, channels_of, missing_topic, of_sensor, raw_log, split_sensor
+from rovid.readers.raw import RawLog, foreign, library, mapped
+from rovid.trial import Remark
+
+KIND = "tlog"
+_EXTRA = "ardupilot"
+_STAMP = struct.Struct(">Q")
+_MARKS = _V1, _V2 = b"\xfe\xfd"
+_MARK = re.compile(b"[\xfd\xfe]")
+# Bytes around the payload; a signature follows where the first flag is set.
+_AROUND_V1, _AROUND_V2, _SIGNATURE = 8, 12, 13
+_VEHICLE = "ATTITUDE"
+_CLOCK = "arrival"
+
+
+def read(path: Path, config: Config) -> RawLog:
+    """Wanted fields of ``path``, at the times at which they arrived.
+
+    Raises
+    ------
+    LogError
+        It is no telemetry log, pymavlink is not installed, or a message or field is missing or no number.
+    ConfigError
+        rovid.toml does not map a command for it.
+    """
+    signals = mapped(config, KIND, path)
+    log = _Log(path, {split_sensor(signal.sources[KIND].partition(".")[0])[0] for signal in signals.values()})
+    channels = channels_of(path, KIND, signals, log.columns, _CLOCK)
+    return raw_log(channels, tuple(log.remarks))
+
+
+class _Log:
+    """The frames of the wanted messages, by their sender."""
+
+    def __init__(self, path: Path, wanted: set[str]) -> None:
+        self.path, self.data = path, path.read_bytes()
+        self.dialect = library("pymavlink.dialects.v20.ardupilotmega", _EXTRA, path)
+        self.names = {number: kind.msgname for number, kind in self.dialect.mavlink_map.items()}
+        self.wanted = {number for number, name in self.names.items() if name in {*wanted, _VEHICLE}}
+        # (name, system, component) -> where its frames begin and end
+        self.frames: dict[tuple[str, int, int], list[tuple[int, int]]] = {}
+        self.seen: Counter[int] = Counter()
+        self.remarks: list[Remark] = []
+        self._walk()
+        self.system = self._vehicle()
+
+    def _walk(self) -> None:
+        data, size = self.data, len(self.data)
+        at = lost = 0
+        while at + 8 + _AROUND_V1 <= size:
+            length, number, system, component = _head(data[at + 8 : at + 18])
+            following = at + 16 + length  # where the next frame begins
+            # Behind damage any byte may pass for a mark: the next one has to be where it should.
+            if not length or (lost and following < size and data[following] not in _MARKS):
+                found = _MARK.search(data, at + 9)
+                after = found.start() - 8 if found else size
+                lost += after - at
+                at = after
+                continue
+            if at + 8 + length > size:
+                break
+            self.seen[number] += 1
+            if number in self.wanted:
+                key = (self.names[number], system, component)
+                self.frames.setdefault(key, []).append((at, at + 8 + length))
+            at += 8 + length
+        lost += max(0, size - at)
+        if not any(number in self.names for number in self.seen):
+            raise foreign(self.path, "a MAVLink telemetry log")
+        if lost:
+            text = f"{lost} of {size} bytes belong to no whole message, as a loss of power or of data leaves them."
+            self.remarks.append(Remark(kind="truncated", count=lost, text=text))
+
+    def _vehicle(self) -> int:
+        """The system that tells its attitude, or the one that sends most of what is wanted."""
+        counts = Counter({system: 0 for _, system, _ in self.frames})
+        for (name, system, _), frames in self.frames.items():
+            counts[system] += len(frames) * (name == _VEHICLE)
+        tell = [system for system, count in counts.most_common() if count] or [s for s, _ in counts.most_common()]
+        if len(tell) > 1:
+            text = f"Systems {sorted(tell)} tell an attitude; {tell[0]}, which tells it most often, was taken."
+            self.remarks.append(Remark(kind="chosen", count=counts[tell[0]], text=text))
+        return tell[0] if tell else 0
+
+    def columns(self, topic: str) -> Columns:
+        """What the messages ``topic`` of the vehicle hold, of one sensor, and when they arrived in us."""
+        name, _ = split_sensor(topic)
+        components = [component for one, system, component in self.frames if (one, system) == (name, self.system)]
+        if not components:
+            present = {self.names[number]: None for number in self.seen if number in self.names}
+            raise missing_topic(self.path, KIND, topic, present)
+        # An autopilot is component 1; cameras and gimbals come behind.
+        stamps, messages = self._decoded(self.frames[name, self.system, min(components)])
+        if not messages:
+            raise missing_topic(self.path, KIND, topic, {})
+        columns = {**_columns(messages), _CLOCK: np.array(stamps)}
+        return of_sensor(self.path, KIND, topic, columns, messages[0].instance_field or "", self.remarks)
+
+    def _decoded(self, frames: list[tuple[int, int]]) -> tuple[list[int], list[Any]]:
+        """Times in us, and messages; those whose checksum is wrong are left out."""
+        decode, stamps, messages = self.dialect.MAVLink(None).decode, [], []
+        for start, end in frames:
+            try:
+                messages.append(decode(bytearray(self.data[start + 8 : end])))
+            except Exception:  # noqa: BLE001, S112 - the library raises anything; they are counted below
+                continue
+            stamps.append(_STAMP.unpack_from(self.data, start)[0])
+        bad = len(frames) - len(messages)
+        if bad:
+            text = f"{bad} messages have a wrong checksum and were left out."
+            self.remarks.append(Remark(kind="truncated", count=bad, text=text))
+        return stamps, messages
+
+
+def _head(head: bytes) -> tuple[int, int, int, int]:
+    """Length of the frame, number of its message, system and component; a length of 0 where no frame begins."""
+    if head[0] == _V2 and len(head) == 10:
+        length = head[1] + _AROUND_V2 + _SIGNATURE * (head[2] & 1)
+        return length, int.from_bytes(head[7:10], "little"), head[5], head[6]
+    if head[0] == _V1:
+        return head[1] + _AROUND_V1, head[5], head[3], head[4]
+    return 0, 0, 0, 0
+
+
+def _columns(messages: list[Any]) -> dict[str, NDArray[Any]]:
+    """Field -> (n,); an array of k numbers becomes ``field[0]`` to ``field[k-1]``."""
+    columns: dict[str, NDArray[Any]] = {}
+    for field in messages[0].fieldnames:
+        values = np.array([getattr(message, field) for message in messages])
+        if values.ndim == 2:
+            columns |= {f"{field}[{at}]": values[:, at] for at in range(values.shape[1])}
+        else:
+            columns[field] = values
+    return columns
