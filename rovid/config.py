@@ -90,7 +90,7 @@ class Config:
     ----------
     measured
         Name of the signal that tells where the vehicle is along the axis, or how fast it goes where none does; the
-        first of ``Axis.fixes`` where they do together.
+        first of ``Axis.fixes`` where they do together; none where another log tells.
     """
 
     path: Path
@@ -109,8 +109,12 @@ class Config:
     def needed(self) -> tuple[str, ...]:
         """Names of the signals without which a log says nothing."""
         fixes = self.axis.fixes
-        measured = fixes if self.measured in fixes else (self.measured,)
+        measured = fixes if self.measured in fixes else (self.measured,) if self.measured else ()
         return (*measured, *(signal.name for signal in self.commands))
+
+    def maps(self, kind: str) -> bool:
+        """Whether any signal is mapped to logs of the format ``kind``."""
+        return any(kind in signal.of(kind).sources for signal in (*self.signals.values(), *self.commands))
 
     def of(self, kind: str) -> Config:
         """As it applies to logs of the format ``kind``, by `STANDARD` and `SHARED`."""

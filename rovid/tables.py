@@ -15,7 +15,7 @@ from rovid.trial import FloatArray
 
 _FINEST = 1e-3
 # What makes a folder one of logs and not of tables; a CSV may be either.
-LOG_SUFFIXES = (".mcap", ".parquet", ".bag", ".db3", ".bin", ".tlog", ".ulg")
+LOG_SUFFIXES = (".mcap", ".parquet", ".bag", ".db3", ".bin", ".tlog", ".nmea", ".ulg")
 CURVE_COLUMNS = ("command", "thrust_N")
 STEADY_COLUMNS = ("yaw_rate_rad_s", "torque_Nm")
 SINE_COLUMNS = ("period_s", "torque_amplitude_Nm", "peak_yaw_rate_rad_s")

@@ -17,7 +17,7 @@ import pandas as pd
 from rovid.config import Config, Signal
 from rovid.errors import LogError
 from rovid.readers.csv_header import Layout, last_whole_line, read_layout
-from rovid.readers.instants import stamps
+from rovid.readers.instants import epoch_of, stamps
 from rovid.readers.raw import Channel, RawLog, mapped, time_signal
 from rovid.trial import FloatArray, Remark
 
@@ -63,6 +63,7 @@ def read(path: Path, config: Config) -> RawLog:
         channels=channels,
         place=lambda _, row: f"line {table.line(row)}",
         remarks=_cut(size - nul - end, nul),
+        epoch=table.epoch(frame, time),
     )
 
 
@@ -159,6 +160,11 @@ class _Table:
             signal.unit,
             lambda row: f"{self.layout.path}:{self.line(row)}",
         )
+
+    def epoch(self, frame: pd.DataFrame, time: FloatArray) -> float | None:
+        """Seconds since 1970 of time zero; None where nobody knows."""
+        signal = self.signals["time"]
+        return epoch_of(frame[self.columns["time"]], time, signal.sources[KIND], signal.unit)
 
     def line(self, row: int) -> int:
         """Number, from 1, of the line in the file that holds the data row ``row``; slow, for messages only."""

@@ -42,6 +42,7 @@ READERS: Mapping[str, Format] = {
     ".db3": Format(kind="bag", module="rovid.readers.bag_reader"),
     ".bin": Format(kind="bin", module="rovid.readers.bin_reader"),
     ".tlog": Format(kind="tlog", module="rovid.readers.tlog_reader"),
+    ".nmea": Format(kind="nmea", module="rovid.readers.nmea_reader"),
     ".ulg": Format(kind="ulg", module="rovid.readers.ulg_reader"),
 }
 

@@ -17,6 +17,9 @@ _SCALE = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # "time_ms", "t [us]", "stamp(ns)": the unit that a column's own name declares.
 _SUFFIX = re.compile(r"[\s_.\[(](ms|us|µs|μs|ns)[\])]?$", re.IGNORECASE)
 
+# s since 1970 from which on a time counts as one since then: 1973.
+EPOCH_FROM = 1e8
+
 
 def unit_of(name: str, magnitude: float, declared: str) -> str:
     """s, ms, us or ns: as ``declared``, else by the column's name, else by the size of an epoch time.
@@ -98,3 +101,16 @@ def stamps(column: pd.Series[Any], name: str, declared: str, where: Callable[[in
     if dates.isna().all():
         return np.full(len(dates), np.nan)
     return np.asarray((dates - dates.min()) / pd.Timedelta(seconds=1), dtype=np.float64)
+
+
+def epoch_of(column: pd.Series[Any], time: FloatArray, name: str, declared: str) -> float | None:
+    """S since 1970 of time zero, where ``time`` in s is what `stamps` makes of ``column``; None where nobody knows."""
+    known = np.flatnonzero(np.isfinite(time))
+    if not known.size:
+        return None
+    first = column.iloc[int(known[0])]
+    if isinstance(first, str | pd.Timestamp):
+        moment = pd.to_datetime(str(first).strip().replace(",", "."), utc=True).timestamp()
+    else:
+        moment = float(first) * _SCALE[unit_of(name, abs(float(first)), declared)]
+    return float(moment - time[known[0]]) if moment > EPOCH_FROM else None

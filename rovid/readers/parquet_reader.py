@@ -10,7 +10,7 @@ import pandas as pd
 
 from rovid.config import Config
 from rovid.errors import LogError, nearest
-from rovid.readers.instants import stamps
+from rovid.readers.instants import epoch_of, stamps
 from rovid.readers.raw import Channel, RawLog, foreign, library, mapped, time_signal
 from rovid.trial import FloatArray
 
@@ -43,7 +43,8 @@ def read(path: Path, config: Config) -> RawLog:
         for name, column in wanted.items()
         if name != "time"
     }
-    return RawLog(channels=channels, place=lambda _, row: f"row {row + 1}")
+    epoch = epoch_of(frame[wanted["time"]], time, wanted["time"], signals["time"].unit)
+    return RawLog(channels=channels, place=lambda _, row: f"row {row + 1}", epoch=epoch)
 
 
 def _frame(path: Path, wanted: dict[str, str]) -> pd.DataFrame:

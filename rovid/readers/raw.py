@@ -60,12 +60,15 @@ class RawLog:
         The format stores messages slightly out of order by nature: sort them before complaining.
     place
         (signal, index of a sample) -> "line 17" or "message 16", for messages.
+    epoch
+        s since 1970 of the channels' time zero; None where nobody knows.
     """
 
     channels: Mapping[str, Channel]
     place: Callable[[str, int], str]
     remarks: tuple[Remark, ...] = ()
     sortable: bool = False
+    epoch: float | None = None
 
 
 def mapped(config: Config, kind: str, path: Path) -> dict[str, Signal]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rovid.config import Signal
 from rovid.errors import LogError, nearest
-from rovid.readers.instants import seconds
+from rovid.readers.instants import EPOCH_FROM, seconds
 from rovid.readers.messages import (
     ABSENT,
     Getter,
@@ -158,7 +158,7 @@ class Topics:
         """
         self.damage = damage
         chosen = {signal: self._choose(signal, one.sources[self.kind]) for signal, one in self.signals.items()}
-        times = self._times({topic.name: topic for topic, _ in chosen.values()})
+        times, origin = self._times({topic.name: topic for topic, _ in chosen.values()})
         channels = {
             signal: Channel(
                 source=pick.source,
@@ -174,6 +174,7 @@ class Topics:
             place=lambda signal, index: f"message {index + 1} of {chosen[signal][0].name}",
             remarks=remarks(max(float(np.max(time)) for time in times.values())),
             sortable=True,
+            epoch=origin * 1e-9 if self.clock in _CLOCKS and origin * 1e-9 > EPOCH_FROM else None,
         )
 
     def _choose(self, signal: str, source: str) -> tuple[Topic, Pick]:
@@ -200,14 +201,14 @@ class Topics:
     def _missing(self, what: str, mend: str) -> LogError:
         return LogError(what + self.damage, where=self.path, mend=mend)
 
-    def _times(self, topics: Mapping[str, Topic]) -> dict[str, FloatArray]:
-        """(n,) s for each topic, from one common beginning."""
+    def _times(self, topics: Mapping[str, Topic]) -> tuple[dict[str, FloatArray], int]:
+        """(n,) s for each topic, from one common beginning, and that as logged."""
         logged = {name: _numbers(topic.times) for name, topic in topics.items()}
         if any(times.dtype.kind == "f" for times in logged.values()):
             logged = {name: times.astype(np.float64) for name, times in logged.items()}
         origin = min(int(times[0]) if times.dtype.kind == "i" else 0 for times in logged.values())
         unit = "ns" if self.clock in _CLOCKS else self.time.unit
-        return {name: seconds(times, self.clock, unit, origin) for name, times in logged.items()}
+        return {name: seconds(times, self.clock, unit, origin) for name, times in logged.items()}, origin
 
 
 def _numbers(times: array[int] | list[Any]) -> NDArray[Any]:

@@ -6,7 +6,8 @@ import io
 import struct
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -35,12 +36,15 @@ class Recording:
         Makes its bytes.
     heading, command
         As rovid.toml names them; without a heading where its format has a standard one.
+    beside
+        Suffix -> text of another file of the same name that belongs to it.
     """
 
     write: Callable[[], bytes]
     heading: str
     command: str
     tolerance: float = 1e-6
+    beside: Mapping[str, str] = field(default_factory=dict)
 
 
 # --- ArduPilot DataFlash ------------------------------------------------------------------------------------------
@@ -204,6 +208,32 @@ def _tlog() -> bytes:
     return tlog(sorted(rows, key=lambda row: row[0]))
 
 
+# --- NMEA ---------------------------------------------------------------------------------------------------------
+
+BEGIN = datetime(2026, 1, 7, 12, tzinfo=UTC)  # EPOCH
+
+
+def sentence(text: str, front: str = "") -> str:
+    """A line, with its checksum."""
+    checksum = 0
+    for byte in text.encode():
+        checksum ^= byte
+    return f"{front}${text}*{checksum:02X}\r\n"
+
+
+def iso(at: float) -> str:
+    """The time ``at`` s after the beginning."""
+    return (BEGIN + timedelta(seconds=at)).isoformat()
+
+
+def _nmea() -> bytes:
+    pairs = zip(TIME.tolist(), HEADING.tolist(), strict=True)
+    return "".join(sentence(f"HEHDT,{h % 360.0:.6f},T", f"{iso(t)} ") for t, h in pairs).encode()
+
+
+COMMANDS_BESIDE = "time_s,fore_V\n" + "".join(f"{iso(t)},{c}\n" for t, c in (*CHANGES, (20.0, 4.0)))
+
+
 def _recorded(ros: int) -> Recording:
     heading = 'heading = { mcap = "/phins/heading.data", unit = "deg" }'
     return Recording(write=lambda: bag(said(), ros=ros), heading=heading, command='{ mcap = "/thrusters/fore.data" }')
@@ -215,5 +245,12 @@ RECORDINGS: Mapping[str, Recording] = {
     ".db3": _recorded(2),
     ".BIN": Recording(write=_bin, heading="", command='{ bin = "RCOU.C1" }', tolerance=1e-5),
     ".tlog": Recording(write=_tlog, heading="", command='{ tlog = "SERVO_OUTPUT_RAW.servo4_raw" }', tolerance=1e-4),
+    ".nmea": Recording(
+        write=_nmea,
+        heading='heading = { nmea = "heading", unit = "deg" }',
+        command='{ csv = "fore_V" }',
+        beside={".csv": COMMANDS_BESIDE},
+        tolerance=1e-5,
+    ),
     ".ulg": Recording(write=_ulg, heading="", command='{ ulg = "actuator_motors.control[0]" }', tolerance=1e-4),
 }

@@ -110,7 +110,7 @@ def test_commands_have_to_be_named(tmp_path: Path) -> None:
 def test_files_of_a_format_that_is_not_mapped_are_left_out_of_folders(tmp_path: Path) -> None:
     config = campaign(tmp_path)
     (tmp_path / "firmware.bin").write_bytes(bytes(100))
-    with pytest.raises(LogError, match=r"rovid\.toml maps no command for bin logs"):
+    with pytest.raises(LogError, match=r"rovid\.toml maps nothing for bin logs"):
         read_campaign([tmp_path], config)
     (tmp_path / "hold.csv").write_text(csv_text(standard()))
     found = read_campaign([tmp_path], config)

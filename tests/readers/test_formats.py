@@ -30,6 +30,10 @@ def recording(suffix: str) -> bytes:
 
 def configured(suffix: str, folder: Path) -> Config:
     one = RECORDINGS[suffix]
+    folder.mkdir(exist_ok=True)
+    for other, text in one.beside.items():
+        for name in "ae":
+            (folder / f"{name}{other}").write_text(text)
     return campaign(folder, toml(heading=one.heading, command=one.command))
 
 
@@ -43,7 +47,7 @@ def test_the_run_is_the_same_in_each(suffix: str, tmp_path: Path) -> None:
     config = configured(suffix, tmp_path)
     (tmp_path / f"a{suffix}").write_bytes(recording(suffix))
     trial = read_log(tmp_path / f"a{suffix}", config)
-    rows = np.searchsorted(trial.time, TIME + 1e-9) - 1
+    rows = np.searchsorted(trial.time, TIME + 1e-6) - 1  # a float holds seconds since 1970 to 0.2 us
     np.testing.assert_allclose(trial.time[rows], TIME, atol=1e-6)
     np.testing.assert_allclose(np.rad2deg(trial.position[rows]), HEADING, atol=RECORDINGS[suffix].tolerance)
     for at, value in CHANGES:  # a table knows of a change at its next row
