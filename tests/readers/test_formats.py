@@ -15,7 +15,7 @@ from rovid.config import Config
 from rovid.errors import LogError
 from rovid.readers import READERS, read_log
 from rovid.tables import LOG_SUFFIXES
-from tests.conftest import Rovid
+from tests.conftest import ROOT, Rovid
 from tests.readers.logs import campaign, kinds, toml
 from tests.readers.recordings import CHANGES, HEADING, RECORDINGS, TIME
 from tests.readers.test_fuzz import EDITS, FUZZ, Edits, edited, survive
@@ -40,6 +40,8 @@ def configured(suffix: str, folder: Path) -> Config:
 def test_every_format_is_here_and_makes_a_folder_one_of_logs() -> None:
     assert {suffix.lower() for suffix in RECORDINGS} == set(READERS) - {".csv", ".mcap"}
     assert set(LOG_SUFFIXES) == set(READERS) - {".csv"}
+    page = (ROOT / "docs" / "logs.md").read_text()
+    assert all(f"| `{suffix}` |" in page for suffix in READERS)
 
 
 @FORMATS
