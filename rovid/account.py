@@ -110,6 +110,11 @@ def _show_finding(console: Console, finding: Finding, axis: Axis) -> None:
     decides = deciding_experiment(finding)
     if decides is not None:
         console.print(f"  these data do not tell which; this run would: {escape(decides['run'])}", highlight=False)
+        if "commands" in decides:
+            rivals = " ".join(f"--between {escape(key)}" for key in decides["separates"])
+            console.print(
+                f"  in {decides['minutes']:.1f} min; [bold]rovid plan {rivals}[/bold] writes it", highlight=False
+            )
 
 
 def _show_gain(console: Console, base: Side, extended: Side, floor: float, axis: Axis) -> None:

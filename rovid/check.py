@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rovid.advice import Advice, advise
 from rovid.config import Config
 from rovid.documents import remark_document
 from rovid.errors import RovidError
@@ -20,11 +21,15 @@ from rovid.trial import Remark, Trial
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """A row of facts for each readable log, a problem for each other one, and what holds for the folder."""
+    """A row of facts for each readable log, a problem for each other one, and what holds for the folder.
+
+    ``advice`` is what to mind before a fit.
+    """
 
     rows: tuple[tuple[Trial, dict[str, Any]], ...]
     problems: dict[str, str]
     remarks: tuple[Remark, ...]
+    advice: tuple[Advice, ...]
 
 
 def check_logs(paths: Sequence[Path], config: Config) -> Check:
@@ -37,7 +42,8 @@ def check_logs(paths: Sequence[Path], config: Config) -> Check:
             rows.append((trial, _facts(trial, config)))
         except RovidError as error:
             problems[name] = str(error)
-    return Check(rows=tuple(rows), problems=problems, remarks=tuple(remarks))
+    advice = advise([trial for trial, _ in rows], config.vehicle)
+    return Check(rows=tuple(rows), problems=problems, remarks=tuple(remarks), advice=tuple(advice))
 
 
 def _facts(trial: Trial, config: Config) -> dict[str, Any]:

@@ -89,8 +89,37 @@ def _root(
 
 
 @app.command()
+def init(
+    logs: Logs,
+    *,
+    force: Annotated[bool, typer.Option("--force", help="Write over a rovid.toml that is there.")] = False,
+    json: Json = False,
+) -> None:
+    """Look at the logs and write a commented rovid.toml beside them: which column is what, its unit and sense, and why.
+
+    Example: rovid init my_logs
+    """
+    from rovid.documents import survey_document
+    from rovid.output import write_atomic
+    from rovid.survey import files_of, survey
+    from rovid.terminal import show_survey
+
+    found = survey(logs)
+    files = files_of(found)
+    there = next(iter(files))
+    if there.exists() and not force:
+        raise ConfigError("is there already.", where=there, mend="Delete it, or give --force to write over it.")
+    for path, text in files.items():
+        write_atomic(path, text)
+    if json:
+        _print_json(survey_document(found, list(files)))
+    else:
+        show_survey(_console(), found, list(files))
+
+
+@app.command()
 def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
-    """What is in the logs and what is wrong with them.
+    """What is in the logs, what is wrong with them, and what to mind or to run besides before a fit.
 
     Example: rovid check sample_logs/rosub_tank
     """
@@ -98,16 +127,17 @@ def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
     from rovid.check import check_logs
     from rovid.config import find_config, load_config
     from rovid.documents import check_document
-    from rovid.terminal import show_check, show_warnings
+    from rovid.terminal import show_advice, show_check, show_warnings
 
     _announce_compilation()
     config = load_config(find_config(logs), axis_named(axis) if axis else YAW)
     found = check_logs(logs, config)
     if json:
-        _print_json(check_document(found.rows, found.problems, found.remarks))
+        _print_json(check_document(found.rows, found.problems, found.remarks, found.advice))
     else:
         show_check(_console(), found.rows, found.problems)
         show_warnings(_console(), [remark.text for remark in found.remarks])
+        show_advice(_console(), found.advice)
     if found.problems:
         name, problem = next(iter(found.problems.items()))
         raise DataError(
@@ -373,6 +403,75 @@ def simulate(
 
 
 @app.command()
+def plan(
+    logs: OptionalLogs = None,
+    *,
+    between: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ID", help="Tell this cause from another; to be given twice.", show_default=False),
+    ] = None,
+    narrow: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PARAMETER", help="Make this parameter surer; the least sure if not given.", show_default=False
+        ),
+    ] = None,
+    share: Annotated[float, typer.Option(min=0.05, max=1.0, help="Of the commands that the logs used.")] = 1.0,
+    minutes: Annotated[float, typer.Option(min=0.1, help="Longest run.")] = 10.0,
+    max_rate: Annotated[
+        float | None,
+        typer.Option(metavar="DEG/S", help="Fastest turn; m/s along an axis that is no angle.", show_default=False),
+    ] = None,
+    turns: Annotated[
+        float | None,
+        typer.Option(metavar="TURNS", help="Widest turn; m along an axis that is no angle.", show_default=False),
+    ] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="Command file.")] = Path("plan.csv"),
+    axis: AxisName = None,
+    parameters: ParameterFile = None,
+    json: Json = False,
+) -> None:
+    """The run to make next, as a command file: to tell two causes apart, or to make a parameter surer.
+
+    Runs that a crew can play are ranked by what they are expected to tell for each minute in the water. A picture of
+    what each cause predicts goes beside the command file.
+
+    Example: rovid plan --between thruster_lag --between command_delay
+    """
+    import math
+
+    from rovid.documents import plan_document
+    from rovid.effects import effect_named
+    from rovid.output import write_atomic
+    from rovid.plan.design import command_text
+    from rovid.plan.programme import Limits
+    from rovid.report.plots.planned import picture
+    from rovid.terminal import show_plan
+
+    rivals = tuple(effect_named(name) for name in between or ())
+    if len({rival.id for rival in rivals}) not in {0, 2} or len(rivals) > 2:
+        raise ConfigError(f"names {len(rivals)} causes; two different ones were expected.", where="--between")
+    stored = _stored(parameters, axis)
+    study = _open(logs or _remembered(stored), None, stored.axis)
+    factor = math.pi / 180.0 if stored.axis.angular else 1.0
+    limits = Limits(
+        share=share,
+        seconds=60.0 * minutes,
+        rate=math.inf if max_rate is None else factor * max_rate,
+        travel=math.inf if turns is None else turns,
+    )
+    with _busy("Fitting, and trying runs …"):
+        found = study.plan(tuple(effect_named(name) for name in stored.effects), rivals, limits, narrow or "")
+    drawn = output.with_suffix(".png")
+    write_atomic(output, command_text(found))
+    write_atomic(drawn, picture(found, stored.axis))
+    if json:
+        _print_json(plan_document(found, stored.axis, str(output), str(drawn)))
+    else:
+        show_plan(_console(), found, [output, drawn])
+
+
+@app.command()
 def control(
     logs: OptionalLogs = None,
     *,
@@ -515,6 +614,12 @@ def report(
     diagnosis: Annotated[
         bool, typer.Option("--diagnosis/--no-diagnosis", help="Say on the page what the simulation misses, and why.")
     ] = True,
+    control: Annotated[
+        bool, typer.Option("--control/--no-control", help="Say on the page which heading controller suits the vehicle.")
+    ] = True,
+    export: Annotated[
+        bool, typer.Option("--export/--no-export", help="Say on the page what each simulator's format holds.")
+    ] = True,
     cutoff: Cutoff = None,
     json: Json = False,
 ) -> None:
@@ -531,7 +636,15 @@ def report(
     study = _open(logs or _remembered(stored), cutoff, stored.axis)
     folder = output or Path("report" if stored.axis is YAW else f"report_{stored.axis.name}")
     with _working("Fitting drag and inertia …") as report_progress:
-        page = build_report(stored, study, folder, diagnosed=diagnosis, report=report_progress)
+        page = build_report(
+            stored,
+            study,
+            folder,
+            diagnosed=diagnosis,
+            controlled=control,
+            exported=export,
+            report=report_progress,
+        )
     if json:
         _print_json({"schema": "rovid-report/1", "page": str(page), "parameters": str(stored.path)})
     else:

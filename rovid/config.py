@@ -161,7 +161,7 @@ def find_config(paths: Sequence[Path]) -> Path:
         f"no {FILE_NAME} here or in any folder above it; it says which column holds which signal and what "
         "the thrusters are.",
         where=paths[0],
-        mend=f"Copy sample_logs/rosub_tank/{FILE_NAME} beside the logs and change the names.",
+        mend="Run `rovid init LOGS`, which writes one from the logs.",
     )
 
 

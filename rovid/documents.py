@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rovid.advice import Advice
 from rovid.axis import YAW, Axis
 from rovid.control.design import Control, RunResult
 from rovid.diagnose.amplitudes import Amplitudes
@@ -24,9 +26,11 @@ from rovid.identify.sine import Inertia
 from rovid.identify.steady import DragFit, SteadyPoint
 from rovid.model import effect_ids, unit_of
 from rovid.parameters import Parameters
+from rovid.plan.design import Plan, command_rows
 from rovid.runs import Runs
 from rovid.simulation import HORIZONS, TrialSimulation, overall
 from rovid.study import Study
+from rovid.survey import Survey
 from rovid.trial import Remark, Trial
 
 Document = dict[str, Any]
@@ -335,6 +339,26 @@ def _trial_simulation(item: TrialSimulation) -> Document:
     }
 
 
+def plan_document(found: Plan, axis: Axis, command_file: str, picture: str) -> Document:
+    """What `rovid plan --json` prints."""
+    times, rows = command_rows(found.best)
+    return {
+        "schema": "rovid-plan/1",
+        **axis_document(axis),
+        "between": [belief.name for belief in found.beliefs] if len(found.beliefs) > 1 else None,
+        "narrow": found.narrow or None,
+        "decides": found.decides,
+        "runs": [
+            {"run": one.run.name, "seconds": one.run.seconds, "gain": one.gain, "gain_per_minute": one.per_minute}
+            for one in found.runs
+        ],
+        "gain": "expected log-likelihood ratio" if len(found.beliefs) > 1 else "logarithm of the ratio of variances",
+        "command_file": command_file,
+        "picture": picture,
+        "commands": {"time_s": times} | {name: [row[k] for row in rows] for k, name in enumerate(found.thrusters)},
+    }
+
+
 def control_document(result: Control, warnings: Sequence[str]) -> Document:
     """What `rovid control --json` prints; times in s, angles in deg, torques in N m, frequencies in rad/s."""
     law, margins, spread = result.law, result.margins, result.spread
@@ -421,8 +445,32 @@ def _mismatch(mismatch: Mismatch) -> Document:
     return {"yaw_rate_percent_of_range": mismatch.percent_of_range, "rms": mismatch.rms, "unit": "rad/s"}
 
 
+def survey_document(found: Survey, written: Sequence[Path]) -> Document:
+    """What `rovid init --json` prints."""
+    return {
+        "schema": "rovid-init/1",
+        "written": [str(path) for path in written],
+        "logs": found.logs,
+        "curve": {"file": found.curve, "guessed": found.curve_guessed is not None},
+        "signals": {
+            kind: {
+                name: {"source": one.source, "unit": one.unit or None, "sign": one.sign, "why": one.why}
+                for name, one in guesses.signals.items()
+            }
+            for kind, guesses in found.guesses.items()
+        },
+        "commands": {
+            kind: [{"name": o.name, "source": o.source, "turns": o.way, "why": o.why} for o in guesses.commands]
+            for kind, guesses in found.guesses.items()
+        },
+    }
+
+
 def check_document(
-    trials: Sequence[tuple[Trial, Mapping[str, Any]]], problems: Mapping[str, str], remarks: Sequence[Remark]
+    trials: Sequence[tuple[Trial, Mapping[str, Any]]],
+    problems: Mapping[str, str],
+    remarks: Sequence[Remark],
+    advice: Sequence[Advice],
 ) -> Document:
     """What `rovid check --json` prints."""
     return {
@@ -430,6 +478,7 @@ def check_document(
         "logs": [{"name": trial.name} | dict(facts) for trial, facts in trials],
         "unreadable": [{"name": name, "problem": problem} for name, problem in problems.items()],
         "remarks": [remark_document(remark) for remark in remarks],
+        "advice": [{"kind": one.kind, "text": one.text} for one in advice],
     }
 
 

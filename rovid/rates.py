@@ -19,7 +19,7 @@ _MAX_CUTOFF = 0.2  # of the sampling rate: up to it the differences below are de
 # Central differences of eighth order (Fornberg 1988), turned for convolution.
 _FIRST = np.array([-1 / 280, 4 / 105, -1 / 5, 4 / 5, 0.0, -4 / 5, 1 / 5, -4 / 105, 1 / 280])
 _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
-# Missing headings shorter than this are bridged for the filter; longer ones stay a gap.
+# Missing positions shorter than this are bridged for the filter; longer ones stay a gap.
 _BRIDGE_SAMPLES = 5
 _BRIDGE_SECONDS = 0.5
 _FEWEST_BENDS = 32  # second differences in a row that tell noise from motion
@@ -84,10 +84,10 @@ class ZeroPhaseFilter:
         instants = self.period * np.arange(-half, half + 1)
         return np.asarray(np.cos(2.0 * np.pi * np.outer(frequency, instants)) @ self.value)
 
-    def noise(self, heading_noise: float) -> tuple[float, float]:
-        """Return the standard deviation of rate and acceleration from white ``heading_noise`` in rad."""
+    def noise(self, position_noise: float) -> tuple[float, float]:
+        """Return the standard deviation of rate and acceleration from white ``position_noise``."""
         gain = np.linalg.norm([self.first, self.second], axis=1)
-        return float(heading_noise * gain[0]), float(heading_noise * gain[1])
+        return float(position_noise * gain[0]), float(position_noise * gain[1])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -170,7 +170,7 @@ def rates_of(trial: Trial, *, cutoff: float) -> Rates:
     gyro_gain = gyro_offset = math.nan
     if trial.rate is not None:
         gyro = on_grid(trial, trial.rate, grid)
-        gyro_gain, gyro_offset = _against_heading(kernel.smooth(gyro), rate)
+        gyro_gain, gyro_offset = _against_position(kernel.smooth(gyro), rate)
         rate, acceleration = kernel.smooth(gyro), kernel.rate(gyro)
         white = white_noise(gyro)
         gain = np.linalg.norm([kernel.value, kernel.first], axis=1) * white
@@ -192,8 +192,8 @@ def rates_of(trial: Trial, *, cutoff: float) -> Rates:
     )
 
 
-def _against_heading(gyro: FloatArray, rate: FloatArray) -> tuple[float, float]:
-    """Gain and offset in rad/s of (m,) ``gyro`` over the heading's ``rate``; NaN where the rate hardly changes."""
+def _against_position(gyro: FloatArray, rate: FloatArray) -> tuple[float, float]:
+    """Gain and offset of (m,) ``gyro`` over the position's ``rate``; NaN where the rate hardly changes."""
     known = np.isfinite(gyro) & np.isfinite(rate)
     if not known.any() or np.ptp(rate[known]) == 0.0:
         return math.nan, math.nan
@@ -334,7 +334,7 @@ def finite_stretches(values: FloatArray) -> list[tuple[int, int]]:
 def _convolve(values: FloatArray, kernel: FloatArray) -> FloatArray:
     """Convolution with a kernel centred on each sample; NaN where the kernel does not fit."""
     known = np.isfinite(values)
-    # A running sum over a filled array would smear the heading's large offset; take it off first.
+    # A running sum over a filled array would smear the position's large offset; take it off first.
     offset = float(values[known][0]) if known.any() else 0.0
     filled = np.where(known, values - offset, 0.0)
     out = signal.oaconvolve(filled, kernel, mode="same")

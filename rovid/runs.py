@@ -14,7 +14,7 @@ from rovid.rates import Rates, choose_cutoff, highest_cutoff, rates_of
 from rovid.trial import Campaign, FloatArray, Remark, Trial
 from rovid.vehicle import Vehicle
 
-# A logged yaw rate this far from the heading's, as a gain and as a share of the usual rate, spoils the drag.
+# A logged rate this far from the position's, as a gain and as a share of the usual rate, spoils the drag.
 _GYRO_GAIN = 0.03
 _GYRO_OFFSET = 0.02
 

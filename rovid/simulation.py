@@ -18,14 +18,14 @@ HORIZONS = (10.0, 60.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """Agreement of simulated with measured yaw rate.
+    """Agreement of simulated with measured rate.
 
     Attributes
     ----------
     samples
         Instants compared.
     r2
-        1 - SSE/SST of yaw rate; NaN where the measured rate does not vary.
+        1 - SSE/SST of the rate; NaN where the measured rate does not vary.
     fit_percent
         100 (1 - |y - yhat| / |y - mean(y)|), Ljung's NRMSE fit.
     rmse
@@ -45,11 +45,11 @@ class TrialSimulation:
     Attributes
     ----------
     measured, simulated
-        (m,) yaw rate in rad/s on the run's uniform grid, through the same filter.
-    heading
-        (n,) simulated heading in rad at the trial's own instants.
-    heading_errors
-        Horizon in s -> RMS heading error in rad that far after a restart from the measured heading and rate,
+        (m,) rate in rad/s or m/s on the run's uniform grid, through the same filter.
+    position
+        (n,) simulated position in rad or m at the trial's own instants.
+    position_errors
+        Horizon in s -> RMS position error that far after a restart from the measured position and rate,
         restarts one horizon apart; None where no stretch without a gap is as long.
     """
 
@@ -67,7 +67,7 @@ def simulate_runs(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[T
 
 
 def simulated_rate(run: Run, model: Model, drive: Drive) -> FloatArray:
-    """(m,) yaw rate in rad/s of the free-running ``model``, behind the filter that the measured one went through."""
+    """(m,) rate of the free-running ``model``, behind the filter that the measured one went through."""
     return run.rates.smooth_samples(run.trial, model.simulate(run.trial, drive)[0])
 
 
@@ -96,21 +96,21 @@ def compare(measured: FloatArray, simulated: FloatArray) -> Fit:
 
 
 def _simulate(run: Run, model: Model, drive: Drive) -> TrialSimulation:
-    rate, heading = model.simulate(run.trial, drive)
+    rate, position = model.simulate(run.trial, drive)
     simulated = run.rates.smooth_samples(run.trial, rate)
     return TrialSimulation(
         run=run,
         fit=compare(run.rates.rate, simulated),
         measured=run.rates.rate,
         simulated=simulated,
-        position=heading,
-        position_errors={horizon: _heading_error(run, model, drive, horizon) for horizon in HORIZONS},
+        position=position,
+        position_errors={horizon: _position_error(run, model, drive, horizon) for horizon in HORIZONS},
     )
 
 
-def _heading_error(run: Run, model: Model, drive: Drive, horizon: float) -> float | None:
+def _position_error(run: Run, model: Model, drive: Drive, horizon: float) -> float | None:
     rates, trial = run.rates, run.trial
-    # About the body's own axis: the heading itself, but for what a logged tilt adds to it.
+    # About the body's own axis: the position itself, but for what a logged tilt adds to it.
     angle = on_grid(trial, body_position(trial), rates.time)
     at_grid = np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1
     torque, race = drive.torque[at_grid], drive.race[at_grid]

@@ -18,6 +18,8 @@ from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit, fit_inertia, fit_inertia_table
 from rovid.identify.likelihood import LikelihoodFit, fit_likelihood
 from rovid.identify.steady import DragFit, fit_drag, points_from_table, steady_points
+from rovid.plan.design import Plan, belief_of, plan
+from rovid.plan.programme import Limits
 from rovid.readers import read_campaign
 from rovid.runs import Runs, channels, prepare
 from rovid.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_table
@@ -131,6 +133,34 @@ class Study:
                 )
         return fit_likelihood(self.runs.items, self.vehicle, effects, gyro=gyro)
 
+    def plan(
+        self,
+        effects: tuple[Effect, ...],
+        between: tuple[Effect, ...],
+        limits: Limits,
+        narrow: str = "",
+    ) -> Plan:
+        """The run to make next: to tell two causes apart, each beside ``effects``, or to make a parameter surer.
+
+        Raises
+        ------
+        DataError
+            There are no logs, or no run stays within the limits.
+        ConfigError
+            An effect or a parameter is not there.
+        """
+        if self.campaign is None:
+            raise DataError(
+                "a table does not say how fast the vehicle answers.", where=self.paths[0], mend="Give logs."
+            )
+        others = tuple(effect for effect in effects if effect.id not in {rival.id for rival in between})
+        models = [(*others, rival) for rival in between] or [others]
+        names = [rival.key for rival in between] or ["the model"]
+        fits = [belief_of(self.likelihood(model), name) for model, name in zip(models, names, strict=True)]
+        if narrow and narrow not in fits[0].model.names:
+            raise ConfigError(f"is {narrow!r}. {nearest(narrow, fits[0].model.names)}", where="--narrow")
+        return plan(fits, self.vehicle, self.campaign.trials, limits, narrow)
+
     def amplitudes(self, drag: Estimate | None = None) -> Amplitudes:
         """What would make one model agree with all rows of the tables; the steady turns' own drag goes before ``drag``.
 
@@ -147,7 +177,7 @@ class Study:
         return explain(read_table(self.sine), steady, drag, self.inertia(drag), rigid_body)
 
     def position_noise(self) -> float | None:
-        """Median standard deviation of the headings' noise in rad; None for tables."""
+        """Median standard deviation of the noise of what is measured; None for tables."""
         return None if self.runs is None else self.runs.noise()[0]
 
     def torque_in_use(self) -> float | None:

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from rovid.advice import Advice
 from rovid.axis import YAW
 from rovid.export import Exported
 from rovid.identify.bench import BenchFit
@@ -22,11 +23,15 @@ from rovid.identify.likelihood import LikelihoodFit
 from rovid.identify.steady import DragFit, SteadyPoint
 from rovid.output import plus_minus
 from rovid.parameters import Parameters
+from rovid.plan.design import Plan
+from rovid.plan.worth import DECIDES
 from rovid.runs import Runs
 from rovid.simulation import TrialSimulation, overall
 from rovid.study import Study
+from rovid.survey import Survey
 from rovid.trial import Trial
 
+_RUNS_SHOWN = 8
 _Fit = TypeVar("_Fit", DragFit, InertiaFit, LikelihoodFit)
 
 
@@ -239,6 +244,49 @@ def show_bench(console: Console, fit: BenchFit, output: Path) -> None:
     )
 
 
+def show_plan(console: Console, found: Plan, written: Sequence[Path]) -> None:
+    """Print the best runs, and where the first of them went."""
+    rivals = len(found.beliefs) > 1
+    gain = "log-likelihood" if rivals else "variance over"
+    purpose = (
+        f"Runs that tell {found.beliefs[0].name} from {found.beliefs[1].name}"
+        if rivals
+        else f"Runs that make {found.narrow.replace('_', ' ')} surer"
+    )
+    rows = table(purpose, "run", "minutes", gain, f"{gain} a minute")
+    for one in found.runs[:_RUNS_SHOWN]:
+        told = (one.gain, one.per_minute) if rivals else (math.exp(one.gain), math.exp(one.per_minute))
+        rows.add_row(escape(one.run.name), number(one.run.seconds / 60.0, ".1f"), *(number(x, ".3g") for x in told))
+    console.print(rows)
+    if not found.decides:
+        console.print(
+            f"[yellow]Note:[/yellow] none is expected to decide: that takes a gain of {DECIDES:.0f}. Allow longer runs "
+            "or more command, or play the best several times.",
+            highlight=False,
+        )
+    for path in written:
+        console.print(f"written: {escape(str(path))}", highlight=False, soft_wrap=True)
+
+
+def show_survey(console: Console, found: Survey, written: Sequence[Path]) -> None:
+    """Print what each signal was taken for, and what to do next."""
+    rows = table(f"Guessed from {found.logs} logs", "signal", "taken from", "unit", "why", left=4)
+    for guesses in found.guesses.values():
+        for name, one in guesses.signals.items():
+            rows.add_row(name, escape(one.source), one.unit, escape(one.why))
+        for command in guesses.commands:
+            rows.add_row(f"command of {escape(command.name)}", escape(command.source), "", escape(command.why))
+    console.print(rows)
+    for path in written:
+        console.print(f"written: {escape(str(path))}", highlight=False, soft_wrap=True)
+    folder = escape(str(found.folder))
+    console.print(
+        f"[bold]Next:[/bold] read {escape(written[0].name)}, then rovid check {folder} and rovid report {folder}",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
 def show_check(console: Console, rows: Sequence[tuple[Trial, Mapping[str, Any]]], problems: Mapping[str, str]) -> None:
     """Print what each log holds and what is wrong with it."""
     axis, integrated = (rows[0][0].axis, rows[0][0].integrated) if rows else (YAW, False)
@@ -264,6 +312,15 @@ def show_check(console: Console, rows: Sequence[tuple[Trial, Mapping[str, Any]]]
     for trial, _ in rows:
         for remark in trial.remarks:
             console.print(f"{escape(trial.name)}: {escape(remark.text)}", highlight=False)
+
+
+def show_advice(console: Console, advice: Sequence[Advice]) -> None:
+    """Print what to mind before a fit."""
+    for one in advice:
+        text = one.text[:1].upper() + one.text[1:] if one.text.split(" ")[0].isalpha() else one.text
+        console.print(f"[bold]Before a fit:[/bold] {escape(text)}", highlight=False)
+    if not advice:
+        console.print("These logs have what a fit wants.", highlight=False)
 
 
 def show_fit(

@@ -54,7 +54,7 @@ class ThrustCurve:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Thruster:
-    """One actuator: ``torque = arm * curve(command)``; positive torque turns the heading up.
+    """One actuator: ``torque = arm * curve(command)``; positive torque turns the position up.
 
     Along an axis that is no angle the arm is the share of the thrust, and a torque is a force.
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import control
 import numpy as np
 import pytest
 from scipy import signal
@@ -305,10 +306,10 @@ def test_a_dead_zone_and_a_lag_make_a_limit_cycle_that_is_seen() -> None:
     model = with_effect("thruster_lag", 1.0, model=with_effect("command_hysteresis", 0.4))
     bench = allocate(VEHICLE, PAPER)
     controller = law(2000.0, 3000.0)
-    shaken = run_manoeuvre(controller, bench, Plant(model=model, vehicle=VEHICLE), paper_runs()[2])
+    shaken, _ = run_manoeuvre(controller, bench, Plant(model=model, vehicle=VEHICLE), paper_runs()[2])
     assert shaken.limit_cycle is not None
     assert shaken.limit_cycle.amplitude_deg > 0.2
-    calm = run_manoeuvre(controller, bench, Plant(model=PAPER, vehicle=VEHICLE), paper_runs()[2])
+    calm, _ = run_manoeuvre(controller, bench, Plant(model=PAPER, vehicle=VEHICLE), paper_runs()[2])
     assert calm.limit_cycle is None
 
 
@@ -440,7 +441,7 @@ def test_a_random_vehicle_keeps_its_heading_within_predicted_margins(seed: int) 
         disturbance=0.02 * setting.torque_in_use,
     )
     for manoeuvre in manoeuvres((), setting.torque_in_use)[:3]:
-        found = run_manoeuvre(controller, allocation, plant, manoeuvre, seed=seed)
+        found, _ = run_manoeuvre(controller, allocation, plant, manoeuvre, seed=seed)
         assert found.settling_time is not None
         assert found.steady_error_deg < 0.6
         # What a play or a dead zone leaves, if anything.
@@ -534,10 +535,42 @@ def test_pd_alone_has_no_aid() -> None:
 
 
 def test_a_manoeuvre_against_a_current_has_the_error_of_its_stiffness() -> None:
-    found = run_manoeuvre(
+    found, _ = run_manoeuvre(
         law(1000.0, 3500.0),
         allocate(LOGGED, PAPER),
         Plant(model=PAPER, vehicle=LOGGED),
         Manoeuvre(name="", start=120.0, wanted=120.0, current=10.0),
     )
     assert found.steady_error_deg == pytest.approx(math.degrees(10.0 / 1000.0), rel=1e-3)
+
+
+# Against python-control
+
+
+@pytest.mark.parametrize(("kp", "kd", "period", "rate_filter"), [(100.0, 710.0, 0.1, 0.3), (900.0, 2500.0, 0.5, 0.2)])
+def test_margins_are_those_of_python_control(kp: float, kd: float, period: float, rate_filter: float) -> None:
+    controller = law(kp, kd, period=period, rate_filter=rate_filter)
+    found = Loop(
+        law=controller, motion=linearised(PAPER), actuators=(np.array([0.1, 1.0]), np.ones(2, dtype=np.complex128))
+    ).margins()
+    motion = control.ss([[0.0, 1.0], [0.0, -132.37 / 5057.0]], [[0.0], [1.0 / 5057.0]], [[1.0, 0.0]], 0.0)
+    blend = 1.0 - math.exp(-period / rate_filter)
+    # The aid takes the linear drag off again.
+    rate = control.tf([blend / period, -blend / period], [1.0, blend - 1.0], period)
+    loop = (kp + (kd - 132.37) * rate) * control.ss2tf(control.sample_system(motion, period, "zoh"))
+    # By frequencies: its polynomials say themselves that they are not accurate here.
+    gain, phase, _, _, crossover, _ = control.stability_margins(loop, method="frd")
+    assert found.gain_db == pytest.approx(20.0 * math.log10(gain), abs=0.02)
+    assert found.phase_deg == pytest.approx(phase, abs=0.05)
+    assert found.crossover == pytest.approx(crossover, rel=1e-3)
+
+
+@pytest.mark.parametrize(("heading", "torque"), [(0.1, 50.0), (0.5, 120.0)])
+def test_weights_on_heading_and_torque_ask_for_a_damping_ratio_of_half_the_root_of_two(
+    heading: float, torque: float
+) -> None:
+    """Of the aided vehicle, a double integrator, the linear-quadratic gains are those of --damping 0.707."""
+    motion = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0 / 5057.0]])
+    optimal, _, _ = control.lqr(*motion, np.diag([1.0 / heading**2, 0.0]), np.array([[1.0 / torque**2]]))
+    known = gains(5057.0, math.sqrt(0.5), math.sqrt(torque / heading / 5057.0))
+    assert optimal.ravel() == pytest.approx(known, rel=1e-6)

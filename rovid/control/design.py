@@ -10,7 +10,7 @@ import numpy as np
 
 from rovid.control.allocation import Allocation, allocate
 from rovid.control.law import Law, holds
-from rovid.control.loop import Plant, run_closed
+from rovid.control.loop import Course, Plant, run_closed
 from rovid.control.measures import Measures, measure
 from rovid.control.tuning import (
     BANDWIDTHS,
@@ -135,13 +135,17 @@ class Manoeuvre:
 
 @dataclass(frozen=True, kw_only=True)
 class RunResult:
-    """One manoeuvre with the ``effects`` in the plant, with or without the aid, which knows of the effects or not."""
+    """One manoeuvre with the ``effects`` in the plant, with or without the aid, which knows of the effects or not.
+
+    ``quiet`` is the run without noise, disturbance and waves.
+    """
 
     name: str
     effects: tuple[str, ...]
     model_aid: bool
     effects_known: bool
     measures: Measures
+    quiet: Course
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -368,20 +372,24 @@ def closed_runs(
                 heading_noise=setting.heading_noise,
                 disturbance=_DISTURBANCE * setting.torque_in_use,
             )
+            measures, quiet = run_manoeuvre(controller, inverse, plant, manoeuvre)
             results.append(
                 RunResult(
                     name=manoeuvre.name,
                     effects=tuple(effect.key for effect in acting.effects),
                     model_aid=aided,
                     effects_known=known,
-                    measures=run_manoeuvre(controller, inverse, plant, manoeuvre),
+                    measures=measures,
+                    quiet=quiet,
                 )
             )
     return results
 
 
-def run_manoeuvre(law: Law, allocation: Allocation, plant: Plant, manoeuvre: Manoeuvre, seed: int = 0) -> Measures:
-    """One closed-loop run, and the same without noise and disturbance for its limit cycle."""
+def run_manoeuvre(
+    law: Law, allocation: Allocation, plant: Plant, manoeuvre: Manoeuvre, seed: int = 0
+) -> tuple[Measures, Course]:
+    """One closed-loop run, and the same without noise, disturbance and waves, which shows its limit cycle."""
     count = math.ceil(duration(law, plant.model) / law.period)
     wanted = np.full(count, math.radians(manoeuvre.wanted))
     time = law.period * np.arange(count)
@@ -390,7 +398,7 @@ def run_manoeuvre(law: Law, allocation: Allocation, plant: Plant, manoeuvre: Man
     start = math.radians(manoeuvre.start)
     course = run_closed(law, allocation, plant, wanted, start, push=push, seed=seed)
     quiet = run_closed(law, allocation, plant.quiet(), wanted, start, push=steady)
-    return measure(course, quiet)
+    return measure(course, quiet), quiet
 
 
 def duration(law: Law, model: Model) -> float:

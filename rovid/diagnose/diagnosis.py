@@ -31,6 +31,9 @@ from rovid.identify.likelihood import (
 from rovid.identify.regression import require_inertia
 from rovid.identify.simulated import SimulatedLikelihood, SimulatedRecords
 from rovid.model import Model
+from rovid.plan.design import Plan, plan
+from rovid.plan.programme import Limits
+from rovid.plan.worth import Belief
 from rovid.runs import Run, Runs, channels
 from rovid.trial import FloatArray
 from rovid.vehicle import Vehicle
@@ -39,26 +42,26 @@ from rovid.vehicle import Vehicle
 _BEATEN = (6.0, 0.03, 40.0)
 # An effect that differs from nothing by fewer standard errors, as printed, is not claimed.
 _SIGNIFICANT = 3.5
-# A rival with this share of an effect's gain is compared with it over every heading.
+# A rival with this share of an effect's gain is compared with it over every reading.
 _CLOSE = 0.8
 _DECISIONS = 3
-# The search looks at headings this share of the vehicle's time constant apart, and no farther than so many seconds.
+# The search looks at readings this share of the vehicle's time constant apart, and no farther than so many seconds.
 _THINNED, _THINNED_SECONDS = 0.05, 0.2
-# With no worse a simulation the likelihood of each next heading is trusted though the innovations are not white.
+# With no worse a simulation the likelihood of each next reading is trusted though the innovations are not white.
 _EXPLAINED_R2 = 0.98
 # A search whose misfits correlate for no less time than this is the last.
 _MORE = 1.2
 _BY_SIMULATION = (
-    "The simulation misses much. The likelihood of each next heading would call that disturbance, so causes were "
-    "judged by the free-running yaw rate: gains are of its log-likelihood, with misfits that correlate counted as one."
+    "The simulation misses much. The likelihood of each next reading would call that disturbance, so causes were "
+    "judged by the free-running rate: gains are of its log-likelihood, with misfits that correlate counted as one."
 )
 _CUT_SHORT = (
     "The search was ended before nothing more could be found: each addition asked for another. What was found is "
     "likely to stand for something else."
 )
-# Yaw data never show these: the same motion comes of other inertia and drag.
+# No data along one axis show these: the same motion comes of other inertia and drag.
 NEVER_SHOWN = ("thrust_scale", "rate_scale")
-# A yaw rate below so many times its noise is no motion.
+# A rate below so many times its noise is no motion.
 _MOTION = 2.0
 # A null so large stands for infinity.
 _ENDLESS = 1e5
@@ -82,6 +85,8 @@ class Finding:
         Other causes in its place, best first.
     undecided
         Those of them that these data do not rule out.
+    plan
+        Runs that would tell it from the first of those; None where it is decided.
     """
 
     effect: Effect
@@ -90,6 +95,7 @@ class Finding:
     held_out_gain: float
     rivals: tuple[Rival, ...]
     undecided: tuple[Effect, ...]
+    plan: Plan | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -118,7 +124,7 @@ class Diagnosis:
     unexplained_share
         Variance of the disturbance torque over that of the torque.
     noise_floor
-        rad/s; what a perfect model would miss of the yaw rate.
+        In the unit of the rate; what a perfect model would miss of it.
     detectable
         Each effect that was not found, and the size of its first parameter that would have been seen, in its unit;
         infinite where none would.
@@ -172,7 +178,7 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     if base_r2 >= TRUSTED_R2:
         work = _by_innovations(full, base_r2, candidates, report)
         if not work.explains:
-            report("The likelihood of each next heading finds no end: looking at the simulation instead …")
+            report("The likelihood of each next reading finds no end: looking at the simulation instead …")
             work = None
     if work is None:
         work = _by_simulation(full, candidates, report)
@@ -187,7 +193,7 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
 
 
 def _by_innovations(full: Records, base_r2: float, candidates: Sequence[Effect], report: Report) -> _Work:
-    """Search by the likelihood of each next heading, first over some of the headings."""
+    """Search by the likelihood of each next reading, first over some of the readings."""
     quick = replace(full, interval=_interval(full.runs, full.start, full.rate))
     likelihood, x, _ = fit_base(quick, base_r2)
     base = Fitted(likelihood, x, likelihood.cost(x))
@@ -196,7 +202,7 @@ def _by_innovations(full: Records, base_r2: float, candidates: Sequence[Effect],
 
 
 def _by_simulation(full: Records, candidates: Sequence[Effect], report: Report) -> _Work:
-    """Search by the free-running yaw rate.
+    """Search by the free-running rate.
 
     What is missing makes misfits correlate for long, so that little counts. With the right cause they do so for less:
     the correlation is that which the best next cause would leave, whether that is claimed in the end or not.
@@ -249,7 +255,7 @@ class _Work:
         )
 
     def decide(self) -> None:
-        """Let every heading decide between an effect and a close rival: the quick look may have taken the wrong one."""
+        """Let every reading decide between an effect and a close rival: the quick look may have taken the wrong one."""
         for _ in range(_DECISIONS):
             found = (self.found(effect) for effect in self.final.effects)
             better = next((r for one in found for r in one.rivals if r.gain > one.worth and r.fitted.plausible), None)
@@ -258,7 +264,7 @@ class _Work:
             self.final = better.fitted
 
     def found(self, effect: Effect) -> Found:
-        """What ``effect`` gains, its close rivals compared over every heading."""
+        """What ``effect`` gains, its close rivals compared over every reading."""
         found = self.search.found(self.final, effect)
         close = [
             rival for rival in found.rivals[:2] if rival.gain > _CLOSE * found.worth and not is_driver(rival.effect)
@@ -271,7 +277,7 @@ class _Work:
         return replace(found, rivals=tuple(sorted(rivals, key=lambda rival: -rival.gain)))
 
     def refined(self, fitted: Fitted) -> Fitted:
-        """The same model fitted to every heading, once."""
+        """The same model fitted to every reading, once."""
         key = key_of(fitted.effects)
         if key not in self._refined:
             likelihood = type(fitted.likelihood)(self.full, fitted.likelihood.limit, fitted.effects)
@@ -330,12 +336,15 @@ def _lack(runs: Sequence[Run], part: float) -> str:
             f"they are too short to be cut into {FEWEST_TRIALS} parts of {part:.0f} s. Record more runs, of other "
             "kinds (a hold the other way, a sine, a coast-down)."
         )
+    axis = runs[0].trial.axis
     if not any(np.any(run.torque != 0.0) for run in runs):
-        return "no thruster ever runs: there is no torque to explain the motion with. Log a run under thrust."
+        return f"no thruster ever runs: there is no {axis.push} to explain the motion with. Log a run under thrust."
     if not any(_moves(run) for run in runs):
+        moves, move = ("turns", "turn") if axis.angular else ("moves", "move")
         return (
-            "the vehicle never turns: its yaw rate is no larger than the heading's noise makes it. Check that heading "
-            "in rovid.toml is the vehicle's, and run sines, steps or a pseudo-random command that turn it."
+            f"the vehicle never {moves}: its {axis.rate_words} is no larger than the sensor's noise makes it. Check "
+            f"that {axis.position} in rovid.toml is the vehicle's, and run sines, steps or a pseudo-random command "
+            f"that {move} it."
         )
     return ""
 
@@ -375,6 +384,7 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
     # What is missing makes one of them uncertain; where both are, the vehicle was not excited.
     require_inertia(min(base_estimate, estimate, key=_uncertainty), CERTAINTY)
     findings = [_finding(work, one, estimate, white=white) for one in found if not is_driver(one.effect)]
+    findings = [replace(one, plan=_telling(work, one)) if one.undecided else one for one in findings]
     signals = tuple((one.effect, one.worth) for one in found if is_driver(one.effect))
     at_limit = final.likelihood.at_limit(final.x)
     if at_limit:
@@ -441,8 +451,26 @@ def _finding(work: _Work, found: Found, estimate: Estimate, *, white: bool) -> F
     )
 
 
+def _telling(work: _Work, finding: Finding) -> Plan | None:
+    """Runs that would tell ``finding`` from its nearest rival; None where there is no such run."""
+    rival = next(one for one in finding.rivals if one.effect is finding.undecided[0])
+    models = {finding.effect.title: work.final, rival.effect.title: rival.fitted}
+    if any(is_driver(effect) for fitted in models.values() for effect in fitted.effects):
+        return None  # nobody knows what the signal will be
+    vehicle = work.full.vehicle
+    assert vehicle is not None  # noqa: S101 - a diagnosis has one
+    beliefs = []
+    for name, fitted in models.items():
+        full = work.refined(fitted)
+        beliefs.append(Belief.of(name, full.likelihood, full.x, covariance(full.likelihood, full.x, sandwich=False)))
+    try:
+        return plan(beliefs, vehicle, [run.trial for run in work.full.runs], Limits())
+    except DataError:
+        return None
+
+
 def _noise_floor(fitted: Fitted) -> float:
-    """RMS yaw rate in rad/s that the disturbance drives, and what the low pass leaves of the sensor's noise."""
+    """RMS rate that the disturbance drives, and what the low pass leaves of the sensor's noise."""
     noise = float(np.median([run.rates.rate_noise for run in fitted.likelihood.records.runs]))
     return math.hypot(fitted.likelihood.driven_rate(fitted.x), noise)
 
@@ -468,6 +496,6 @@ def _detectable(work: _Work) -> tuple[tuple[Effect, float], ...]:
 
 
 def not_identifiable(vehicle: Vehicle) -> tuple[str, ...]:
-    """What yaw data of ``vehicle`` cannot show at all."""
+    """What data of ``vehicle`` cannot show at all."""
     thrusters = [thruster for thruster in vehicle.thrusters if thruster.curve is not None]
     return NEVER_SHOWN if len(thrusters) > 1 else (*NEVER_SHOWN, "thruster_imbalance")

@@ -6,6 +6,7 @@ from typing import Any
 
 from rovid.diagnose.diagnosis import Diagnosis, Finding
 from rovid.effects import CATALOGUE, Effect
+from rovid.plan.design import command_rows
 
 # Runs that separate two causes best (EFFECTS.md 3.1); where none stands here, the run that reveals either.
 _PAIRS = {
@@ -25,10 +26,23 @@ _PAIRS = {
 
 
 def deciding_experiment(finding: Finding) -> dict[str, Any] | None:
-    """The run that would tell ``finding`` from what it cannot be told from; None where it is decided."""
+    """The run that would tell ``finding`` from what it cannot be told from; None where it is decided.
+
+    With its commands, each held until the next, where one is expected to decide.
+    """
     if not finding.undecided:
         return None
-    return _separating(finding.effect, finding.undecided[0])
+    told = _separating(finding.effect, finding.undecided[0])
+    plan = finding.plan
+    if plan is None or not plan.decides:
+        return told
+    times, rows = command_rows(plan.best)
+    return told | {
+        "run": plan.best.run.name,
+        "minutes": plan.best.run.seconds / 60.0,
+        "expected_log_likelihood_ratio": plan.best.gain,
+        "commands": {"time_s": times} | {name: [row[k] for row in rows] for k, name in enumerate(plan.thrusters)},
+    }
 
 
 def _separating(one: Effect, other: Effect) -> dict[str, Any]:

@@ -24,10 +24,10 @@ class HeldOut:
     ----------
     log_likelihood
         Of the innovations of all trials.
-    yaw_rate_r2, yaw_rate_rmse
-        Free-running, over all trials; rad/s.
-    heading_errors
-        Horizon in s -> RMS heading error in rad that far after a restart; None where no trial is as long.
+    rate_r2, rate_rmse
+        Free-running, over all trials.
+    position_errors
+        Horizon in s -> RMS position error that far after a restart; None where no trial is as long.
     """
 
     log_likelihood: float

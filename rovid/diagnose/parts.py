@@ -17,7 +17,7 @@ FEWEST_TRIALS = 4
 _PARTS = 8
 _SHORTEST = 30.0  # s; a part
 _CUTOFF_PERIODS = 8.0  # the filter takes two and a half of them
-_FEWEST_HEADINGS = 10  # in a part, as in a log
+_FEWEST = 10  # in a part, as in a log
 
 
 def parts_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> Runs | None:
@@ -44,7 +44,7 @@ def shortest_part(cutoff: float) -> float:
 
 
 def _cut(trial: Trial, length: float) -> list[Trial]:
-    """Parts that begin and end with a measured heading, as logs do; those that fall into a gap are left out."""
+    """Parts that begin and end with a measured position, as logs do; those that fall into a gap are left out."""
     count = max(round(trial.duration / length), 1)
     edges = np.searchsorted(trial.time, np.linspace(0.0, trial.duration, count + 1)[1:-1])
     bounds = [0, *(int(edge) for edge in edges), len(trial.time)]
@@ -52,7 +52,7 @@ def _cut(trial: Trial, length: float) -> list[Trial]:
     return [
         _part(trial, slice(int(piece[0]), int(piece[-1]) + 1), number)
         for number, piece in enumerate(pieces, start=1)
-        if len(piece) >= _FEWEST_HEADINGS
+        if len(piece) >= _FEWEST
     ]
 
 

@@ -1,4 +1,4 @@
-"""Fit of the free-running yaw rate: what a user means by a good model, and a start that stays sane."""
+"""Fit of the free-running rate: what a user means by a good model, and a start that stays sane."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LEAST = 1e-2
 
 
 def fit_free_run(runs: Sequence[Run]) -> Model:
-    """Least squares of measured less simulated yaw rate, both behind the same filter, within physical bounds.
+    """Least squares of measured less simulated rate, both behind the same filter, within physical bounds.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def fit_free_run(runs: Sequence[Run]) -> Model:
 
 
 def free_run_r2(runs: Sequence[Run], model: Model) -> float:
-    """R^2 of yaw rate over all runs, each simulated freely from its first sample."""
+    """R^2 of the rate over all runs, each simulated freely from its first sample."""
     measured = np.concatenate([run.rates.rate for run in runs])
     return compare(measured, np.concatenate([simulated_rate(run, model, Drive.held(run.torque)) for run in runs])).r2
 

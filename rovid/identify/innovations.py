@@ -29,7 +29,7 @@ _RATE_ERROR = 0.2  # of the rate's root mean square: how well the first rate of 
 _ANGLE_NOISE_FLOOR = 1e-5  # rad; no heading is better, and one from an autopilot's filter would claim to be
 _RATE_NOISE_FLOOR = 1e-5  # rad/s; likewise
 _BLOCK_SECONDS = 40.0
-# Share of the heading's noise.
+# Share of the position's noise.
 _LOST = 0.1
 # Innovations beyond so many standard deviations count in proportion, not squared (Huber 1964).
 _OUTLIER = 5.0
@@ -53,7 +53,7 @@ class Records:
     interval
         Headings nearer to each other, in s, are passed over; 0 for none. A quick look needs no more.
     gyro
-        Whether logged yaw rates are looked at besides the headings.
+        Whether logged rates are looked at besides the positions.
     """
 
     runs: Sequence[Run]
@@ -124,7 +124,7 @@ class Records:
     def _parts(self) -> int:
         """How finely a torque that changes between two samples has to be known.
 
-        What a mean in its place does to the angle is to be lost in the heading's noise.
+        What a mean in its place does to the angle is to be lost in the position's noise.
         """
         period = float(np.median([run.trial.period for run in self.runs]))
         most = max(float(np.max(np.abs(run.torque))) for run in self.runs)
@@ -133,7 +133,7 @@ class Records:
 
     @cached_property
     def gyro_rates(self) -> list[FloatArray]:
-        """(n,) measured rate less the gyro's offset from the heading's, rad/s; NaN where none is looked at."""
+        """(n,) measured rate less the gyro's offset from the position's rate; NaN where none is looked at."""
         return [
             np.full(len(at), np.nan)
             if run.trial.rate is None or not (self.gyro or self.integrated)
@@ -152,7 +152,7 @@ class Records:
 
     @cached_property
     def known(self) -> list[NDArray[np.intp]]:
-        """Where each run has a heading; the first is where the filter starts."""
+        """Where each run has a position; the first is where the filter starts."""
         return [np.flatnonzero(np.isfinite(angle))[1:] for angle in self.angles]
 
     @cached_property
@@ -162,7 +162,7 @@ class Records:
 
     @cached_property
     def looked_at(self) -> list[NDArray[np.intp]]:
-        """Instant of each innovation of each run: of the headings, then of the rates."""
+        """Instant of each innovation of each run: of the positions, then of the rates."""
         return [np.concatenate(pair) for pair in zip(self.known, self.known_rates, strict=True)]
 
     @cached_property
@@ -186,7 +186,7 @@ class Records:
 
     @cached_property
     def rate(self) -> float:
-        """Root mean square of the yaw rate, rad/s."""
+        """Root mean square of the rate, rad/s or m/s."""
         rates = np.concatenate([run.rates.rate for run in self.runs])
         return max(float(np.sqrt(np.nanmean(rates**2))), 1e-9)
 
@@ -322,13 +322,13 @@ class Likelihood:
         return math.exp(x[DISTURBANCE]), math.exp(x[MEMORY])
 
     def driven_rate(self, x: FloatArray) -> float:
-        """Standard deviation of the yaw rate in rad/s that the disturbance drives, about the usual rate."""
+        """Standard deviation of the rate that the disturbance drives, about the usual rate."""
         torque, memory = self.disturbance(x)
         slope, constant = self._slope(x)
         return torque / slope * math.sqrt(memory / (memory + constant * self._held_back(x, memory)))
 
     def position_noise(self, x: FloatArray) -> float:
-        """Standard deviation of the heading's noise in rad."""
+        """Standard deviation of the noise of what is measured."""
         return math.exp(x[NOISE])
 
     def _held_back(self, x: FloatArray, memory: float) -> float:

@@ -63,10 +63,11 @@ class LikelihoodFit:
     white
         Whether the normalised innovations are white (Ljung-Box) and free of heavy tails.
     free_run_r2, base_r2
-        R^2 of the free-running yaw rate with this model, and with the fit that looks at nothing else.
+        R^2 of the free-running rate with this model, and with the fit that looks at nothing else.
     """
 
     estimate: Estimate
+    model: Model
     log_likelihood: float
     disturbance: float
     correlation_time: float
@@ -82,7 +83,7 @@ class LikelihoodFit:
 def fit_likelihood(
     runs: Sequence[Run], vehicle: Vehicle | None = None, effects: tuple[Effect, ...] = (), *, gyro: bool = False
 ) -> LikelihoodFit:
-    """Estimate inertia, drag, effects, disturbance and heading noise together by the prediction-error method.
+    """Estimate inertia, drag, effects, disturbance and measurement noise together by the prediction-error method.
 
     The likelihood of the innovations of an extended Kalman filter (Ljung 1999, section 7.4; Schweppe 1965) with a
     first-order Gauss-Markov disturbance torque is right under feedback, with gaps and at any sampling. It starts
@@ -94,17 +95,20 @@ def fit_likelihood(
     vehicle
         Needed by effects that act between command and torque.
     gyro
-        Whether logged yaw rates are looked at too. They should come of an instrument of their own: a heading out of
+        Whether logged rates are looked at too. They should come of an instrument of their own: a heading out of
         the same filter is not independent of them.
 
     Raises
     ------
     DataError
-        The vehicle was not excited enough, or no yaw rate is logged.
+        The vehicle was not excited enough, or no rate is logged.
     """
+    axis = runs[0].trial.axis
     if gyro and all(run.trial.rate is None for run in runs):
         raise DataError(
-            "no yaw rate is logged.", where="--gyro", mend="Map yaw_rate in [signals] of rovid.toml, or leave it out."
+            f"no {axis.rate_words} is logged.",
+            where="--gyro",
+            mend=f"Map {axis.rate} in [signals] of rovid.toml, or leave it out.",
         )
     records = Records(runs, vehicle, fit_free_run(runs), gyro=gyro)
     base_r2 = free_run_r2(runs, records.start)
@@ -137,7 +141,7 @@ def fit_base(records: Records, base_r2: float) -> tuple[Likelihood, FloatArray, 
 
 
 def fit_simulated(records: Records) -> tuple[SimulatedLikelihood, FloatArray, float]:
-    """As `fit_base`, by the free-running yaw rate alone."""
+    """As `fit_base`, by the free-running rate alone."""
     likelihood = SimulatedLikelihood(SimulatedRecords.of(records, records.start))
     x, _ = likelihood.climb(likelihood.first())
     return likelihood, x, simulated_r2(likelihood, x)
@@ -165,7 +169,7 @@ def starts(effect: Effect) -> list[FloatArray]:
 
 
 def simulated_r2(likelihood: Likelihood, x: FloatArray) -> float:
-    """R^2 of the free-running yaw rate at ``x``."""
+    """R^2 of the free-running rate at ``x``."""
     model, runs = likelihood.model(x), likelihood.records.runs
     pairs = zip(runs, likelihood.records.drives(model), strict=True)
     simulated = [simulated_rate(run, model, drive) for run, drive in pairs]
@@ -215,6 +219,7 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
     require_inertia(estimate, CERTAINTY)
     return LikelihoodFit(
         estimate=estimate,
+        model=model,
         log_likelihood=-likelihood.cost(x),
         disturbance=disturbance,
         correlation_time=memory,
@@ -248,8 +253,8 @@ def _warnings(likelihood: Likelihood, model: Model, *, white: bool, at_limit: bo
         )
     if isinstance(likelihood, SimulatedLikelihood):
         texts.append(
-            "The simulation misses too much for the likelihood of each next heading, which would call it disturbance: "
-            "the parameters are those of the best free-running yaw rate."
+            "The simulation misses too much for the likelihood of each next reading, which would call it disturbance: "
+            "the parameters are those of the best free-running rate."
         )
         if likelihood.records.gyro:
             texts.append("--gyro has no say there: the rate is that of the logs already.")

@@ -1,4 +1,4 @@
-"""The likelihood of the free-running yaw rate, for models that miss too much to be judged by the next heading."""
+"""The likelihood of the free-running rate, for models that miss too much to be judged by the next reading."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _SMALLEST, _LARGEST = 1e-4, 10.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SimulatedRecords(Records):
-    """As `Records`, but what is looked at is the yaw rate on the grid of each run.
+    """As `Records`, but what is looked at is the rate on the grid of each run.
 
     Attributes
     ----------
     misfit
-        (N,) measured less simulated yaw rate of a model of before, rad/s.
+        (N,) measured less simulated rate of a model of before, rad/s.
     correlation_time
         Within twice that many seconds misfits count as one.
     """
@@ -58,12 +58,12 @@ class SimulatedRecords(Records):
 
     @cached_property
     def known(self) -> list[NDArray[np.intp]]:
-        """Where on the grid of each run the yaw rate is known."""
+        """Where on the grid of each run the rate is known."""
         return [np.flatnonzero(np.isfinite(run.rates.rate)) for run in self.runs]
 
     @cached_property
     def looked_at(self) -> list[NDArray[np.intp]]:
-        """As ``known``: the rate on the grid is all that is looked at, a gyro's or the heading's."""
+        """As ``known``: the rate on the grid is all that is looked at, a gyro's or the position's."""
         return self.known
 
 
@@ -80,7 +80,7 @@ def _correlation_time(misfits: Sequence[FloatArray], period: float) -> float:
 
 
 class SimulatedLikelihood(Likelihood):
-    """Negative log-likelihood of the free-running yaw rate's misfit.
+    """Negative log-likelihood of the free-running rate's misfit.
 
     Misfits correlate: those within two correlation times count as one, so that gains and standard errors mean what
     they say. The coordinates are those of `Likelihood`, but ``NOISE`` is the logarithm of the misfit in rad/s; the
@@ -88,7 +88,7 @@ class SimulatedLikelihood(Likelihood):
     """
 
     records: SimulatedRecords
-    method = "maximum likelihood of the free-running yaw rate"
+    method = "maximum likelihood of the free-running rate"
 
     def __init__(
         self,
@@ -119,7 +119,7 @@ class SimulatedLikelihood(Likelihood):
         return 0.0
 
     def position_noise(self, x: FloatArray) -> float:  # noqa: ARG002 - as in Likelihood
-        """Standard deviation of the heading's noise in rad, from its differences."""
+        """Standard deviation of the noise of what is measured, from its differences."""
         return self.records.position_noise
 
     def at_limit(self, x: FloatArray) -> bool:  # noqa: ARG002 - as in Likelihood

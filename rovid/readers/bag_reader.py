@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from urllib.parse import quote
 
 from rovid.config import Config
 from rovid.errors import LogError, nearest
 from rovid.readers.raw import RawLog, foreign, library, mapped
-from rovid.readers.topics import Decoder, Topics
+from rovid.readers.topics import Decoder, Topics, numeric_fields
 from rovid.trial import Remark
 
 KIND = "bag"
@@ -51,16 +52,8 @@ def read(path: Path, config: Config) -> RawLog:
         rovid.toml does not map the heading or a command for bags or MCAP.
     """
     topics = Topics(path, KIND, mapped(config, KIND, path), config.time)
-    with path.open("rb") as file:
-        head = file.read(len(_ROS2_MARK))
-    if path.suffix.lower() == ".db3":
-        opened, known, name = _ros2, head == _ROS2_MARK, "a ROS 2 bag in SQLite"
-    else:
-        opened, known, name = _ros1, head.startswith(_ROS1_MARK), "a ROS 1 bag"
-    if not known:
-        raise foreign(path, name)
     damage = ""
-    with opened(path) as (connections, messages):
+    with _opened(path) as (connections, messages):
         handlers = {
             one.number: topic.handler(_decoder(path, one), mapping=False)
             for one in connections
@@ -75,6 +68,36 @@ def read(path: Path, config: Config) -> RawLog:
             damage = f"The bag is cut or damaged ({str(error)[:100]}); what comes behind was not read."
     remarks = (Remark(kind="truncated", count=1, text=damage),) if damage else ()
     return topics.result(lambda _: remarks, f" {damage}" if damage else "")
+
+
+def sources(path: Path) -> tuple[str, list[str]]:
+    """Nothing, for the clock is that of the recording, and every field that holds a number or an orientation.
+
+    Raises
+    ------
+    LogError
+        It is no bag, or rosbags is not installed.
+    """
+    found: dict[str, None] = {}
+    library("rosbags.typesys", _EXTRA, path)
+    with _opened(path) as (connections, messages):
+        for one in connections:
+            with suppress(Exception):  # what cannot be decoded tells nothing
+                for _, _, payload in islice(messages([one.number]), 1):
+                    found.update(dict.fromkeys(numeric_fields(_decoder(path, one)(payload), one.topic)))
+    return "", list(found)
+
+
+def _opened(path: Path) -> AbstractContextManager[_Bag]:
+    with path.open("rb") as file:
+        head = file.read(len(_ROS2_MARK))
+    if path.suffix.lower() == ".db3":
+        if head != _ROS2_MARK:
+            raise foreign(path, "a ROS 2 bag in SQLite")
+        return _ros2(path)
+    if not head.startswith(_ROS1_MARK):
+        raise foreign(path, "a ROS 1 bag")
+    return _ros1(path)
 
 
 @contextmanager

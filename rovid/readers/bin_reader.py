@@ -16,12 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rovid.config import Config
-from rovid.readers.columns import Columns, channels_of, missing_topic, of_sensor, raw_log, split_sensor
+from rovid.readers.columns import Columns, channels_of, missing_topic, numeric_sources, of_sensor, raw_log, split_sensor
 from rovid.readers.raw import RawLog, foreign, mapped
 from rovid.trial import Remark
 
 KIND = "bin"
 _NAME = "an ArduPilot DataFlash log"
+# Messages that `rovid init` looks into; most others are the autopilot's own affairs.
+_TELLING = ("ATT", "RATE", "RCOU", "RCO2", "BAT")
 _MARK = b"\xa3\x95"
 _FMT = 128
 _DESCRIPTION = struct.Struct("<BB4s16s64s")  # type, length, name, letters, labels
@@ -55,6 +57,24 @@ def read(path: Path, config: Config) -> RawLog:
             clock = config.time.sources.get(KIND, "TimeUS")
             channels = channels_of(path, KIND, signals, log.columns, clock)
     return raw_log(channels, tuple(log.remarks))
+
+
+def sources(path: Path) -> tuple[str, list[str]]:
+    """Nothing, for every message has its time, and what tells of motion, thrusters and supply.
+
+    Raises
+    ------
+    LogError
+        It is no DataFlash log.
+    """
+    with path.open("rb") as file:
+        if file.read(2) != _MARK:
+            raise foreign(path, _NAME)
+        with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+            log = Log(path, data, set(_TELLING))
+            present = [name for name in _TELLING if name in log.kinds and log.kinds[name].offsets]
+            topics = {name: log.columns(name) for name in present}
+    return "", [source for source in numeric_sources(topics) if ".Des" not in source]
 
 
 class _Kind:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +16,7 @@ import pandas as pd
 
 from rovid.config import Config, Signal
 from rovid.errors import LogError
+from rovid.guess import CLOCK, words
 from rovid.readers.csv_header import Layout, last_whole_line, read_layout
 from rovid.readers.instants import epoch_of, stamps
 from rovid.readers.raw import Channel, RawLog, mapped, time_signal
@@ -235,3 +236,35 @@ class _Slice(io.RawIOBase):
         count = self._file.readinto(memoryview(buffer)[: self._left])  # type: ignore[attr-defined]  # a raw file has it
         self._left -= count
         return int(count)
+
+
+def sources(path: Path) -> tuple[str, list[str]]:
+    """The column of the clock, empty if none looks like one, and every other column that begins with numbers.
+
+    Raises
+    ------
+    LogError
+        It is no table.
+    """
+    layout = read_layout(path, ())
+    columns = {name: [row[at] for row in layout.rows if at < len(row)] for at, name in enumerate(layout.names) if name}
+    numbers = {name: found for name, cells in columns.items() if (found := _numbers(cells, layout)) is not None}
+    named = [name for name in columns if words(name) & CLOCK and (name not in numbers or _rises(numbers[name]))]
+    clock = next(iter(named or (name for name in numbers if _rises(numbers[name]))), "")
+    return clock, [name for name in numbers if name != clock]
+
+
+def _numbers(cells: Sequence[str], layout: Layout) -> FloatArray | None:
+    """(n,) what the cells hold, NaN where empty; None where one holds something else, or all are empty."""
+    comma = layout.delimiter != ","
+    try:
+        texts = [cell.strip().replace(",", ".") if comma else cell.strip() for cell in cells]
+        values = np.array([float(text) if text not in _MISSING else math.nan for text in texts])
+    except ValueError:
+        return None
+    return values if np.isfinite(values).any() else None
+
+
+def _rises(values: FloatArray) -> bool:
+    known = values[np.isfinite(values)]
+    return len(known) > 1 and bool(np.all(np.diff(known) > 0.0))

@@ -23,7 +23,8 @@ class Format:
     kind
         Its key in the sources of a signal in rovid.toml.
     module
-        Holds ``read(path, config) -> RawLog``; imported when the first such file is read, for start-up time.
+        Holds ``read(path, config) -> RawLog`` and ``sources(path)``; imported when the first such file is read, for
+        start-up time.
     """
 
     kind: str
@@ -32,6 +33,10 @@ class Format:
     def read(self, path: Path, config: Config) -> RawLog:
         """Raw channels of ``path``."""
         return cast("Callable[[Path, Config], RawLog]", import_module(self.module).read)(path, config)
+
+    def sources(self, path: Path) -> tuple[str, list[str]]:
+        """The source of the clock, empty where the format has one of its own, and of everything else that is there."""
+        return cast("Callable[[Path], tuple[str, list[str]]]", import_module(self.module).sources)(path)
 
 
 READERS: Mapping[str, Format] = {

@@ -13,7 +13,7 @@ from rovid.config import Config, Signal
 from rovid.readers.mcap_container import Recording
 from rovid.readers.mcap_messages import decoder
 from rovid.readers.raw import RawLog, mapped
-from rovid.readers.topics import Handler, Topics
+from rovid.readers.topics import Handler, Topics, numeric_fields
 from rovid.trial import Remark
 
 KIND = "mcap"
@@ -68,3 +68,29 @@ def _cut(recording: Recording, last: float) -> tuple[Remark, ...]:
     if recording.rescued:
         text += f" {recording.rescued} messages were rescued from its last chunk."
     return (Remark(kind="truncated", count=unread, text=text),)
+
+
+def sources(path: Path) -> tuple[str, list[str]]:
+    """Nothing, for the clock is that of the recording, and every field that holds a number or an orientation.
+
+    Raises
+    ------
+    LogError
+        It is no MCAP file, or an encoding is not supported.
+    """
+    found: dict[str, None] = {}
+
+    def opened(channel: Channel, schema: Schema | None) -> Handler | None:
+        decode, topic, first = decoder(channel, schema, str(path)), channel.topic, [True]
+
+        def take(payload: bytes, _log: int, _publish: int) -> None:
+            if first:
+                first.clear()
+                found.update(dict.fromkeys(numeric_fields(decode(payload), topic)))
+
+        return take
+
+    with path.open("rb", buffering=1 << 16) as file:
+        size = file.seek(0, io.SEEK_END)
+        Recording(path=path, size=size, file=file, open_channel=opened).read(by_index=True)
+    return "", list(found)

@@ -74,6 +74,21 @@ def read(path: Path, config: Config) -> RawLog:
     return RawLog(channels=everything, place=place, remarks=(*text.remarks, *log.remarks), sortable=log.sortable)
 
 
+def sources(path: Path) -> tuple[str, list[str]]:
+    """Nothing: what it holds says something only beside another log.
+
+    Raises
+    ------
+    LogError
+        Always.
+    """
+    raise LogError(
+        "is no log by itself, so nothing is guessed from it.",
+        where=path,
+        mend='Write heading = { nmea = "heading" } in [signals] by hand.',
+    )
+
+
 def _beside(path: Path, config: Config) -> tuple[Path, RawLog]:
     """The log that holds the commands."""
     suffixes = [suffix for suffix, form in READERS.items() if form.kind != KIND]

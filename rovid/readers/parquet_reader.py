@@ -10,6 +10,7 @@ import pandas as pd
 
 from rovid.config import Config
 from rovid.errors import LogError, nearest
+from rovid.guess import CLOCK, words
 from rovid.readers.instants import epoch_of, stamps
 from rovid.readers.raw import Channel, RawLog, foreign, library, mapped, time_signal
 from rovid.trial import FloatArray
@@ -30,9 +31,7 @@ def read(path: Path, config: Config) -> RawLog:
         rovid.toml does not map the time, the heading or a command for it.
     """
     signals = {"time": time_signal(config, KIND), **mapped(config, KIND, path)}
-    with path.open("rb") as file:
-        if file.read(len(_MARK)) != _MARK:
-            raise foreign(path, "a Parquet file")
+    _check(path)
     wanted = {name: signal.sources[KIND] for name, signal in signals.items()}
     frame = _frame(path, wanted)
     if not len(frame):
@@ -64,14 +63,43 @@ def _frame(path: Path, wanted: dict[str, str]) -> pd.DataFrame:
     except LogError:
         raise
     except Exception as error:  # damaged files make the library raise anything
-        raise LogError(
-            f"is a Parquet file that is cut or damaged ({str(error)[:100]}).".replace("\n", " "),
-            where=path,
-            mend="Write it again; what it describes stands at its end, so a part of one cannot be read.",
-        ) from error
+        raise _damaged(path, error) from error
     if not isinstance(frame, pd.DataFrame):  # for the type checker: pyarrow tells it nothing
         raise TypeError(type(frame))
     return frame
+
+
+def sources(path: Path) -> tuple[str, list[str]]:
+    """The column of the clock, empty if none is named like one, and every other column of numbers.
+
+    Raises
+    ------
+    LogError
+        It is no Parquet file, or pyarrow is not installed.
+    """
+    _check(path)
+    parquet, types = library("pyarrow.parquet", EXTRA, path), library("pyarrow.types", EXTRA, path)
+    try:
+        schema = parquet.read_schema(path)
+    except Exception as error:
+        raise _damaged(path, error) from error
+    numbers = [one.name for one in schema if types.is_integer(one.type) or types.is_floating(one.type)]
+    clock = next((name for name in schema.names if words(name) & CLOCK), "")
+    return clock, [name for name in numbers if name != clock]
+
+
+def _check(path: Path) -> None:
+    with path.open("rb") as file:
+        if file.read(len(_MARK)) != _MARK:
+            raise foreign(path, "a Parquet file")
+
+
+def _damaged(path: Path, error: Exception) -> LogError:
+    return LogError(
+        f"is a Parquet file that is cut or damaged ({str(error)[:100]}).".replace("\n", " "),
+        where=path,
+        mend="Write it again; what it describes stands at its end, so a part of one cannot be read.",
+    )
 
 
 def _no_column(path: Path, column: str, name: str, present: list[str]) -> LogError:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rovid.config import Config
-from rovid.readers.columns import Columns, channels_of, missing_topic, of_sensor, raw_log, split_sensor
+from rovid.readers.columns import Columns, channels_of, missing_topic, numeric_sources, of_sensor, raw_log, split_sensor
 from rovid.readers.raw import RawLog, foreign, library, mapped
 from rovid.trial import Remark
 
@@ -29,6 +29,8 @@ _MARK = re.compile(b"[\xfd\xfe]")
 _AROUND_V1, _AROUND_V2, _SIGNATURE = 8, 12, 13
 _VEHICLE = "ATTITUDE"
 _CLOCK = "arrival"
+# Messages that `rovid init` looks into.
+_TELLING = (_VEHICLE, "SERVO_OUTPUT_RAW", "BATTERY_STATUS")
 
 
 def read(path: Path, config: Config) -> RawLog:
@@ -45,6 +47,20 @@ def read(path: Path, config: Config) -> RawLog:
     log = Log(path, {split_sensor(signal.sources[KIND].partition(".")[0])[0] for signal in signals.values()})
     channels = channels_of(path, KIND, signals, log.columns, _CLOCK)
     return raw_log(channels, tuple(log.remarks))
+
+
+def sources(path: Path) -> tuple[str, list[str]]:
+    """Nothing, for every record has its time, and what tells of motion, thrusters and supply.
+
+    Raises
+    ------
+    LogError
+        It is no telemetry log, or pymavlink is not installed.
+    """
+    log = Log(path, set(_TELLING))
+    present = {name for name, system, _ in log.frames if system == log.system}
+    topics = {name: log.columns(name) for name in _TELLING if name in present}
+    return "", [source for source in numeric_sources(topics) if not source.endswith(_CLOCK)]
 
 
 class Log:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,8 @@ Handler = Callable[[bytes, int, int], None]  # payload, log time ns, publish tim
 
 _CLOCKS = ("log", "publish", "header")
 _LATEST = 2**63 - 1
+_STAMPED = {"header", "stamp", "timestamp"}
+_QUATERNIONS = {"orientation", "quaternion", "rotation"}
 
 
 class Topic:
@@ -217,3 +219,16 @@ def _numbers(times: array[int] | list[Any]) -> NDArray[Any]:
         return np.frombuffer(times, dtype=np.int64)
     whole = all(isinstance(time, int) and abs(time) < _LATEST for time in times)
     return np.array(times, dtype=np.int64) if whole else np.array([as_float(time) for time in times])
+
+
+def numeric_fields(message: Any, topic: str) -> Iterator[str]:
+    """Sources of every number and orientation in ``message``, stamps left out."""
+    for name in field_names(message):
+        *inside, last = name.split(".")
+        if _STAMPED & {*inside, last}:
+            continue
+        value = getter(split_fields(f".{name}"), mapping=isinstance(message, dict))(message)
+        if last in "xyzw" and inside and inside[-1] in _QUATERNIONS:
+            yield f"{topic}.{'.'.join(inside)}"
+        elif isinstance(value, int | float | np.number) and not isinstance(value, bool):
+            yield f"{topic}.{name}"

@@ -9,11 +9,13 @@ from typing import Any
 
 from rovid.config import Config
 from rovid.errors import LogError
-from rovid.readers.columns import Columns, channels_of, missing_topic, raw_log
+from rovid.readers.columns import Columns, channels_of, missing_topic, numeric_sources, raw_log
 from rovid.readers.raw import RawLog, foreign, library, mapped
 from rovid.trial import Remark
 
 KIND = "ulg"
+# Topics that `rovid init` looks into.
+_TELLING = ("vehicle_attitude", "vehicle_angular_velocity", "actuator_motors", "actuator_outputs", "battery_status")
 _MARK = b"ULog\x01\x12\x35"
 
 
@@ -29,9 +31,7 @@ def read(path: Path, config: Config) -> RawLog:
     """
     signals = mapped(config, KIND, path)
     names = {signal.sources[KIND].partition(".")[0].partition("#")[0] for signal in signals.values()}
-    with path.open("rb") as file:
-        if file.read(len(_MARK)) != _MARK:
-            raise foreign(path, "a ULog of PX4")
+    _check(path)
     log = _parsed(path, names)
     present = {_called(data.name, data.multi_id): data.data for data in log.data_list}
 
@@ -44,6 +44,25 @@ def read(path: Path, config: Config) -> RawLog:
 
     channels = channels_of(path, KIND, signals, topic, config.time.sources.get(KIND, "timestamp"))
     return raw_log(channels, _remarks(log))
+
+
+def sources(path: Path) -> tuple[str, list[str]]:
+    """Nothing, for every message has its time, and what tells of motion, thrusters and supply.
+
+    Raises
+    ------
+    LogError
+        It is no ULog, or pyulog is not installed.
+    """
+    _check(path)
+    log = _parsed(path, set(_TELLING))
+    return "", numeric_sources({_called(data.name, data.multi_id): data.data for data in log.data_list})
+
+
+def _check(path: Path) -> None:
+    with path.open("rb") as file:
+        if file.read(len(_MARK)) != _MARK:
+            raise foreign(path, "a ULog of PX4")
 
 
 def _called(name: str, instance: int) -> str:

@@ -12,17 +12,31 @@ from typing import TypeVar
 
 from matplotlib.figure import Figure
 
+from rovid.axis import Axis
+from rovid.control.design import Control
 from rovid.diagnose.diagnosis import Finding
 from rovid.diagnose.parts import parts_of
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.steady import DragFit
 from rovid.model import Model
 from rovid.output import plus_minus, write_atomic
+from rovid.report.courses import courses_of
 from rovid.report.evidence import Evidence
 from rovid.report.findings import name_of, worth
-from rovid.report.plots import canvas, findings, inertia, left_over, residuals, simulations, sines, steady, thrust
+from rovid.report.plots import (
+    canvas,
+    closed_loop,
+    findings,
+    inertia,
+    left_over,
+    residuals,
+    simulations,
+    sines,
+    steady,
+    thrust,
+)
 from rovid.report.residual import left_by_all, residuals_of, sizes
-from rovid.report.text import number
+from rovid.report.text import number, steady_state, unit
 from rovid.simulation import TrialSimulation
 
 # A page with more large trial plots than this is slow to open on a tablet; the overview shows all trials.
@@ -70,11 +84,12 @@ class Album:
     rivals: Mapping[str, Picture] = field(default_factory=dict)
     compared: tuple[Picture, ...] = ()
     left_over: tuple[Picture, ...] = ()
+    closed_loop: tuple[Picture, ...] = ()
 
     def write(self, folder: Path) -> None:
         """Write every plot into ``folder``."""
         first = (self.thrust, self.steady, self.inertia, self.sines, self.overview, self.large, self.residuals)
-        for pictures in (*first, self.rivals.values(), self.compared, self.left_over):
+        for pictures in (*first, self.rivals.values(), self.compared, self.left_over, self.closed_loop):
             for picture in pictures:
                 picture.write(folder)
 
@@ -86,7 +101,7 @@ def make_album(evidence: Evidence) -> Album:
         thrust=_thrust(evidence),
         steady=() if drag is None else (_steady(drag),),
         inertia=() if fit is None else (_inertia(fit, evidence.vehicle.rigid_body_inertia),),
-        sines=() if fit is None else tuple(_sines(fit, _steady_drag(evidence))),
+        sines=() if fit is None else tuple(_sines(fit, _steady_drag(evidence), evidence.axis)),
         overview=tuple(_overview(evidence.simulations)),
         large_trials=large,
         large=tuple(_large(item, evidence.simulations.index(item) + 1) for item in large),
@@ -94,6 +109,7 @@ def make_album(evidence: Evidence) -> Album:
         rivals={finding.effect.key: _rivals(finding) for finding in _rivalled(evidence)},
         compared=() if evidence.compared is None else (_compared(*evidence.compared),),
         left_over=_left_over(evidence),
+        closed_loop=() if evidence.control is None else (_closed_loop(evidence.control),),
     )
 
 
@@ -112,7 +128,14 @@ def _steady_drag(evidence: Evidence) -> Model | None:
     drag = evidence.parameters.drag()
     if drag is None:
         return None
-    return Model(inertia=math.nan, quadratic_drag=drag.value("quadratic_drag"), linear_drag=drag.value("linear_drag"))
+    buoyancy = evidence.parameters.entries.get("net_buoyancy")
+    return Model(
+        inertia=math.nan,
+        quadratic_drag=drag.value("quadratic_drag"),
+        linear_drag=drag.value("linear_drag"),
+        axis=evidence.axis,
+        restoring_values=() if buoyancy is None else (buoyancy.value,),
+    )
 
 
 def _thrust(evidence: Evidence) -> tuple[Picture, ...]:
@@ -132,14 +155,15 @@ def _thrust(evidence: Evidence) -> tuple[Picture, ...]:
 
 
 def _steady(fit: DragFit) -> Picture:
-    rates = [point.rate for point in fit.points]
+    rates, axis = [point.rate for point in fit.points], fit.estimate.axis
+    what = steady_state(axis)
     return _picture(
-        "steady_torque",
+        f"steady_{axis.push}",
         steady.steady_torque(fit),
-        caption="Torque of each steady turn against its yaw rate, and the fitted drag. Below, what the fit leaves "
-        "over, with each point's standard error where it is known.",
-        alt=f"{len(rates)} steady turns from {min(rates):.3g} to {max(rates):.3g} rad/s with the fitted curve; the "
-        f"largest residual is {max(abs(fit.residuals)):.3g} N m.",
+        caption=f"{axis.push.capitalize()} of each {what} against its {axis.rate_words}, and the fitted drag. Below, "
+        "what the fit leaves over, with each point's standard error where it is known.",
+        alt=f"{len(rates)} {what}s from {min(rates):.3g} to {max(rates):.3g} {axis.rate_unit} with the fitted curve; "
+        f"the largest residual is {max(abs(fit.residuals)):.3g} {axis.push_unit}.",
     )
 
 
@@ -152,23 +176,23 @@ def _inertia(fit: InertiaFit, rigid_body: float | None) -> Picture:
         "inertia",
         inertia.inertia_methods(fit, rigid_body),
         caption="Inertia by each method: points with 95 % intervals, and ticks for single sine runs.",
-        alt=f"Inertia in kg m²: {readings}.",
+        alt=f"Inertia in {unit(fit.estimate.unit('inertia'))}: {readings}.",
     )
 
 
-def _sines(fit: InertiaFit, drag: Model | None) -> Iterator[Picture]:
+def _sines(fit: InertiaFit, drag: Model | None, axis: Axis) -> Iterator[Picture]:
     parts = list(sheets(fit.trials, sines.PER_SHEET))
     for k, (trials, suffix) in enumerate(parts):
         periods = ", ".join(f"{trial.period:.3g}" for trial in trials)
         yield _picture(
             f"sine_runs{suffix}",
-            sines.sine_runs(trials, drag),
+            sines.sine_runs(trials, drag, axis),
             caption="Mean period of each sine run. Left: each signal over its own peak; the marks are the three "
-            "moments that the peak method takes for one. Right: torque over rate, with the same moments."
+            f"moments that the peak method takes for one. Right: {axis.push} over rate, with the same moments."
             if k == 0
             else f"Mean period of each sine run, sheet {k + 1} of {len(parts)}.",
-            alt=f"Torque, yaw rate and acceleration over one period of {periods} s: the acceleration peaks about when "
-            "the torque does, the rate later.",
+            alt=f"{axis.push.capitalize()}, {axis.rate_words} and acceleration over one period of {periods} s: the "
+            f"acceleration peaks about when the {axis.push} does, the rate later.",
         )
 
 
@@ -180,22 +204,24 @@ def sheets(items: Sequence[T], size: int) -> Iterator[tuple[Sequence[T], str]]:
 
 def _overview(items: Sequence[TrialSimulation]) -> Iterator[Picture]:
     for part, suffix in sheets(items, simulations.PER_SHEET):
+        rate = part[0].run.trial.axis.rate_words
         fits = "; ".join(f"{item.run.trial.name} R² {number(item.fit.r2, '.4f')}" for item in part)
         yield _picture(
             f"overview{suffix}",
             simulations.overview(part),
-            caption="Measured and freely simulated yaw rate of every trial.",
-            alt=f"Measured and simulated yaw rate over time: {fits}.",
+            caption=f"Measured and freely simulated {rate} of every trial.",
+            alt=f"Measured and simulated {rate} over time: {fits}.",
         )
 
 
 def _large(item: TrialSimulation, place: int) -> Picture:
-    name = item.run.trial.name
+    name, axis = item.run.trial.name, item.run.trial.axis
     return _picture(
         f"trial_{place:02d}_{_file_name(name)}",
         simulations.one_trial(item),
-        caption=f"{name}: torque, measured and simulated yaw rate, and the simulation's error in rate and heading.",
-        alt=f"{name}: R² {number(item.fit.r2, '.4f')}, rate off by {number(item.fit.rmse, '.2g')} rad/s.",
+        caption=f"{name}: {axis.push}, measured and simulated {axis.rate_words}, and the simulation's error in rate "
+        f"and {axis.position_words}.",
+        alt=f"{name}: R² {number(item.fit.r2, '.4f')}, rate off by {number(item.fit.rmse, '.2g')} {axis.rate_unit}.",
     )
 
 
@@ -203,14 +229,14 @@ def _residuals(evidence: Evidence) -> tuple[Picture, ...]:
     if evidence.runs is None or not evidence.simulations:
         return ()
     items = residuals_of(evidence.runs.items, evidence.parameters.model(), evidence.vehicle)
-    figure = residuals.residuals(items, evidence.runs.cutoff)
+    figure, axis = residuals.residuals(items, evidence.runs.cutoff), evidence.axis
     return (
         _picture(
             "residuals",
             figure,
-            caption="Residual torque against rate, torque and time, its autocorrelation, and its spectrum.",
-            alt="Five panels of the residual torque: against yaw rate, against torque, over time, its "
-            "autocorrelation and its spectrum.",
+            caption=f"Residual {axis.push} against rate, {axis.push} and time, its autocorrelation, and its spectrum.",
+            alt=f"Five panels of the residual {axis.push}: against {axis.rate_words}, against {axis.push}, over time, "
+            "its autocorrelation and its spectrum.",
         ),
     )
 
@@ -220,26 +246,26 @@ def _rivalled(evidence: Evidence) -> list[Finding]:
 
 
 def _rivals(finding: Finding) -> Picture:
-    shown = finding.rivals[: findings.RIVALS]
-    rest = "; ".join(f"{name_of(rival.effect)} {rival.gain:.0f}" for rival in shown)
+    shown, axis = finding.rivals[: findings.RIVALS], finding.estimate.axis
+    rest = "; ".join(f"{name_of(rival.effect, axis)} {rival.gain:.0f}" for rival in shown)
     return _picture(
         f"rivals_{_file_name(finding.effect.key)}",
         findings.rival_gains(finding),
         caption="What was found and the best other causes in its place: the log-likelihood that each gains, less the "
         "price of its parameters.",
-        alt=f"Log-likelihood gained by {name_of(finding.effect)}: {worth(finding):.0f}; in its place {rest}.",
+        alt=f"Log-likelihood gained by {name_of(finding.effect, axis)}: {worth(finding):.0f}; in its place {rest}.",
     )
 
 
 def _compared(base: TrialSimulation, extended: TrialSimulation) -> Picture:
-    name = base.run.trial.name
+    name, axis = base.run.trial.name, base.run.trial.axis
     return _picture(
         "diagnosis_gain",
         findings.gain_over_time(base, extended),
-        caption=f"{name}, the trial that gains most: yaw rate measured, simulated without and with what was found, and "
-        "what either simulation misses.",
-        alt=f"{name}: what was found takes the error of the simulated yaw rate from {number(base.fit.rmse, '.2g')} to "
-        f"{number(extended.fit.rmse, '.2g')} rad/s.",
+        caption=f"{name}, the trial that gains most: {axis.rate_words} measured, simulated without and with what was "
+        "found, and what either simulation misses.",
+        alt=f"{name}: what was found takes the error of the simulated {axis.rate_words} from "
+        f"{number(base.fit.rmse, '.2g')} to {number(extended.fit.rmse, '.2g')} {axis.rate_unit}.",
     )
 
 
@@ -252,16 +278,32 @@ def _left_over(evidence: Evidence) -> tuple[Picture, ...]:
     base, extended = diagnosis.base.model, diagnosis.extended.model
     runs = parts_of(evidence.runs.items, evidence.vehicle, evidence.runs.cutoff) or evidence.runs
     before, after = (left_by_all(runs, model, evidence.vehicle) for model in (base, extended))
+    axis = evidence.axis
     was, now = (number(sizes(items)[0], ".3g") for items in (before, after))
     return (
         _picture(
             "diagnosis_residuals",
             left_over.left_over(before, after, runs.cutoff),
-            caption="Residual torque of the models without and with what was found: its mean against rate and torque, "
-            f"over time, its autocorrelation and its spectrum. Its root mean square goes from {was} to {now} N m.",
-            alt=f"Five panels of the residual torque: {was} N m root mean square without what was found, {now} N m "
-            "with it.",
+            caption=f"Residual {axis.push} of the models without and with what was found: its mean against rate and "
+            f"{axis.push}, over time, its autocorrelation and its spectrum. Its root mean square goes from {was} to "
+            f"{now} {axis.push_unit}.",
+            alt=f"Five panels of the residual {axis.push}: {was} {axis.push_unit} root mean square without what was "
+            f"found, {now} {axis.push_unit} with it.",
         ),
+    )
+
+
+def _closed_loop(control: Control) -> Picture:
+    courses = courses_of(control)
+    effects = bool(control.model.effects)
+    full = {run.name: run.measures for run in control.runs if run.model_aid and run.effects_known == effects}
+    steps = "; ".join(f"{name}, {number(full[name].overshoot_deg, '.1f')} deg too far" for name in courses)
+    return _picture(
+        "closed_loop",
+        closed_loop.closed_loop(courses, control.bandwidth),
+        caption="Steps of the wanted heading, simulated without noise and disturbance: heading against set point, and "
+        "the torque that the controller asks for.",
+        alt=f"Heading and torque over time in three steps; with full aid, and disturbed as in the table: {steps}.",
     )
 
 

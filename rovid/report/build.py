@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TypeVar
 
+from rovid.axis import YAW
+from rovid.control.design import Control, Options, control_of, setting_of
 from rovid.diagnose.diagnosis import Diagnosis
 from rovid.diagnose.parts import parts_of
 from rovid.errors import DataError
+from rovid.export import EXPORTERS, Exported, export, subject_of
 from rovid.identify.estimate import Estimate
+from rovid.model import Model
 from rovid.output import require_writable
 from rovid.parameters import Parameters
 from rovid.report.evidence import Evidence
@@ -27,6 +31,8 @@ def build_report(
     folder: Path,
     *,
     diagnosed: bool = True,
+    controlled: bool = True,
+    exported: bool = True,
     report: Callable[[str], None] = lambda _: None,
 ) -> Path:
     """Work the evidence out anew from the logs and write the page.
@@ -37,6 +43,8 @@ def build_report(
     ----------
     diagnosed
         Whether the page says what the simulation misses, which takes longer than all the rest.
+    controlled, exported
+        Whether it says what controller suits the vehicle, and what simulators' formats hold of it; in yaw alone.
     report
         Called with a line of text as the work goes on.
 
@@ -59,6 +67,9 @@ def build_report(
     if stored is not known or not stored.path.exists():
         stored.write()
     diagnosis, diagnosis_refusal = _diagnosis(study, stored.drag(), folder, report) if diagnosed else (None, "")
+    yaw = study.vehicle.axis is YAW
+    control, control_refusal = designed_control(study, stored, report) if controlled and yaw else (None, "")
+    exports, export_refusal = every_export(study, stored, report) if exported and yaw else (None, "")
     report("Drawing and writing the page …")
     return write_report(
         folder,
@@ -75,6 +86,10 @@ def build_report(
             diagnosis=diagnosis,
             diagnosis_refusal=diagnosis_refusal,
             compared=None if diagnosis is None else most_improved(study, diagnosis),
+            control=control,
+            control_refusal=control_refusal,
+            exports=exports,
+            export_refusal=export_refusal,
         ),
     )
 
@@ -84,6 +99,49 @@ def _or_refusal(fit: Callable[[], _T]) -> tuple[_T | None, str]:
         return fit(), ""
     except DataError as error:
         return None, str(error)
+
+
+def _model_of(study: Study, stored: Parameters) -> Model:
+    """The parameter file's model.
+
+    Raises
+    ------
+    DataError
+        It has none.
+    ConfigError
+        An effect does not suit the vehicle.
+    """
+    if not _whole(stored):
+        raise DataError("inertia or drag is missing.")
+    model = stored.model()
+    study.require(model.effects)
+    return model
+
+
+def designed_control(study: Study, stored: Parameters, report: Callable[[str], None]) -> tuple[Control | None, str]:
+    """What `rovid control` designs where nothing else is asked for."""
+
+    def design() -> Control:
+        model, options = _model_of(study, stored), Options()
+        setting = setting_of(options, model, study.position_noise(), study.torque_in_use())
+        return control_of(stored, study.vehicle, setting, options)
+
+    report("Closing the loop, which takes long where there are effects (--no-control leaves it out) …")
+    return _or_refusal(design)
+
+
+def every_export(
+    study: Study, stored: Parameters, report: Callable[[str], None]
+) -> tuple[Mapping[str, Exported] | None, str]:
+    """What `rovid export` makes, format by format."""
+
+    def every() -> Mapping[str, Exported]:
+        _model_of(study, stored)
+        subject = subject_of(stored, study)
+        return {name: export(function, subject) for name, (function, _) in EXPORTERS.items()}
+
+    report("Simulating what simulators make of it (--no-export leaves it out) …")
+    return _or_refusal(every)
 
 
 def _diagnosis(
@@ -96,11 +154,13 @@ def _diagnosis(
 
 
 def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...]:
-    if study.runs is None or not {"inertia", "quadratic_drag"} <= set(stored.entries):
+    if study.runs is None or not _whole(stored):
         return ()
-    model = stored.model()
-    study.require(model.effects)
-    return tuple(simulate_runs(study.runs.items, model, study.vehicle))
+    return tuple(simulate_runs(study.runs.items, _model_of(study, stored), study.vehicle))
+
+
+def _whole(stored: Parameters) -> bool:
+    return {"inertia", "quadratic_drag"} <= set(stored.entries)
 
 
 def most_improved(study: Study, diagnosis: Diagnosis) -> tuple[TrialSimulation, TrialSimulation] | None:

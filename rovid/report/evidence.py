@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+from rovid.axis import Axis
+from rovid.control.design import Control
 from rovid.diagnose.diagnosis import Diagnosis
+from rovid.export import Exported
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.steady import DragFit
 from rovid.parameters import Parameters
@@ -20,7 +24,8 @@ class Evidence:
 
     ``campaign`` and ``runs`` are None where tables stood in place of logs. ``diagnosis`` is None where there was none:
     with a refusal it was not possible, without one it was not wanted. ``compared`` is one trial, simulated without and
-    with what it found.
+    with what it found. ``control`` and ``exports``, by the format's name, are None as ``diagnosis`` is, and along other
+    axes than yaw.
     """
 
     vehicle: Vehicle
@@ -35,3 +40,12 @@ class Evidence:
     diagnosis: Diagnosis | None = None
     diagnosis_refusal: str = ""
     compared: tuple[TrialSimulation, TrialSimulation] | None = None
+    control: Control | None = None
+    control_refusal: str = ""
+    exports: Mapping[str, Exported] | None = None
+    export_refusal: str = ""
+
+    @property
+    def axis(self) -> Axis:
+        """The degree of freedom that the page is about."""
+        return self.vehicle.axis

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from rovid.axis import YAW, Axis
 from rovid.diagnose.amplitudes import Amplitudes, Explanation
 from rovid.diagnose.diagnosis import Diagnosis, Finding, Side, not_identifiable
 from rovid.effects import Effect
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS
-from rovid.model import UNITS
+from rovid.model import unit_of
 from rovid.output import plus_minus
-from rovid.report.grids import Column, Grid, degrees, numbers, words
+from rovid.report.grids import Column, Grid, numbers, words
 from rovid.report.text import NOTHING, column, number, title, unit
 from rovid.vehicle import Vehicle
 
@@ -35,18 +36,19 @@ def verdict(diagnosis: Diagnosis) -> str:
 
 
 def never_visible(vehicle: Vehicle) -> str:
-    """What yaw data cannot show at all."""
+    """What data of the vehicle's axis cannot show at all."""
     return _listed([_INVISIBLE[name] for name in not_identifiable(vehicle)])
 
 
 def others(finding: Finding) -> str:
     """What ``finding`` cannot be told from; empty where it is decided."""
-    return _listed([effect.title for effect in finding.undecided], "or")
+    return _listed([finding.estimate.axis.words(effect.title) for effect in finding.undecided], "or")
 
 
-def name_of(effect: Effect) -> str:
+def name_of(effect: Effect, axis: Axis = YAW) -> str:
     """An effect's title, with its form where it has one."""
-    return f"{effect.title} ({spaced(effect.form)})" if effect.form else effect.title
+    name = axis.words(effect.title)
+    return f"{name} ({spaced(effect.form)})" if effect.form else name
 
 
 def spaced(name: str) -> str:
@@ -67,23 +69,22 @@ def parameters_grid(finding: Finding) -> Grid:
     effect, estimate = finding.effect, finding.estimate
     names = [f"{effect.key}.{parameter.name}" for parameter in effect.parameters]
     return Grid(
-        caption=f"Parameters of {name_of(effect)}: value ± standard error",
+        caption=f"Parameters of {name_of(effect, estimate.axis)}: value ± standard error",
         columns=(
-            words("parameter", [spaced(parameter.name) for parameter in effect.parameters]),
+            words("parameter", [estimate.axis.words(spaced(parameter.name)) for parameter in effect.parameters]),
             Column(title="value", cells=tuple(_value(estimate, name) for name in names)),
-            words("unit", [unit(parameter.unit) for parameter in effect.parameters]),
+            words("unit", [unit(estimate.unit(name)) for name in names]),
         ),
     )
 
 
 def sides_grid(base: Estimate, extended: Estimate, findings: tuple[Finding, ...]) -> Grid:
     """Parameters without and with what was found."""
-    titles = {name: title(name) for name in UNITS}
-    units = {**UNITS}
-    for effect in (finding.effect for finding in findings):
-        for parameter in effect.parameters:
-            titles[f"{effect.key}.{parameter.name}"] = f"{effect.title}: {spaced(parameter.name)}"
-            units[f"{effect.key}.{parameter.name}"] = parameter.unit
+    titles = {
+        f"{finding.effect.key}.{parameter.name}": base.axis.words(f"{finding.effect.title}: {spaced(parameter.name)}")
+        for finding in findings
+        for parameter in finding.effect.parameters
+    }
     names = list(dict.fromkeys((*base.names, *extended.names)))
     return Grid(
         caption="Parameters without and with what was found: value ± standard error",
@@ -92,20 +93,21 @@ def sides_grid(base: Estimate, extended: Estimate, findings: tuple[Finding, ...]
             Column(title="without", cells=tuple(_value(base, name) for name in names)),
             Column(title="with what was found", cells=tuple(_value(extended, name) for name in names)),
             numbers("change", "%", [_change(base, extended, name) for name in names]),
-            words("unit", [unit(units.get(name, "")) for name in names]),
+            words("unit", [unit(base.unit(name)) for name in names]),
         ),
     )
 
 
 def gain_grid(base: Side, extended: Side, floor: float) -> Grid:
     """How well trials that were not fitted are simulated; one column where the two sides are the same."""
-    one, other = base.held_out, extended.held_out
-    names = ["yaw rate R²", "yaw rate RMSE, rad/s"]
+    one, other, axis = base.held_out, extended.held_out, base.estimate.axis
+    names = [f"{axis.rate_words} R²", f"{axis.rate_words} RMSE, {axis.rate_unit}"]
     rows = [[number(one.rate_r2, ".4f"), number(other.rate_r2, ".4f"), NOTHING]]
     rows.append(column([one.rate_rmse, other.rate_rmse, floor], 3))
     for horizon, error in one.position_errors.items():
-        names.append(f"heading after {horizon:.0f} s, deg")
-        rows.append([*column([degrees(error), degrees(other.position_errors.get(horizon))], 3), NOTHING])
+        names.append(f"{axis.position_words} after {horizon:.0f} s, {axis.shown[0]}")
+        errors = [axis.in_shown(each) for each in (error, other.position_errors.get(horizon))]
+        rows.append([*column(errors, 3), NOTHING])
     names.append("log-likelihood")
     rows.append([number(one.log_likelihood, ".0f"), number(other.log_likelihood, ".0f"), NOTHING])
     without, with_it, least = zip(*rows, strict=True)
@@ -119,28 +121,29 @@ def gain_grid(base: Side, extended: Side, floor: float) -> Grid:
     )
 
 
-def signals_grid(diagnosis: Diagnosis) -> Grid:
+def signals_grid(diagnosis: Diagnosis, axis: Axis) -> Grid:
     """Logged signals that drive what no effect explains."""
     return Grid(
         caption="Signals that what is left depends on",
         columns=(
-            words("dependence", [signal.title for signal, _ in diagnosis.signals]),
+            words("dependence", [axis.words(signal.title) for signal, _ in diagnosis.signals]),
             numbers("log-likelihood gain", "", [number(gain, ".0f") for _, gain in diagnosis.signals]),
         ),
     )
 
 
-def detectable_grid(diagnosis: Diagnosis) -> Grid:
+def detectable_grid(diagnosis: Diagnosis, axis: Axis) -> Grid:
     """The size of each effect that these data would have shown, in the catalogue's order."""
     sizes = diagnosis.detectable
+    units = [unit_of(f"{effect.key}.{effect.parameters[0].name}", axis) for effect, _ in sizes]
     return Grid(
         caption="The smallest that would have been seen",
         columns=(
-            words("effect", [effect.title for effect, _ in sizes]),
-            words("parameter", [spaced(effect.parameters[0].name) for effect, _ in sizes]),
+            words("effect", [axis.words(effect.title) for effect, _ in sizes]),
+            words("parameter", [axis.words(spaced(effect.parameters[0].name)) for effect, _ in sizes]),
             # Sizes of different units share no decimal point.
             Column(title="departure from none", cells=tuple(_seen(size) for _, size in sizes)),
-            words("unit", [unit(effect.parameters[0].unit) for effect, _ in sizes]),
+            words("unit", map(unit, units)),
         ),
     )
 
@@ -203,7 +206,8 @@ def _change(base: Estimate, extended: Estimate, name: str) -> str:
 
 
 def _cause(finding: Finding) -> str:
-    return " or ".join((finding.effect.title, *(effect.title for effect in finding.undecided)))
+    effects = (finding.effect, *finding.undecided)
+    return " or ".join(finding.estimate.axis.words(effect.title) for effect in effects)
 
 
 def _listed(texts: list[str], last: str = "and") -> str:

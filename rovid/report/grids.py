@@ -8,21 +8,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovid.axis import Axis
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.identify.steady import DragFit, SteadyPoint
-from rovid.model import UNITS
+from rovid.model import base_names, unit_of
 from rovid.output import plus_minus
 from rovid.parameters import sha256
 from rovid.report.evidence import Evidence
 from rovid.report.plots.inertia import method_interval, method_title
-from rovid.report.text import NOTHING, aligned, column, like, number, title, unit
+from rovid.report.text import NOTHING, aligned, arm, column, like, number, positions, steady_state, title, unit
 from rovid.simulation import HORIZONS, TrialSimulation, overall
 from rovid.trial import Campaign, Trial
 from rovid.vehicle import Vehicle
 
 _NORMAL = 1.959964  # two-sided 95 % of the normal distribution
-_DIRECTIONS = {"up": "heading growing", "down": "heading falling"}
+_DIRECTIONS = {"up": "growing", "down": "falling"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,15 +65,19 @@ def numbers(heading: str, unit_text: str, cells: Sequence[str]) -> Column:
 def parameters_grid(evidence: Evidence) -> Grid:
     """Every parameter of the file, and those that it lacks."""
     entries = evidence.parameters.entries
-    names = [*UNITS, *(name for name in entries if name not in UNITS)]
+    base = base_names(evidence.axis)
+    names = [*base, *(name for name in entries if name not in base)]
     values = {name: plus_minus(entries[name].value, entries[name].standard_error) for name in entries}
     return Grid(
         caption="Parameters: value ± standard error",
         columns=(
-            words("parameter", map(title, names)),
+            words("parameter", [evidence.axis.words(title(name)) for name in names]),
             # Parameters of different units share no decimal point.
             Column(title="value", cells=tuple(values.get(name, "not determined") for name in names)),
-            words("unit", [unit(entries[name].unit if name in entries else UNITS[name]) for name in names]),
+            words(
+                "unit",
+                [unit(entries[name].unit if name in entries else unit_of(name, evidence.axis)) for name in names],
+            ),
             words("95 % interval", [_interval(evidence, name, values.get(name, "")) for name in names]),
             words("found by", [entries[name].method if name in entries else NOTHING for name in names]),
         ),
@@ -99,17 +104,21 @@ def estimate_behind(evidence: Evidence, name: str) -> Estimate | None:
 
 
 def thrusters_grid(vehicle: Vehicle) -> Grid:
-    """What turns the vehicle."""
+    """What turns the vehicle, or drives it."""
     curves = [thruster.curve for thruster in vehicle.thrusters]
+    name, its_unit = arm(vehicle.axis)
     return Grid(
-        caption="What turns the vehicle",
+        caption=f"What {'turns' if vehicle.axis.angular else 'drives'} the vehicle",
         columns=(
             words("actuator", [thruster.name for thruster in vehicle.thrusters]),
-            numbers("yaw arm", "m", [f"{t.arm:.4g}" if t.curve else NOTHING for t in vehicle.thrusters]),
+            numbers(name, its_unit, [f"{t.arm:.4g}" if t.curve else NOTHING for t in vehicle.thrusters]),
             words("commands on the bench", [f"{c.command[0]:g} … {c.command[-1]:g}" if c else NOTHING for c in curves]),
             words(
                 "thrust",
-                [" … ".join(column([c.thrust.min(), c.thrust.max()])) + " N" if c else "torque logged" for c in curves],
+                [
+                    " … ".join(column([c.thrust.min(), c.thrust.max()])) + " N" if c else f"{vehicle.axis.push} logged"
+                    for c in curves
+                ],
             ),
         ),
     )
@@ -123,7 +132,7 @@ def trials_grid(evidence: Evidence, campaign: Campaign) -> Grid:
         columns=(
             words("trial", [trial.name for trial in trials]),
             numbers("length", "s", [number(trial.duration, ".0f") for trial in trials]),
-            numbers("headings", "", [str(int(trial.measured.sum())) for trial in trials]),
+            numbers(positions(evidence.axis), "", [str(int(trial.measured.sum())) for trial in trials]),
             numbers("rate", "Hz", [number(1.0 / trial.period, ".3g") for trial in trials]),
             numbers("longest gap", "s", [number(_longest_gap(trial), ".2f") for trial in trials]),
             words("what it gave", [_gave(evidence, trial.name) for trial in trials]),
@@ -139,8 +148,8 @@ def _longest_gap(trial: Trial) -> float:
 def _gave(evidence: Evidence, name: str) -> str:
     texts = []
     if evidence.drag is not None:
-        steady = sum(point.source == name for point in evidence.drag.points)
-        texts += [_counted(steady, "steady turn")] if steady else []
+        points = sum(point.source == name for point in evidence.drag.points)
+        texts += [_counted(points, steady_state(evidence.axis))] if points else []
     if evidence.inertia is not None:
         sines = [trial for trial in evidence.inertia.trials if trial.source == name]
         texts += [f"{trial.cycles} periods of {trial.period:.3g} s" for trial in sines]
@@ -154,18 +163,24 @@ def _counted(count: int, noun: str) -> str:
 
 
 def steady_grid(fit: DragFit) -> Grid:
-    """Steady turns with residuals and leave-one-out."""
-    points, known = fit.points, bool(np.any(fit.torque_error != 1.0))
+    """Steady states with residuals and leave-one-out."""
+    points, known, axis = fit.points, bool(np.any(fit.torque_error != 1.0)), fit.estimate.axis
+    quadratic, linear = _drag_units(axis)
     columns = [
         *_point_columns(points),
-        numbers("torque", "N m", [number(point.torque, ".2f") for point in points]),
-        numbers("yaw rate", "rad/s", [_rate(point) for point in points]),
-        numbers("residual", "N m", _with_errors(fit.residuals, fit.torque_error if known else None)),
-        numbers("without it: DQ", "N m s²/rad²", column([*fit.left_out[:, 0]], 4)),
-        numbers("DL", "N m s/rad", column([*fit.left_out[:, 1]], 4)),
-        numbers("predicted off by", "N m", [number(value, ".2f") for value in fit.left_out[:, 2]]),
+        numbers(axis.push, axis.push_unit, [number(point.torque, ".2f") for point in points]),
+        numbers(axis.rate_words, axis.rate_unit, [_rate(point) for point in points]),
+        numbers("residual", axis.push_unit, _with_errors(fit.residuals, fit.torque_error if known else None)),
+        numbers("without it: DQ", quadratic, column([*fit.left_out[:, 0]], 4)),
+        numbers("DL", linear, column([*fit.left_out[:, 1]], 4)),
+        numbers("predicted off by", axis.push_unit, [number(value, ".2f") for value in fit.left_out[:, 2]]),
     ]
-    return Grid(caption="Steady turns that were fitted", columns=tuple(columns))
+    return Grid(caption=f"{steady_state(axis).capitalize()}s that were fitted", columns=tuple(columns))
+
+
+def _drag_units(axis: Axis) -> tuple[str, str]:
+    quadratic, linear = (unit(unit_of(name, axis)) for name in ("quadratic_drag", "linear_drag"))
+    return quadratic, linear
 
 
 def _with_errors(values: Sequence[float] | np.ndarray[tuple[int], np.dtype[np.float64]], errors: object) -> list[str]:
@@ -191,16 +206,16 @@ def _point_columns(points: Sequence[SteadyPoint]) -> list[Column]:
 
 def unsteady_grid(fit: DragFit) -> Grid:
     """Held commands that were not fitted."""
-    points = fit.unsteady
+    points, axis = fit.unsteady, fit.estimate.axis
     return Grid(
         caption="Held commands left out, because the rate was still changing",
         columns=(
             *_point_columns(points),
-            numbers("torque", "N m", [number(point.torque, ".2f") for point in points]),
-            numbers("mean rate", "rad/s", [number(point.rate, ".4f") for point in points]),
+            numbers(axis.push, axis.push_unit, [number(point.torque, ".2f") for point in points]),
+            numbers("mean rate", axis.rate_unit, [number(point.rate, ".4f") for point in points]),
             numbers(
                 "change over it",
-                "rad/s",
+                axis.rate_unit,
                 [plus_minus(point.drift, point.drift_error) for point in points],
             ),
         ),
@@ -209,14 +224,18 @@ def unsteady_grid(fit: DragFit) -> Grid:
 
 def directions_grid(fit: DragFit) -> Grid:
     """Drag of each direction alone beside that of both."""
-    rows = {"both": fit.estimate} | {_DIRECTIONS.get(name, name): each for name, each in fit.directions.items()}
+    axis = fit.estimate.axis
+    quadratic, linear = _drag_units(axis)
+    rows = {"both": fit.estimate} | {
+        f"{axis.position_words} {_DIRECTIONS.get(name, name)}": each for name, each in fit.directions.items()
+    }
     return Grid(
         caption="Drag from each direction alone",
         columns=(
-            words("turns", rows),
-            numbers("steady turns", "", [str(each.samples) for each in rows.values()]),
-            numbers("DQ", "N m s²/rad²", [_of(each, "quadratic_drag") for each in rows.values()]),
-            numbers("DL", "N m s/rad", [_of(each, "linear_drag") for each in rows.values()]),
+            words("turns" if axis.angular else "direction", rows),
+            numbers(f"{steady_state(axis)}s", "", [str(each.samples) for each in rows.values()]),
+            numbers("DQ", quadratic, [_of(each, "quadratic_drag") for each in rows.values()]),
+            numbers("DL", linear, [_of(each, "linear_drag") for each in rows.values()]),
         ),
     )
 
@@ -230,11 +249,12 @@ def methods_grid(fit: InertiaFit, rigid_body: float | None) -> Grid:
     readings = {name: fit.methods[name] for name in METHODS if name in fit.methods}
     texts = [plus_minus(each.value, each.standard_error) for each in readings.values()]
     intervals = [method_interval(fit, name) for name in readings]
+    its_unit = unit(fit.estimate.unit("inertia"))
     columns = [
         words("method", [METHODS[name] for name in readings]),
-        numbers("inertia", "kg m²", texts),
+        numbers("inertia", its_unit, texts),
         words(
-            "95 % interval, kg m²",
+            f"95 % interval, {its_unit}",
             [
                 NOTHING if ends is None else f"{like(text, ends[0])} … {like(text, ends[1])}"
                 for text, ends in zip(texts, intervals, strict=True)
@@ -257,6 +277,7 @@ def _remark(fit: InertiaFit, name: str) -> str:
 
 def sine_grid(fit: InertiaFit) -> Grid:
     """Each sine run, and what each method reads from it."""
+    axis = fit.estimate.axis
     names = [name for name in METHODS if name in fit.methods and fit.methods[name].runs]
     keys = list(dict.fromkeys(key for name in names for key in _runs(fit, name)))
     columns = [words("sine run", [source for source, _ in keys])]
@@ -266,10 +287,11 @@ def sine_grid(fit: InertiaFit) -> Grid:
         columns += [
             numbers("period", "s", [f"{trial.period:.4g}" for trial in fit.trials]),
             numbers("periods used", "", [str(trial.cycles) for trial in fit.trials]),
-            numbers("peak torque", "N m", column([torque for torque, _ in peaks], 4)),
-            numbers("peak rate", "rad/s", column([rate for _, rate in peaks], 3)),
+            numbers(f"peak {axis.push}", axis.push_unit, column([torque for torque, _ in peaks], 4)),
+            numbers("peak rate", axis.rate_unit, column([rate for _, rate in peaks], 3)),
         ]
-    columns += [numbers(method_title(n), "kg m²", [_runs(fit, n).get(key, NOTHING) for key in keys]) for n in names]
+    its_unit = unit(fit.estimate.unit("inertia"))
+    columns += [numbers(method_title(n), its_unit, [_runs(fit, n).get(key, NOTHING) for key in keys]) for n in names]
     return Grid(caption="Inertia from each sine run", columns=tuple(columns))
 
 
@@ -284,31 +306,26 @@ def _runs(fit: InertiaFit, name: str) -> dict[tuple[str, int], str]:
 
 def simulation_grid(simulations: Sequence[TrialSimulation]) -> Grid:
     """How well each trial is simulated, and all together."""
-    total = overall(simulations)
+    total, axis = overall(simulations), simulations[0].run.trial.axis
     fits = [*(item.fit for item in simulations), total]
     columns = [
         words("trial", [*(item.run.trial.name for item in simulations), "all together"]),
         numbers("samples", "", [str(fit.samples) for fit in fits]),
         numbers("R²", "", [number(fit.r2, ".4f") for fit in fits]),
         numbers("fit", "%", [number(fit.fit_percent, ".1f") for fit in fits]),
-        numbers("rate RMSE", "rad/s", column([fit.rmse for fit in fits], 2)),
+        numbers("rate RMSE", axis.rate_unit, column([fit.rmse for fit in fits], 2)),
     ]
     for horizon in HORIZONS:
-        errors = [degrees(item.position_errors.get(horizon)) for item in simulations]
-        cells = column([*errors, typical_heading_error(simulations, horizon)], 2)
-        columns.append(numbers(f"heading after {horizon:.0f} s", "deg", cells))
+        errors = [axis.in_shown(item.position_errors.get(horizon)) for item in simulations]
+        cells = column([*errors, typical_position_error(simulations, horizon)], 2)
+        columns.append(numbers(f"{axis.position_words} after {horizon:.0f} s", axis.shown[0], cells))
     return Grid(caption="Free-running simulation against measurement", columns=tuple(columns), total=True)
 
 
-def degrees(angle: float | None) -> float | None:
-    """An angle in degrees, or None."""
-    return None if angle is None else math.degrees(angle)
-
-
-def typical_heading_error(simulations: Sequence[TrialSimulation], horizon: float) -> float | None:
-    """Median over the trials in degrees; None where no trial is long enough."""
+def typical_position_error(simulations: Sequence[TrialSimulation], horizon: float) -> float | None:
+    """Median over the trials in deg or m; None where no trial is long enough."""
     known = [error for item in simulations if (error := item.position_errors.get(horizon)) is not None]
-    return math.degrees(float(np.median(known))) if known else None
+    return simulations[0].run.trial.axis.in_shown(float(np.median(known))) if known else None
 
 
 def sources_grid(evidence: Evidence) -> Grid | None:
@@ -323,7 +340,9 @@ def sources_grid(evidence: Evidence) -> Grid | None:
         caption="Logs and their SHA-256",
         columns=(
             words("log", names),
-            numbers("headings", "", [_count(fitted[n].samples if n in fitted else trials[n]) for n in names]),
+            numbers(
+                positions(evidence.axis), "", [_count(fitted[n].samples if n in fitted else trials[n]) for n in names]
+            ),
             words("used for", [uses[n in fitted, n in trials] for n in names]),
             words("SHA-256", [fitted[n].sha256 if n in fitted else _hash(trials[n]) for n in names]),
         ),

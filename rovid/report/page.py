@@ -12,15 +12,15 @@ import numpy as np
 
 from rovid import __version__
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
-from rovid.effects import effect_named
+from rovid.effects import effect_named, restoring_of
 from rovid.identify.inertia import METHODS
-from rovid.model import UNITS
+from rovid.model import base_names
 from rovid.output import plus_minus, write_atomic
-from rovid.report import findings, grids
+from rovid.report import controller, exports, findings, grids
 from rovid.report.album import Album, make_album
 from rovid.report.evidence import Evidence
 from rovid.report.residual import residuals_of, sizes
-from rovid.report.text import column, number, prose, title
+from rovid.report.text import arm, column, number, positions, prose, steady_state, title, unit
 from rovid.simulation import HORIZONS, overall
 from rovid.vehicle import Vehicle, box_inertia
 
@@ -72,6 +72,7 @@ def _environment() -> Environment:
     )
     environment.filters["number"] = number
     environment.filters["prose"] = prose
+    environment.filters["unit"] = unit
     environment.filters["plain"] = lambda value, significant=4: column([value], significant)[0]
     environment.filters["short"] = lambda value: column([value], 2)[0]
     environment.globals["plus_minus"] = plus_minus
@@ -82,6 +83,11 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
     simulations = evidence.simulations
     return {
         "evidence": evidence,
+        "axis": evidence.axis,
+        "steady": steady_state(evidence.axis),
+        "positions": positions(evidence.axis),
+        "arm": arm(evidence.axis)[0],
+        "restoring": restoring_of(evidence.axis),
         "vehicle": evidence.vehicle,
         "stored": evidence.parameters,
         "drag": evidence.drag,
@@ -90,7 +96,7 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "trials": () if evidence.campaign is None else evidence.campaign.trials,
         "simulations": simulations,
         "overall": overall(simulations) if simulations else None,
-        "heading_errors": [(h, error) for h in HORIZONS if (error := grids.typical_heading_error(simulations, h))],
+        "position_errors": [(h, error) for h in HORIZONS if (error := grids.typical_position_error(simulations, h))],
         "left": _left(evidence),
         "effects": [effect_named(name) for name in evidence.parameters.effects],
         "missing": list(_missing(evidence)),
@@ -100,10 +106,14 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "rate_range": _rate_range(evidence),
         "rate_from": _rate_from(evidence),
         "noise": _noise(evidence),
-        "box": _is_box(evidence.vehicle),
+        "box": _box(evidence.vehicle),
         "methods": METHODS,
         "diagnosed": evidence.diagnosis is not None or bool(evidence.diagnosis_refusal),
+        "controlled": evidence.control is not None or bool(evidence.control_refusal),
+        "exported": bool(evidence.exports) or bool(evidence.export_refusal),
         "findings": findings,
+        "controller": controller,
+        "exporting": exports,
         "decides": deciding_experiment,
         "next_experiment": next_experiment,
         "grids": grids,
@@ -116,10 +126,11 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
 def _missing(evidence: Evidence) -> Iterator[tuple[str, str]]:
     """Each parameter that the file lacks, with the reason."""
     entries, drag = evidence.parameters.entries, evidence.drag
-    for name in UNITS:
+    for name in base_names(evidence.axis):
         if name in entries:
             continue
-        if name == "inertia":
+        # Where no torque keeps the vehicle turning all come with the inertia.
+        if name == "inertia" or evidence.axis.rights:
             yield title(name), evidence.inertia_refusal
         else:
             yield title(name), evidence.drag_refusal if drag is None else drag.estimate.refused.get(name, "")
@@ -163,8 +174,8 @@ def _departures(evidence: Evidence) -> Iterator[str]:
 def _refused(evidence: Evidence) -> Iterator[tuple[str, str]]:
     """What could not be determined, each with the reason."""
     yield from _missing(evidence)
-    if evidence.drag is None and "quadratic_drag" in evidence.parameters.entries:
-        yield "Drag from steady turns", evidence.drag_refusal
+    if evidence.drag is None and "quadratic_drag" in evidence.parameters.entries and not evidence.axis.rights:
+        yield f"Drag from {steady_state(evidence.axis)}s", evidence.drag_refusal
     if evidence.inertia is None and "inertia" in evidence.parameters.entries:
         yield "Inertia from these logs", evidence.inertia_refusal
     reasons = {} if evidence.inertia is None else evidence.inertia.refused
@@ -173,7 +184,7 @@ def _refused(evidence: Evidence) -> Iterator[tuple[str, str]]:
 
 
 def _rate_range(evidence: Evidence) -> tuple[float, float] | None:
-    """Slowest and fastest steady turn in rad/s."""
+    """Slowest and fastest steady state in rad/s or m/s."""
     if evidence.drag is None:
         return None
     speeds = np.abs([point.rate for point in evidence.drag.points])
@@ -181,32 +192,38 @@ def _rate_range(evidence: Evidence) -> tuple[float, float] | None:
 
 
 def _rate_from(evidence: Evidence) -> str:
-    """Which signal the yaw rate comes from, in words."""
+    """Which signal the rate comes from, in words."""
     if evidence.runs is None:
         return ""
+    logged, position = f"the logged {evidence.axis.rate_words}", evidence.axis.position_words
     gyro = [run.rates.from_gyro for run in evidence.runs.items]
     if all(gyro):
-        return "the logged yaw rate"
-    return "the logged yaw rate where there is one, else from the heading" if any(gyro) else "the heading"
+        return logged
+    return f"{logged} where there is one, else from the {position}" if any(gyro) else f"the {position}"
 
 
-def _noise(evidence: Evidence) -> tuple[float, float, float] | None:
-    """Standard deviations: heading in deg, rate in rad/s, acceleration in rad/s²."""
+def _noise(evidence: Evidence) -> dict[str, Any] | None:
+    """What is measured, its unit and noise; that of rate and acceleration behind the filter. Standard deviations."""
     if evidence.runs is None:
         return None
-    heading, rate, acceleration = evidence.runs.noise()
-    return math.degrees(heading), rate, acceleration
+    measured, rate, acceleration = evidence.runs.noise()
+    name, shown, factor = evidence.axis.measured(integrated=evidence.runs.integrated)
+    return {"name": name, "unit": shown, "measured": factor * measured, "rate": rate, "acceleration": acceleration}
 
 
 def _left(evidence: Evidence) -> tuple[float, float, float] | None:
-    """Root mean square in N m of residual torque, torque, and sensor noise; None where nothing was simulated."""
+    """Root mean square in N m or N of residual torque, torque, and sensor noise; None where nothing was simulated."""
     if evidence.runs is None or not evidence.simulations:
         return None
     return sizes(residuals_of(evidence.runs.items, evidence.parameters.model(), evidence.vehicle))
 
 
-def _is_box(vehicle: Vehicle) -> bool:
-    """Whether the rigid body's inertia is that of a uniform box of the vehicle's mass and size."""
-    if vehicle.mass is None or vehicle.length is None or vehicle.width is None or vehicle.rigid_body_inertia is None:
-        return False
-    return math.isclose(vehicle.rigid_body_inertia, box_inertia(vehicle.mass, vehicle.length, vehicle.width))
+def _box(vehicle: Vehicle) -> list[tuple[str, float]]:
+    """Sides of the uniform box whose inertia is taken for the rigid body's; none where it is not one's."""
+    sides = {"long": vehicle.length, "wide": vehicle.width, "high": vehicle.height}
+    along = {"roll": "long", "pitch": "wide", "yaw": "high"}.get(vehicle.axis.name)
+    across = [(word, side) for word, side in sides.items() if along and word != along and side is not None]
+    if len(across) < 2 or vehicle.mass is None or vehicle.rigid_body_inertia is None:
+        return []
+    inertia = box_inertia(vehicle.mass, across[0][1], across[1][1])
+    return across if math.isclose(vehicle.rigid_body_inertia, inertia) else []

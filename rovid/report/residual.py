@@ -12,7 +12,7 @@ from scipy import signal
 from rovid.effects import MOTION, Effect
 from rovid.effects.base import TERM_STATES
 from rovid.model import Model
-from rovid.rates import body_position, finite_stretches, on_grid
+from rovid.rates import finite_stretches
 from rovid.runs import Run, Runs, prepare
 from rovid.trial import Campaign, FloatArray
 from rovid.vehicle import Vehicle
@@ -26,7 +26,7 @@ _STEP_SHARE, _MOST_STEPS = 0.25, 50
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Residual:
-    """One run's torques, all (m,), in N m and behind the same filter; NaN where they are not known.
+    """One run's torques, or forces, all (m,), in N m (N) and behind the same filter; NaN where they are not known.
 
     Attributes
     ----------
@@ -35,7 +35,8 @@ class Residual:
     race
         Theirs, as in `rovid.model.Drive`.
     left
-        T - I rdot - DQ |r| r - DL r. Effects in the equation of motion are still in it.
+        T - I rdot - DQ |r| r - DL r, and what weight and buoyancy do off it. Effects in the equation of motion are
+        still in it.
     noise
         What the sensor's noise alone would leave over, as a standard deviation.
     """
@@ -48,20 +49,26 @@ class Residual:
 
 
 def residuals_of(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[Residual]:
-    """What inertia and drag leave over of the torque in each run."""
+    """What inertia, drag, weight and buoyancy leave over of the torque in each run."""
     return [_residual(run, model, vehicle) for run in runs]
 
 
 def _residual(run: Run, model: Model, vehicle: Vehicle) -> Residual:
     held = model.drive(vehicle, run.trial).mapped(lambda series: run.rates.held(run.trial, series))
     drive = held.torque if model.effects else run.drive
-    return Residual(
+    item = Residual(
         run=run,
         drive=drive,
         race=held.race,
         left=np.asarray(drive - model.inertia * run.rates.acceleration - model.drag(run.rates.rate)),
         noise=model.inertia * run.rates.acceleration_noise,
     )
+    return replace(item, left=item.left + _terms_torque(item, _base(model)))
+
+
+def _base(model: Model) -> Model:
+    """``model`` without effects; what weight and buoyancy do is a term of it."""
+    return replace(model, effects=(), effect_values=())
 
 
 def left_by_all(runs: Runs, model: Model, vehicle: Vehicle) -> list[Residual]:
@@ -70,7 +77,10 @@ def left_by_all(runs: Runs, model: Model, vehicle: Vehicle) -> list[Residual]:
     A wave stays in: its phase is not a parameter.
     """
     items = residuals_of(_as_turned(runs, model, vehicle), model, vehicle)
-    return [replace(item, left=item.left + _terms_torque(item, model)) for item in items]
+    # What weight and buoyancy do is taken out already.
+    return [
+        replace(item, left=item.left + _terms_torque(item, model) - _terms_torque(item, _base(model))) for item in items
+    ]
 
 
 def _as_turned(runs: Runs, model: Model, vehicle: Vehicle) -> Sequence[Run]:
@@ -84,13 +94,12 @@ def _as_turned(runs: Runs, model: Model, vehicle: Vehicle) -> Sequence[Run]:
 
 
 def _terms_torque(item: Residual, model: Model) -> FloatArray:
-    """(m,) torque in N m of the effects in the equation of motion, along the measured rate and angle."""
-    trial, rates, total = item.run.trial, item.run.rates, np.zeros(len(item.left))
-    angle = _bridged(on_grid(trial, body_position(trial), rates.time))
-    course = np.column_stack([_bridged(rates.rate), angle - angle[0], _bridged(item.drive), item.race])
-    values, kinds = model.terms()
-    for numbers, kind in zip(values, kinds, strict=True):
-        total += _term_torque(MOTION[kind], numbers, model.base(trial), course, rates.kernel.period)
+    """(m,) torque in N m of the terms in the equation of motion, along the measured rate and angle."""
+    rates, base, total = item.run.rates, model.base(item.run.trial), np.zeros(len(item.left))
+    angle = _bridged(rates.position) - base[3]
+    course = np.column_stack([_bridged(rates.rate), angle, _bridged(item.drive), item.race])
+    for numbers, kind in zip(*model.terms(), strict=True):
+        total += _term_torque(MOTION[kind], numbers, base, course, rates.kernel.period)
     return total
 
 

@@ -5,17 +5,28 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from rovid.axis import YAW, Axis
+
 # As wide as a digit and as a point: they fill a column up without showing.
 _FIGURE_SPACE, _POINT_SPACE = "\u2007", "\u2008"
 NOTHING = "–"
 _SIGN = " ± "
 
-PARAMETER_TITLES = {"inertia": "inertia I", "quadratic_drag": "quadratic drag DQ", "linear_drag": "linear drag DL"}
+PARAMETER_TITLES = {
+    "inertia": "inertia I",
+    "quadratic_drag": "quadratic drag DQ",
+    "linear_drag": "linear drag DL",
+    "net_buoyancy": "net buoyancy B",
+    "restoring_stiffness": "restoring stiffness K",
+    "trim": "trim θ0",
+}
 _UNITS = {
     "kg m^2": "kg m²",
     "N m s^2/rad^2": "N m s²/rad²",
     "N m s^3/rad^3": "N m s³/rad³",
     "(N m)^0.5 s/rad": "√(N m) s/rad",
+    "N s^2/m^2": "N s²/m²",
+    "N s^3/m^3": "N s³/m³",
 }
 
 
@@ -32,6 +43,21 @@ def unit(text: str) -> str:
 def title(name: str) -> str:
     """A parameter's name in words, with its symbol where it has one."""
     return PARAMETER_TITLES.get(name, name.replace("_", " ").replace(".", ": "))
+
+
+def arm(axis: Axis) -> tuple[str, str]:
+    """What a thruster's lever is called, and its unit."""
+    return (axis.arm.replace("_", " "), "m") if axis.angular else (f"share along {axis.name}", "")
+
+
+def steady_state(axis: Axis) -> str:
+    """What a steady state is called."""
+    return "steady turn" if axis.angular else "steady state"
+
+
+def positions(axis: Axis) -> str:
+    """What the measured positions are called."""
+    return "headings" if axis is YAW else "readings"
 
 
 def prose(text: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from rovid.config import Config, load_config
 from rovid.errors import ConfigError, LogError
 from rovid.readers import bin_reader, read_campaign, read_log
 from rovid.trial import Trial
-from tests.conftest import SAMPLES
+from tests.conftest import SAMPLES, Rovid
 from tests.readers.logs import campaign, csv_text, kinds, standard, toml
 from tests.readers.recordings import Row, dataflash
 
@@ -64,6 +65,14 @@ def test_every_number_is_pymavlinks() -> None:
             expected = [one[label] for one in theirs]
             if not isinstance(expected[0], str):
                 np.testing.assert_array_equal(columns[label], expected)
+
+
+def test_a_first_configuration_knows_thrusters_and_signs(tmp_path: Path, rovid: Rovid) -> None:
+    shutil.copy(DIVE, tmp_path)
+    commands = {one["source"]: one["turns"] for one in rovid("init", tmp_path, "--json").document["commands"]["bin"]}
+    # Thrusters 1 to 4 turn this vehicle, with these signs.
+    assert [commands[f"RCOU.C{k}"] for k in range(1, 5)] == [-1, 1, -1, 1]
+    assert rovid("check", tmp_path).code == 0
 
 
 def test_a_map_of_signals_goes_before(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import io
 from pathlib import Path
@@ -11,14 +12,15 @@ import pytest
 from hypothesis import given, settings
 from PIL import Image
 
-from rovid.config import Config
-from rovid.errors import LogError
+from rovid.config import Config, load_config
+from rovid.errors import LogError, RovidError
 from rovid.readers import READERS, read_log
 from rovid.tables import LOG_SUFFIXES
 from tests.conftest import ROOT, Rovid
 from tests.readers.logs import campaign, kinds, toml
 from tests.readers.recordings import CHANGES, HEADING, RECORDINGS, TIME
 from tests.readers.test_fuzz import EDITS, FUZZ, Edits, edited, survive
+from tests.test_bad_input import assert_one_message
 
 FORMATS = pytest.mark.parametrize("suffix", RECORDINGS)
 
@@ -100,8 +102,27 @@ def test_a_cut_log_is_read_or_refused(suffix: str, share: float, tmp_path: Path)
         assert kinds(trial).get("truncated", 0) > 0 or trial.time[-1] < TIME[-1] or share > 0.99
 
 
+@pytest.mark.parametrize("suffix", sorted(set(RECORDINGS) - {".nmea"}))
+def test_a_first_configuration_is_guessed_from_each(suffix: str, tmp_path: Path, rovid: Rovid) -> None:
+    (tmp_path / f"a{suffix}").write_bytes(recording(suffix))
+    assert rovid("init", tmp_path).code == 0
+    trial = read_log(tmp_path / f"a{suffix}", load_config(tmp_path / "rovid.toml"))
+    assert np.rad2deg(trial.position[-1] - trial.position[0]) == pytest.approx(HEADING[-1] - HEADING[0], abs=1e-3)
+    assert len(trial.commands.T) >= 1
+
+
+@FORMATS
+@pytest.mark.parametrize("content", FOREIGN)
+def test_nothing_is_guessed_from_what_is_no_such_log(suffix: str, content: str, tmp_path: Path, rovid: Rovid) -> None:
+    (tmp_path / f"a{suffix}").write_bytes(FOREIGN[content])
+    assert_one_message(rovid("init", tmp_path), f"a{suffix}: is ")
+
+
 @FORMATS
 @settings(FUZZ, max_examples=60)
 @given(edits=EDITS)
 def test_edited_logs_do_no_harm(suffix: str, edits: Edits, tmp_path: Path) -> None:
-    survive(tmp_path / f"e{suffix}", edited(recording(suffix), edits), configured(suffix, tmp_path))
+    path = tmp_path / f"e{suffix}"
+    survive(path, edited(recording(suffix), edits), configured(suffix, tmp_path))
+    with contextlib.suppress(RovidError):
+        READERS[suffix.lower()].sources(path)

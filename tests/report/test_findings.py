@@ -197,7 +197,9 @@ def test_without_a_diagnosis_there_is_no_section(day: Evidence) -> None:
 
 
 def test_names_are_shown_as_they_are(lagged: Evidence, finding: Finding) -> None:
-    effect = replace(finding.effect, title=NASTY, form=NASTY, equation=NASTY, experiment=NASTY, fingerprint=NASTY)
+    # The form of this effect is a thruster's name, which the user gives.
+    effect = replace(finding.effect, id="thruster_imbalance", form=NASTY, title=NASTY)
+    effect = replace(effect, equation=NASTY, experiment=NASTY, fingerprint=NASTY)
     names = tuple(f"{effect.key}.{parameter.name}" for parameter in effect.parameters)
     strange = replace(
         finding,

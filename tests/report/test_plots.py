@@ -11,6 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
+from rovid.axis import YAW
 from rovid.report import album
 from rovid.report.evidence import Evidence
 from rovid.report.plots import canvas, inertia, residuals, simulations, sines, steady, thrust
@@ -29,7 +30,7 @@ def figures(day: Evidence) -> dict[str, Figure]:
     assert curves is not None
     return {
         "steady": steady.steady_torque(day.drag),
-        "sines": sines.sine_runs(day.inertia.trials, model),
+        "sines": sines.sine_runs(day.inertia.trials, model, YAW),
         "inertia": inertia.inertia_methods(day.inertia, day.vehicle.rigid_body_inertia),
         "trial": simulations.one_trial(day.simulations[0]),
         "residuals": residuals.residuals(residuals_of(day.runs.items, model, day.vehicle), day.runs.cutoff),

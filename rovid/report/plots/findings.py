@@ -25,8 +25,8 @@ _LOOKS = {
 @styled
 def rival_gains(finding: Finding) -> Figure:
     """Gain of what was found and of the best causes in its place; those not ruled out are hatched."""
-    rivals = finding.rivals[:RIVALS]
-    names = [name_of(finding.effect), *(name_of(rival.effect) for rival in rivals)]
+    rivals, axis = finding.rivals[:RIVALS], finding.estimate.axis
+    names = [name_of(finding.effect, axis), *(name_of(rival.effect, axis) for rival in rivals)]
     gains = [worth(finding), *(rival.gain for rival in rivals)]
     labels = ["found", *(_standing(finding, rival) for rival in rivals)]
     figure, ((panel,),) = sheet([(0.3 * len(gains) + 0.15, 1)], left=3.2, right=0.55)
@@ -56,15 +56,16 @@ def _standing(finding: Finding, rival: Rival) -> str:
 
 @styled
 def gain_over_time(base: TrialSimulation, extended: TrialSimulation) -> Figure:
-    """Measured yaw rate, both simulations of it, and what each of them misses below."""
+    """Measured rate, both simulations of it, and what each of them misses below."""
     figure, ((rate,), (residual,)) = sheet([(2.4, 1), (1.5, 1)], left=1.05, down=0.16, top=0.6, share_x=True)
-    time = base.run.rates.time
+    time, axis = base.run.rates.time, base.run.trial.axis
     rate.plot(*extremes(time, base.measured), color=PALE, linewidth=3.6, label="measured")
     looks = ((base, ORANGE, "--", "without"), (extended, BLACK, "-", "with what was found"))
     for item, colour, dashes, label in looks:
         rate.plot(*extremes(time, item.simulated), dashes, color=colour, linewidth=1.1, label=label)
         residual.plot(*extremes(time, item.measured - item.simulated), dashes, color=colour, linewidth=1.1)
-    for panel, label in ((rate, "yaw rate,\nrad/s"), (residual, "measured less\nsimulated, rad/s")):
+    labels = f"{axis.rate_words},\n{axis.rate_unit}", f"measured less\nsimulated, {axis.rate_unit}"
+    for panel, label in zip((rate, residual), labels, strict=True):
         panel.set_ylabel(label)
         panel.yaxis.set_label_coords(_LABEL, 0.5)
     residual.locator_params(axis="y", nbins=5)

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from rovid.identify.estimate import student_t
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, sheet, styled
+from rovid.report.text import unit
 
 SHORT = {
     "peak": "peak method",
@@ -84,7 +85,7 @@ def _panel(panel: Axes, fit: InertiaFit, names: list[str]) -> None:
     for name in names:
         _one_method(panel, list(fit.methods).index(name), name, fit)
     panel.set_ylim(len(fit.methods) - 0.45, -0.55)
-    panel.set_xlabel("inertia, kg m²")
+    panel.set_xlabel(f"inertia, {unit(fit.estimate.unit('inertia'))}")
     panel.grid(visible=False, axis="y")
 
 

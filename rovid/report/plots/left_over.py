@@ -21,6 +21,7 @@ def left_over(before: Sequence[Residual], after: Sequence[Residual], cutoff: flo
     figure, ((by_rate, by_torque), (course,), (lags, frequencies)) = sheet(
         [(2.2, 2), (1.6, 1), (1.9, 2)], top=0.4, across=0.95
     )
+    axis = before[0].run.trial.axis
     rate = np.concatenate([item.run.rates.rate for item in before])
     torque = np.concatenate([item.drive for item in before])
     for items, (label, colour, dashes, marker) in zip((before, after), _LOOKS, strict=True):
@@ -31,8 +32,9 @@ def left_over(before: Sequence[Residual], after: Sequence[Residual], cutoff: flo
         over_time(course, items, (colour,))
         memory(lags, items, **line)
         density(frequencies, items, cutoff, **line)
-    by_rate.set(xlabel="yaw rate, rad/s", ylabel="mean residual torque, N m")
-    by_torque.set(xlabel="torque, N m", ylabel="mean residual torque, N m")
+    residual = f"mean residual {axis.push}, {axis.push_unit}"
+    by_rate.set(xlabel=f"{axis.rate_words}, {axis.rate_unit}", ylabel=residual)
+    by_torque.set(xlabel=f"{axis.push}, {axis.push_unit}", ylabel=residual)
     for panel in (by_rate, by_torque):
         panel.axhline(0.0, color=BLACK, linewidth=0.8)
     by_rate.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)

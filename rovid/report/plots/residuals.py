@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
+from rovid.axis import Axis
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, extremes, sheet, styled
 from rovid.report.residual import Residual, autocorrelation, binned, spectrum
 from rovid.trial import FloatArray
@@ -24,17 +25,23 @@ def residuals(items: Sequence[Residual], cutoff: float) -> Figure:
     figure, ((by_rate, by_torque), (course,), (lags, frequencies)) = sheet(
         [(2.2, 2), (1.6, 1), (1.9, 2)], top=0.4, across=0.95
     )
+    axis = items[0].run.trial.axis
     left = np.concatenate([item.left for item in items])
     _against(by_rate, np.concatenate([item.run.rates.rate for item in items]), left)
     _against(by_torque, np.concatenate([item.drive for item in items]), left)
-    by_rate.set(xlabel="yaw rate, rad/s", ylabel="residual torque, N m")
-    by_torque.set(xlabel="torque, N m", ylabel="residual torque, N m")
+    residual = f"residual {axis.push}, {axis.push_unit}"
+    by_rate.set(xlabel=f"{axis.rate_words}, {axis.rate_unit}", ylabel=residual)
+    by_torque.set(xlabel=f"{axis.push}, {axis.push_unit}", ylabel=residual)
     legend = by_rate.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
     legend.get_lines()[0].set(markersize=7, alpha=1.0)
     over_time(course, items, (BLUE, GREY))
     memory(lags, items, color=BLUE)
     density(frequencies, items, cutoff, color=BLUE)
     return figure
+
+
+def _squared(axis: Axis) -> str:
+    return f"({axis.push_unit})²" if " " in axis.push_unit else f"{axis.push_unit}²"
 
 
 def _against(panel: Axes, driver: FloatArray, left: FloatArray) -> None:
@@ -64,7 +71,8 @@ def over_time(panel: Axes, items: Sequence[Residual], colours: Sequence[str]) ->
         count = max(2400 * len(item.left) // samples, 20)
         panel.plot(*extremes(time, item.left, count), color=colours[k % len(colours)], linewidth=0.7)
         clock = float(time[-1])
-    panel.set(xlabel="time, all trials one after another, s", ylabel="residual torque, N m")
+    axis = items[0].run.trial.axis
+    panel.set(xlabel="time, all trials one after another, s", ylabel=f"residual {axis.push}, {axis.push_unit}")
     panel.margins(x=0.01)
 
 
@@ -79,7 +87,7 @@ def memory(panel: Axes, items: Sequence[Residual], **look: Any) -> None:
 def density(panel: Axes, items: Sequence[Residual], cutoff: float, **look: Any) -> None:
     """Spectrum of what is left, over any that was drawn before."""
     panel.semilogy(*spectrum(items, cutoff), **look)
-    panel.set(xlabel="frequency, Hz", ylabel="density, (N m)²/Hz", xlim=(0.0, cutoff))
+    panel.set(xlabel="frequency, Hz", ylabel=f"density, {_squared(items[0].run.trial.axis)}/Hz", xlim=(0.0, cutoff))
     drawn = np.concatenate([np.asarray(line.get_ydata(), dtype=np.float64) for line in panel.get_lines()])
     wide = np.nanmax(drawn) > 100.0 * np.nanmin(drawn)
     panel.yaxis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 3.0), numticks=7))

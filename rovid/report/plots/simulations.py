@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -31,7 +30,8 @@ def overview(simulations: Sequence[TrialSimulation]) -> Figure:
     for panel in flat[len(simulations) :]:
         panel.set_axis_off()
     figure.supxlabel("time, s", y=0.06 / figure.get_figheight(), fontsize=10, va="bottom")
-    figure.supylabel("yaw rate, rad/s", x=0.01, fontsize=10, ha="left")
+    axis = simulations[0].run.trial.axis
+    figure.supylabel(f"{axis.rate_words}, {axis.rate_unit}", x=0.01, fontsize=10, ha="left")
     handles, labels = flat[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper left", bbox_to_anchor=(0.07, 1.0), ncols=2)
     return figure
@@ -49,25 +49,31 @@ def _small(panel: Axes, item: TrialSimulation) -> None:
 
 @styled
 def one_trial(item: TrialSimulation) -> Figure:
-    """One trial: the torque, measured and simulated rate, and the simulation's error in rate and heading."""
+    """One trial: the torque, measured and simulated rate, and the simulation's error in rate and position."""
     rows = [(0.75, 1), (2.2, 1), (0.9, 1), (0.9, 1)]
-    figure, ((torque,), (rate,), (difference,), (heading,)) = sheet(rows, left=1.05, down=0.16, share_x=True)
-    trial, time = item.run.trial, item.run.rates.time
+    figure, ((torque,), (rate,), (difference,), (position,)) = sheet(rows, left=1.05, down=0.16, share_x=True)
+    trial, time, axis = item.run.trial, item.run.rates.time, item.run.trial.axis
+    shown, factor = axis.shown
     torque.step(*extremes(trial.time, item.run.torque), where="post", color=BLUE, linewidth=1.0)
     overlay(rate, time, item.measured, item.simulated)
     difference.plot(*extremes(time, item.simulated - item.measured), color=BLUE, linewidth=0.9)
     known = trial.measured
-    error = np.degrees(item.position - trial.position)[known]
-    heading.plot(*extremes(trial.time[known], error), color=BLUE, linewidth=0.9)
-    labels = ("torque,\nN m", "yaw rate,\nrad/s", "rate error,\nrad/s", "heading\nerror, deg")
-    for panel, label in zip((torque, rate, difference, heading), labels, strict=True):
+    error = factor * (item.position - trial.position)[known]
+    position.plot(*extremes(trial.time[known], error), color=BLUE, linewidth=0.9)
+    labels = (
+        f"{axis.push},\n{axis.push_unit}",
+        f"{axis.rate_words},\n{axis.rate_unit}",
+        f"rate error,\n{axis.rate_unit}",
+        f"{axis.position_words}\nerror, {shown}",
+    )
+    for panel, label in zip((torque, rate, difference, position), labels, strict=True):
         panel.set_ylabel(label)
         panel.yaxis.set_label_coords(_LABEL, 0.5)
-    for panel in (torque, difference, heading):
+    for panel in (torque, difference, position):
         panel.locator_params(axis="y", nbins=4)
     torque.set_title(f"{shortened(trial.name, 48)}{_quality(item)}")
     figure.legend(*rate.get_legend_handles_labels(), ncols=2, loc="upper right", borderaxespad=0.1)
-    heading.set_xlabel("time, s")
+    position.set_xlabel("time, s")
     return figure
 
 

@@ -1,4 +1,4 @@
-"""Torque against rate in steady turns."""
+"""Torque, or force, against rate in steady states."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from rovid.effects import restoring_of
+from rovid.effects.restoring import columns
 from rovid.identify.estimate import Estimate, student_t
 from rovid.identify.steady import DragFit
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, sheet, styled
+from rovid.report.text import steady_state
 from rovid.trial import FloatArray
 
 _STEPS = 300
@@ -19,6 +22,7 @@ _STEPS = 300
 def steady_torque(fit: DragFit) -> Figure:
     """Torque against rate with the fitted line, its 95 % band, and the residuals."""
     figure, ((top,), (bottom,)) = sheet([(3.6, 1), (1.5, 1)], top=0.25, down=0.2, share_x=True)
+    axis = fit.estimate.axis
     rate, torque = (np.array([getattr(point, name) for point in fit.points]) for name in ("rate", "torque"))
     line = _line(fit)
     reach = _reach(fit.estimate, line)
@@ -26,7 +30,7 @@ def steady_torque(fit: DragFit) -> Figure:
     if reach is not None:
         top.fill_between(line, drag - reach, drag + reach, color=BLUE, alpha=0.22, linewidth=0, label="95 % band")
         bottom.fill_between(line, -reach, reach, color=BLUE, alpha=0.22, linewidth=0)
-    top.plot(line, drag, color=BLUE, label="fit: DQ·|r|·r + DL·r")
+    top.plot(line, drag, color=BLUE, label=f"fit: DQ·|r|·r + DL·r{' + B' if len(fit.estimate.names) > 2 else ''}")
     bottom.axhline(0.0, color=BLUE)
     _points(top, fit, rate, torque)
     _points(bottom, fit, rate, fit.residuals)
@@ -36,9 +40,9 @@ def steady_torque(fit: DragFit) -> Figure:
     _each_direction(bottom, fit, line)
     if fit.directions:
         top.plot([], [], color=ORANGE, linestyle="--", label="each direction alone, below")
-    top.set_ylabel("torque, N m")
-    bottom.set_ylabel("residual, N m")
-    bottom.set_xlabel("yaw rate, rad/s")
+    top.set_ylabel(f"{axis.push}, {axis.push_unit}")
+    bottom.set_ylabel(f"residual, {axis.push_unit}")
+    bottom.set_xlabel(f"{axis.rate_words}, {axis.rate_unit}")
     top.legend(loc="upper left")
     return figure
 
@@ -48,28 +52,34 @@ def _line(fit: DragFit) -> FloatArray:
     return np.linspace(1.05 * min(rates), 1.05 * max(rates), _STEPS)
 
 
-def _design(rate: FloatArray) -> FloatArray:
-    return np.column_stack((np.abs(rate) * rate, rate))
+def _design(estimate: Estimate, rate: FloatArray) -> FloatArray:
+    """(n, p) what each of the estimate's parameters is multiplied by: those of drag, and a net buoyancy."""
+    more = columns(restoring_of(estimate.axis), np.zeros(len(rate)))
+    return np.column_stack((np.abs(rate) * rate, rate, more))
 
 
 def _drag(estimate: Estimate, rate: FloatArray) -> FloatArray:
-    return np.asarray(_design(rate) @ estimate.values)
+    return np.asarray(_design(estimate, rate) @ estimate.values)
 
 
 def _reach(estimate: Estimate, rate: FloatArray) -> FloatArray | None:
-    """Half the width of the 95 % band in N m; None where two or fewer points leave no error to speak of."""
+    """Half the width of the 95 % band in N m or N; None where two or fewer points leave no error to speak of."""
     if not np.isfinite(estimate.covariance).all():
         return None
-    variance = np.einsum("ni,ij,nj->n", _design(rate), estimate.covariance, _design(rate))
+    design = _design(estimate, rate)
+    variance = np.einsum("ni,ij,nj->n", design, estimate.covariance, design)
     return np.asarray(student_t(0.975, estimate.degrees_of_freedom) * np.sqrt(np.maximum(variance, 0.0)))
 
 
 def _points(panel: Axes, fit: DragFit, rate: FloatArray, values: FloatArray) -> None:
     known = bool(np.any(fit.torque_error != 1.0))
-    for rows, filled, text in ((rate > 0, BLACK, "heading growing"), (rate < 0, "white", "heading falling")):
+    axis = fit.estimate.axis
+    for rows, filled, text in ((rate > 0, BLACK, "growing"), (rate < 0, "white", "falling")):
         if rows.any():
             errors = fit.torque_error[rows] if known else None
-            _error_bars(panel, rate[rows], values[rows], errors, filled, f"steady turn, {text}")
+            _error_bars(
+                panel, rate[rows], values[rows], errors, filled, f"{steady_state(axis)}, {axis.position_words} {text}"
+            )
 
 
 def _error_bars(panel: Axes, x: FloatArray, y: FloatArray, errors: FloatArray | None, filled: str, label: str) -> None:

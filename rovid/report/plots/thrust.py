@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rovid.report.plots.canvas import BLACK, BLUE, ORANGE, sheet, shortened, styled
+from rovid.report.text import arm
 from rovid.runs import Run
 from rovid.trial import FloatArray
 from rovid.vehicle import ThrustCurve, Thruster, Vehicle
@@ -28,7 +29,8 @@ def thrust_curves(vehicle: Vehicle, runs: Sequence[Run]) -> Figure | None:
     flat = [panel for row in panels for panel in row]
     for panel, (k, thruster, curve) in zip(flat, curves, strict=False):
         used = np.concatenate([run.trial.commands[:, k] for run in runs]) if runs else np.empty(0)
-        _one_curve(panel, thruster, curve, used[np.isfinite(used)], _ROOM // columns)
+        _one_curve(panel, curve, used[np.isfinite(used)])
+        panel.set_title(f"{shortened(thruster.name, _ROOM // columns)}, {_lever(vehicle, thruster)}", fontsize=9)
     for panel in flat[len(curves) :]:
         panel.set_axis_off()
     handles, labels = flat[0].get_legend_handles_labels()
@@ -36,7 +38,7 @@ def thrust_curves(vehicle: Vehicle, runs: Sequence[Run]) -> Figure | None:
     return figure
 
 
-def _one_curve(panel: Axes, thruster: Thruster, curve: ThrustCurve, used: FloatArray, room: int) -> None:
+def _one_curve(panel: Axes, curve: ThrustCurve, used: FloatArray) -> None:
     panel.plot(curve.command, curve.thrust, color=BLACK, linewidth=1.0, label="bench curve")
     if used.size:
         low, high = float(used.min()), float(used.max())
@@ -51,6 +53,9 @@ def _one_curve(panel: Axes, thruster: Thruster, curve: ThrustCurve, used: FloatA
             solid_capstyle="butt",
             label="commands that the logs use",
         )
-    panel.set_title(f"{shortened(thruster.name, room)}, arm {thruster.arm:.3g} m", fontsize=9)
     panel.set(xlabel="command", ylabel="thrust, N")
     panel.locator_params(nbins=6)
+
+
+def _lever(vehicle: Vehicle, thruster: Thruster) -> str:
+    return f"arm {thruster.arm:.3g} m" if vehicle.axis.angular else f"{arm(vehicle.axis)[0]} {thruster.arm:.3g}"

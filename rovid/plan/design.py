@@ -1,0 +1,107 @@
+"""From a fit to the run to make next, as a command file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovid.identify.likelihood import LikelihoodFit
+from rovid.plan.programme import Limits, Pace, programme
+from rovid.plan.worth import DECIDES, Belief, Worth, ranked
+from rovid.trial import Trial
+from rovid.vehicle import Vehicle
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """Runs to come, the best first.
+
+    Attributes
+    ----------
+    beliefs
+        The rivals, or the one model whose parameter ``narrow`` is to be surer.
+    noise_rate
+        Rate in rad/s or m/s that the disturbance drives: what differs by less is not seen.
+    """
+
+    beliefs: tuple[Belief, ...]
+    narrow: str
+    runs: tuple[Worth, ...]
+    thrusters: tuple[str, ...]
+    noise_rate: float
+
+    @property
+    def best(self) -> Worth:
+        """The run to make next."""
+        return self.runs[0]
+
+    @property
+    def decides(self) -> bool:
+        """Whether the best run is expected to tell the rivals apart; always true of a parameter."""
+        return len(self.beliefs) == 1 or self.best.gain >= DECIDES
+
+
+def plan(
+    beliefs: Sequence[Belief], vehicle: Vehicle, trials: Sequence[Trial], limits: Limits, narrow: str = ""
+) -> Plan:
+    """Rank the runs that tell ``beliefs`` apart, or make ``narrow`` surer.
+
+    Raises
+    ------
+    DataError
+        The thrusters push one way only, or no run stays within the limits.
+    """
+    names = tuple(thruster.name for thruster in vehicle.thrusters)
+    runs = programme(Pace.of(beliefs[0].model, vehicle, trials, limits.share), names)
+    narrow = narrow or ("" if len(beliefs) > 1 else widest(beliefs[0]))
+    found = ranked(runs, beliefs, vehicle, limits, narrow=narrow)
+    rate = float(np.sqrt(np.mean(found[0].rates ** 2)))
+    return Plan(
+        beliefs=tuple(beliefs),
+        narrow=narrow,
+        runs=tuple(found),
+        thrusters=names,
+        noise_rate=beliefs[0].driven_rate(rate),
+    )
+
+
+def widest(belief: Belief) -> str:
+    """The parameter that is least sure for its size."""
+    values, spread = belief.model.values, np.sqrt(np.maximum(np.diag(belief.covariance), 0.0))
+    share = np.where(values != 0.0, spread / np.maximum(np.abs(values), 1e-300), 0.0)
+    return belief.model.names[int(np.argmax(share))]
+
+
+def belief_of(fit: LikelihoodFit, name: str) -> Belief:
+    """What a fit knows."""
+    return Belief(
+        name=name,
+        model=fit.model,
+        covariance=fit.estimate.covariance,
+        disturbance=fit.disturbance,
+        memory=fit.correlation_time,
+        noise=fit.position_noise,
+        integrated=fit.integrated,
+    )
+
+
+def command_rows(worth: Worth) -> tuple[list[float], list[list[float]]]:
+    """Instants in s at which a command changes, and the commands from then on; the last is where the run ends."""
+    commands = worth.run.commands
+    changed = np.flatnonzero(np.any(np.diff(commands, axis=0) != 0.0, axis=1)) + 1
+    rows = np.unique(np.concatenate(([0], changed, [len(commands) - 1])))
+    return [round(float(t), 4) for t in worth.run.time[rows]], np.round(commands[rows], 5).tolist()
+
+
+def command_text(found: Plan) -> str:
+    """The best run as CSV: time_s and a column for each actuator; each row holds until the next."""
+    times, rows = command_rows(found.best)
+    header = ",".join(["time_s", *(_cell(name) for name in found.thrusters)])
+    lines = (",".join(f"{value:g}" for value in (time, *row)) for time, row in zip(times, rows, strict=True))
+    return "\n".join([header, *lines]) + "\n"
+
+
+def _cell(name: str) -> str:
+    return '"' + name.replace('"', '""') + '"' if set(name) & set(',"\n') else name

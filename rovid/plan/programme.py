@@ -1,0 +1,210 @@
+"""Runs that a crew can play: holds, stairs, sines, sweeps, random levels, coast-downs, turns and back, one thruster."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovid.effects.base import actuation
+from rovid.errors import DataError
+from rovid.model import Model
+from rovid.trial import FloatArray, Trial
+from rovid.vehicle import Vehicle
+
+# s of rest before each run: the filter and the vehicle begin from nothing.
+LEAD = 4.0
+_LEVELS = (0.3, 0.6, 1.0)
+_SEED = 20130401  # a plan is the same whenever it is made
+# Times in vehicle time constants, but no shorter than so many s for a crew and its drives.
+_SHORTEST_HOLD = 8.0
+_TURNS = (1.0, 6.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Planned:
+    """A run to come.
+
+    Attributes
+    ----------
+    name
+        One line for a crew.
+    time, commands
+        (n,) s and (n, k) in each actuator's unit, held from each instant to the next.
+    """
+
+    name: str
+    time: FloatArray
+    commands: FloatArray
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes."""
+        return float(self.time[-1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What a crew allows: share of the commands in use, and at most so many s, rad/s (m/s) and turns (or m)."""
+
+    share: float = 1.0
+    seconds: float = 600.0
+    rate: float = math.inf
+    travel: float = math.inf
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pace:
+    """What the runs are scaled by.
+
+    Attributes
+    ----------
+    constant
+        The vehicle's time constant in s at a middling rate.
+    period
+        s between the instants of a command file.
+    full
+        (2, k) commands of a full push down and up, each actuator in the sense of its arm.
+    edge
+        (2, k) where the thrust begins on either side.
+    fast
+        Steady rate under a full push, in rad/s or m/s.
+    """
+
+    constant: float
+    period: float
+    full: FloatArray
+    edge: FloatArray
+    fast: float
+
+    @classmethod
+    def of(cls, model: Model, vehicle: Vehicle, trials: Sequence[Trial], share: float) -> Pace:
+        """From the commands that ``trials`` used, of which ``share`` is allowed.
+
+        Raises
+        ------
+        DataError
+            The thrusters push one way only.
+        """
+        commands = np.vstack([trial.commands for trial in trials])
+        where = actuation(vehicle, trials[0])
+        used = np.nanmin(commands, axis=0), np.nanmax(commands, axis=0)
+        most = np.maximum(used[1] - where.neutral, where.neutral - used[0]) * share
+        senses = np.sign(where.arms)
+        full, edge = np.empty((2, len(most))), np.empty((2, len(most)))
+        for row, way in enumerate((-1.0, 1.0)):
+            side = (way * senses > 0.0).astype(int)
+            edge[row] = where.dead_zone[np.arange(len(most)), side]
+            full[row] = where.neutral + way * senses * most
+        pushes = np.array([vehicle.thrust(one[None])[0] @ where.arms for one in full])
+        if not pushes[0] < 0.0 < pushes[1]:
+            raise DataError("the thrusters push one way only.", mend=f"Look at {vehicle.axis.arm} in rovid.toml.")
+        push = float(np.min(np.abs(pushes)))
+        fast = _steady(model, push)
+        constant = model.inertia / max(2.0 * model.quadratic_drag * 0.5 * fast + model.linear_drag, 1e-12)
+        if model.stiffness > 0.0:
+            constant = max(constant, 2.0 * math.pi * math.sqrt(model.inertia / model.stiffness))
+        period = float(np.median([trial.period for trial in trials]))
+        return cls(constant=constant, period=period, full=full, edge=edge, fast=fast)
+
+    def commands(self, shares: FloatArray) -> FloatArray:
+        """(n, k) commands of (n,) shares of the full push, -1 to 1; neutral at 0."""
+        row = (shares > 0.0).astype(int)
+        reach = self.edge[row] + np.abs(shares)[:, None] * (self.full[row] - self.edge[row])
+        neutral = 0.5 * (self.edge[0] + self.edge[1])
+        return np.asarray(np.where(shares[:, None] == 0.0, neutral, reach))
+
+
+def _steady(model: Model, push: float) -> float:
+    """Rate at which drag balances ``push``."""
+    quadratic, linear = model.quadratic_drag, model.linear_drag
+    root = math.sqrt(linear**2 + 4.0 * quadratic * push)
+    return 2.0 * push / max(linear + root, 1e-12)
+
+
+def programme(pace: Pace, thrusters: Sequence[str]) -> list[Planned]:
+    """Every run that is worth a thought, each from rest and left at rest."""
+    runs = [_played(name, pieces, pace) for name, pieces in _courses(pace)]
+    if len(thrusters) > 1:
+        runs += [_alone(one, at, pace) for at, one in enumerate(thrusters)]
+    return runs
+
+
+# (seconds, share) pieces of held pushes, or (seconds, function of the time since the piece began).
+_Piece = tuple[float, float]
+
+
+def _courses(pace: Pace) -> Iterator[tuple[str, list[_Piece]]]:
+    tau = pace.constant
+    hold = max(5.0 * tau, _SHORTEST_HOLD)
+    for level in _LEVELS:
+        share = f"{100 * level:.0f} % of the command"
+        yield f"hold both ways at {share}, {hold:.0f} s each", [(hold, level), (hold, -level)]
+        coast = max(8.0 * tau, 2.0 * _SHORTEST_HOLD)
+        yield f"coast-downs from both ways at {share}", [(hold, level), (coast, 0.0), (hold, -level), (coast, 0.0)]
+        for count in (3.0, 10.0, 30.0):
+            period = count * tau
+            cycles = max(4, math.ceil(40.0 / count))
+            yield f"sine of {period:.3g} s at {share}, {cycles} periods", _sine(period, level, cycles, pace)
+        for turns in _TURNS:
+            seconds = turns * 2.0 * math.pi / max(pace.fast * math.sqrt(level), 1e-9)
+            rest = max(8.0 * tau, 20.0)
+            name = f"about {turns:g} turn{'s' if turns > 1 else ''} and back at {share}, with rests"
+            yield name, [(seconds, level), (rest, 0.0), (seconds, -level), (rest, 0.0)]
+        for quick, word in ((0.3, "fast"), (2.0, "slow")):
+            yield f"{word} random levels up to {share}", _random(quick * tau, level, 60.0 * quick**0.3 * tau)
+    step = max(3.0 * tau, 4.0)
+    up = [0.05, 0.1, 0.2, 0.3, 0.45, 0.3, 0.2, 0.1, 0.05]
+    stairs = [(step, level) for level in (*up, 0.0, *(-one for one in up), 0.0)]
+    yield f"slow staircase through neutral, {step:.0f} s a level", stairs
+    yield "sweep from slow to fast sines", _sweep(30.0 * tau, 1.5 * tau, 0.8, pace)
+    yield "left alone at rest for two minutes", [(2.0, 0.3), (120.0, 0.0)]
+
+
+def _sine(period: float, level: float, cycles: int, pace: Pace) -> list[_Piece]:
+    step = max(pace.period, period / 200.0)
+    time = np.arange(0.0, cycles * period, step)
+    return [(step, float(level * math.sin(2.0 * math.pi * t / period))) for t in time]
+
+
+def _sweep(longest: float, shortest: float, level: float, pace: Pace) -> list[_Piece]:
+    """Periods fall by a constant share from each to the next, so that each has as many cycles as another."""
+    step = max(pace.period, shortest / 40.0)
+    length = 3.0 * longest
+    growth = math.log(longest / shortest) / length
+    time = np.arange(0.0, length, step)
+    phase = 2.0 * math.pi / longest * np.expm1(growth * time) / growth
+    return [(step, float(level * math.sin(one))) for one in phase]
+
+
+def _random(typical: float, level: float, length: float) -> list[_Piece]:
+    rng = np.random.default_rng(_SEED)
+    pieces: list[_Piece] = []
+    while sum(seconds for seconds, _ in pieces) < length:
+        share = float(rng.uniform(0.2, 1.0) * level * rng.choice((-1.0, 1.0)))
+        pieces.append((float(typical * rng.uniform(0.5, 2.0)), share))
+    return pieces
+
+
+def _played(name: str, pieces: Sequence[_Piece], pace: Pace) -> Planned:
+    time, shares = _course(pieces, pace)
+    return Planned(name=name, time=time, commands=pace.commands(shares))
+
+
+def _course(pieces: Sequence[_Piece], pace: Pace) -> tuple[FloatArray, FloatArray]:
+    """(n,) s and the share held at each, on the clock of the logs."""
+    ends = LEAD + np.cumsum([seconds for seconds, _ in pieces])
+    time = pace.period * np.arange(round(float(ends[-1]) / pace.period) + 1)
+    levels = np.array([0.0, *(share for _, share in pieces)], dtype=np.float64)
+    at = np.searchsorted(np.array([LEAD, *ends]), time + 1e-9, side="right")
+    return np.asarray(time, dtype=np.float64), levels[np.minimum(at, len(levels) - 1)]
+
+
+def _alone(name: str, at: int, pace: Pace) -> Planned:
+    hold = max(5.0 * pace.constant, _SHORTEST_HOLD)
+    time, shares = _course([(hold, 1.0), (hold, 0.0), (hold, -1.0), (hold, 0.0)], pace)
+    commands, rest = pace.commands(shares), pace.commands(np.zeros(len(time)))
+    commands = np.where(np.arange(commands.shape[1]) == at, commands, rest)
+    return Planned(name=f"{name} alone, both ways, {hold:.0f} s each", time=time, commands=commands)

@@ -1,0 +1,189 @@
+"""What a run to come would tell: how much likelier the right one of two models, how much surer a parameter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rovid.errors import DataError
+from rovid.identify.innovations import BASE, Likelihood, Records
+from rovid.model import Model
+from rovid.plan.programme import Limits, Planned
+from rovid.runs import prepare
+from rovid.trial import Campaign, FloatArray, Trial
+from rovid.vehicle import Vehicle
+from rovid.workers import spread
+
+# Log-likelihood that decides, as in the diagnosis.
+DECIDES = 12.0
+_ROOM = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Belief:
+    """A fitted model and how sure it is.
+
+    Attributes
+    ----------
+    covariance
+        (p, p) of ``model.values``.
+    disturbance, memory
+        N m (N), and s.
+    noise
+        Standard deviation of what is measured.
+    integrated
+        Whether that is the rate alone.
+    """
+
+    name: str
+    model: Model
+    covariance: FloatArray
+    disturbance: float
+    memory: float
+    noise: float
+    integrated: bool = False
+
+    def driven_rate(self, rate: float) -> float:
+        """Standard deviation of the rate that the disturbance drives, where the vehicle moves at ``rate``."""
+        slope = max(2.0 * self.model.quadratic_drag * rate + self.model.linear_drag, 1e-12)
+        constant = self.model.inertia / slope
+        return self.disturbance / slope * math.sqrt(self.memory / (self.memory + constant))
+
+    @classmethod
+    def of(cls, name: str, likelihood: Likelihood, x: FloatArray, covariance: FloatArray) -> Belief:
+        """Of a likelihood at the (q,) coordinates ``x``, with the (p, p) covariance of the model's parameters."""
+        disturbance, memory = likelihood.disturbance(x)
+        return cls(
+            name=name,
+            model=likelihood.model(x),
+            covariance=covariance,
+            disturbance=disturbance,
+            memory=memory,
+            noise=likelihood.position_noise(x),
+            integrated=likelihood.records.integrated,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Worth:
+    """A run with what it is expected to tell, and the rates that each model predicts in it.
+
+    Attributes
+    ----------
+    gain
+        Of log-likelihood by which the right model would win, or the logarithm of the ratio of a parameter's variances.
+    rates
+        (m, n) predicted rate of each belief at the instants of the run.
+    """
+
+    run: Planned
+    gain: float
+    rates: FloatArray
+
+    @property
+    def per_minute(self) -> float:
+        """Gain for each minute in the water."""
+        return 60.0 * self.gain / self.run.seconds
+
+
+def ranked(
+    runs: Sequence[Planned], beliefs: Sequence[Belief], vehicle: Vehicle, limits: Limits, *, narrow: str = ""
+) -> list[Worth]:
+    """``runs`` within ``limits``, the best for its time first.
+
+    Parameters
+    ----------
+    beliefs
+        Two rivals, or the one model of which the parameter ``narrow`` is to be surer.
+
+    Raises
+    ------
+    DataError
+        No run stays within the limits.
+    """
+    found = [one for one in spread(lambda run: _worth(run, beliefs, vehicle, limits, narrow), runs) if one is not None]
+    if not found:
+        raise DataError("no run stays within these limits.", mend="Allow a longer run, more turns or a higher rate.")
+    # Of the runs that decide the one that does so fastest; where none does, the one that tells most for its time.
+    if len(beliefs) > 1:
+        return sorted(found, key=lambda one: (-min(one.gain, DECIDES) / DECIDES, -one.per_minute))
+    return sorted(found, key=lambda one: -one.per_minute)
+
+
+def _worth(run: Planned, beliefs: Sequence[Belief], vehicle: Vehicle, limits: Limits, narrow: str) -> Worth | None:
+    if run.seconds > limits.seconds:
+        return None
+    trials = [_imagined(run, belief, vehicle) for belief in beliefs]
+    for trial in trials:
+        travel = np.ptp(trial.position) / (2.0 * math.pi if vehicle.axis.angular else 1.0)
+        if trial.rate is None or np.max(np.abs(trial.rate)) > limits.rate or travel > limits.travel:
+            return None
+    rates = np.array([trial.rate for trial in trials])
+    if len(beliefs) == 1:
+        gain = _narrowed(trials[0], beliefs[0], vehicle, narrow)
+    else:
+        first, second = beliefs
+        # Whichever is right: the run has to tell either.
+        gain = min(_told(trials[0], second, vehicle), _told(trials[1], first, vehicle))
+    return Worth(run=run, gain=gain, rates=rates)
+
+
+def _imagined(run: Planned, belief: Belief, vehicle: Vehicle) -> Trial:
+    """The run as the vehicle of ``belief`` would answer it, without noise or disturbance."""
+    trial = replace(Trial.imagined(run.time, run.commands, name=run.name), axis=vehicle.axis)
+    rate, position = belief.model.simulate(trial, belief.model.drive(vehicle, trial))
+    return replace(trial, rate=rate, position=position, integrated=belief.integrated)
+
+
+def _likelihood(trial: Trial, belief: Belief, vehicle: Vehicle) -> tuple[Likelihood, FloatArray]:
+    """Of the imagined trial under ``belief``, and where it stands."""
+    # The lowest cut-off that any run of some length takes: the filter has no say here.
+    seen = trial if belief.integrated else replace(trial, rate=None)
+    runs = prepare(Campaign(trials=(seen,), sources=()), vehicle, cutoff=0.1 / trial.period).items
+    model = belief.model
+    likelihood = Likelihood(Records(runs, vehicle, replace(model, effects=(), effect_values=())), 1.0, model.effects)
+    scale, units = likelihood.records.drag_scale, likelihood.units
+    own = np.array([*model.restoring_values, *model.effect_values])
+    drags = model.quadratic_drag / scale[0], model.linear_drag / scale[1]
+    noise = math.log(belief.disturbance + 1e-300), math.log(belief.memory), math.log(max(belief.noise, _ROOM))
+    x = np.array([math.log(model.inertia), *drags, *noise, *(own / units)])
+    return likelihood, x
+
+
+def _slopes(likelihood: Likelihood, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(N,) normalised innovations and their (N, p) slopes by the model's own parameters, in their units."""
+    here = likelihood.slopes(x)
+    count = len(here.residual) // 2
+    size = np.array([math.exp(x[0]), *likelihood.records.drag_scale, *likelihood.units])
+    shown = [0, 1, 2, *range(BASE, len(x))]
+    return here.residual[:count], here.matrix[:count][:, shown] / size
+
+
+def _told(trial: Trial, wrong: Belief, vehicle: Vehicle) -> float:
+    """Log-likelihood that ``wrong`` loses, though its parameters give way within what is known of them."""
+    likelihood, x = _likelihood(trial, wrong, vehicle)
+    residual, slopes = _slopes(likelihood, x)
+    known, scale = _information(wrong.covariance)
+    slopes = slopes * scale
+    pull = slopes.T @ residual
+    give = np.linalg.lstsq(slopes.T @ slopes + known, pull, rcond=1e-12)[0]
+    return max(0.5 * float(residual @ residual - pull @ give), 0.0)
+
+
+def _information(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(p, p) inverse of the correlations, and the (p,) standard deviations by which its unknowns are divided."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    return np.asarray(np.linalg.pinv(covariance / np.outer(scale, scale), rcond=1e-10)), scale
+
+
+def _narrowed(trial: Trial, belief: Belief, vehicle: Vehicle, name: str) -> float:
+    """Logarithm of the parameter's variance before the run over that after it."""
+    likelihood, x = _likelihood(trial, belief, vehicle)
+    _, slopes = _slopes(likelihood, x)
+    at = belief.model.names.index(name)
+    known, scale = _information(belief.covariance)
+    after = np.linalg.pinv(known + (slopes * scale).T @ (slopes * scale), rcond=1e-12)
+    return -math.log(max(after[at, at], 1e-300))

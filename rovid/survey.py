@@ -1,0 +1,236 @@
+"""A first rovid.toml from the logs alone: read all that is there, guess, and write each guess with its reason."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rovid.config import FILE_NAME, Config, Signal, read_curve
+from rovid.errors import ConfigError, DataError, RovidError
+from rovid.guess import Guess, Guesses, Seen, Thrusting, guess
+from rovid.readers.formats import READERS
+from rovid.tables import CURVE_COLUMNS, curve_text, read_table
+from rovid.vehicle import ThrustCurve, Vehicle
+
+GUESSED_CURVE = "thrust_guess.csv"
+# Logs are many and alike: so many of each format tell enough.
+_LOGS = 12
+# Of the guessed curve, N at its ends; a constant scale of all thrust never shows in yaw data.
+_FULL_THRUST = 100.0
+_PULSES = np.array([1100.0, 1500.0, 1900.0])
+# Commands seen leave this much room to the end of a guessed curve.
+_ROOM = 1.1
+_ORIENTATIONS = ("orientation", "quaternion", "rotation", ".q")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Survey:
+    """What `rovid init` found.
+
+    Attributes
+    ----------
+    guesses
+        Format -> what its sources are.
+    clocks
+        Format -> source of the clock, empty where it has one of its own.
+    curve
+        Name of the thrust curve beside the logs, and whether that is a guess, still to be written.
+    logs
+        How many were looked at.
+    """
+
+    folder: Path
+    guesses: Mapping[str, Guesses]
+    clocks: Mapping[str, str]
+    curve: str
+    curve_guessed: ThrustCurve | None
+    logs: int
+
+
+def survey(paths: Sequence[Path]) -> Survey:
+    """Look at the logs in ``paths``.
+
+    Raises
+    ------
+    RovidError
+        There are no logs, none can be read, or none holds a heading or a command.
+    """
+    folder = paths[0] if paths[0].is_dir() else paths[0].parent
+    logs: dict[str, list[Mapping[str, Seen]]] = {}
+    clocks: dict[str, str] = {}
+    problems = []
+    for path in _files(paths):
+        kind = READERS[path.suffix.lower()].kind
+        if len(logs.setdefault(kind, [])) >= _LOGS or _is_table(path):
+            continue
+        try:
+            clock, seen = _seen(path)
+        except RovidError as error:
+            problems.append(str(error))
+            continue
+        clocks.setdefault(kind, clock)
+        logs[kind].append(seen)
+    guesses = {kind: guess(found) for kind, found in logs.items() if found}
+    if not guesses:
+        raise DataError(problems[0] if problems else "holds no logs.", where="" if problems else folder)
+    _require(guesses, logs, folder)
+    curve, guessed = _curve(folder, [one for found in guesses.values() for one in found.commands])
+    count = sum(map(len, logs.values()))
+    return Survey(folder=folder, guesses=guesses, clocks=clocks, curve=curve, curve_guessed=guessed, logs=count)
+
+
+def _files(paths: Sequence[Path]) -> Iterator[Path]:
+    for path in paths:
+        if not path.exists():
+            raise ConfigError("there is no such file or folder.", where=path)
+        inside = sorted(path.rglob("*")) if path.is_dir() else [path]
+        yield from (one for one in inside if one.suffix.lower() in READERS and one.is_file())
+
+
+def _is_table(path: Path) -> bool:
+    """Whether this is a thrust curve rather than a log."""
+    if path.suffix.lower() != ".csv":
+        return False
+    try:
+        return set(CURVE_COLUMNS) <= set(read_table(path).header)
+    except RovidError:
+        return False
+
+
+def _seen(path: Path) -> tuple[str, dict[str, Seen]]:
+    """Everything in one log, by source."""
+    form = READERS[path.suffix.lower()]
+    clock, sources = form.sources(path)
+    if not sources:
+        raise DataError("holds no column of numbers.", where=path)
+    # An orientation is made into a heading where that is asked for.
+    names = {source: "heading" if source.endswith(_ORIENTATIONS) else source for source in sources}
+    signals = {name: Signal(name=name, sources={form.kind: source}) for source, name in names.items()}
+    time = Signal(name="time", sources={form.kind: clock} if clock else {}, unit="auto")
+    config = Config(
+        path=path,
+        vehicle=Vehicle(name="", thrusters=()),
+        time=time,
+        signals=signals,
+        commands=(),
+        measured=next(iter(signals)),
+    )
+    channels = form.read(path, config).channels
+    return clock, {
+        one.source: Seen(source=one.source, time=one.time, values=one.values, radians=one.radians)
+        for one in channels.values()
+    }
+
+
+def _require(guesses: Mapping[str, Guesses], logs: Mapping[str, Sequence[Mapping[str, Seen]]], folder: Path) -> None:
+    for kind, found in guesses.items():
+        if found.lacking:
+            there = sorted({source for log in logs[kind] for source in log})
+            raise DataError(
+                f"no {' and no '.join(found.lacking)} was recognised among {', '.join(there[:20])}.",
+                where=folder,
+                mend=f"Write {FILE_NAME} by hand: see the README, and sample_logs for examples.",
+            )
+
+
+def _curve(folder: Path, commands: Sequence[Thrusting]) -> tuple[str, ThrustCurve | None]:
+    """A curve beside the logs that knows these commands, or a straight line."""
+    lowest, highest = min(one.lowest for one in commands), max(one.highest for one in commands)
+    for path in sorted(folder.glob("*.csv")):
+        if path.name != GUESSED_CURVE and _is_table(path):
+            curve = read_curve(path)
+            room = 0.01 * curve.span
+            if curve.command[0] <= lowest + room and highest - room <= curve.command[-1]:
+                return path.name, None
+    neutral = commands[0].neutral
+    if neutral:
+        ends = np.array([min(_PULSES[0], lowest), neutral, max(_PULSES[-1], highest)])
+    else:
+        most = _ROOM * max(abs(lowest), abs(highest))
+        ends = np.array([-most, 0.0, most])
+    thrust = _FULL_THRUST * (ends - neutral) / np.max(np.abs(ends - neutral))
+    return GUESSED_CURVE, ThrustCurve(command=ends, thrust=thrust)
+
+
+def files_of(found: Survey) -> dict[Path, str]:
+    """What to write where: rovid.toml, and the guessed curve where there is no other."""
+    files = {found.folder / FILE_NAME: toml_of(found)}
+    if found.curve_guessed is not None:
+        files[found.folder / found.curve] = curve_text(found.curve_guessed.command, found.curve_guessed.thrust)
+    return files
+
+
+def toml_of(found: Survey) -> str:
+    """The text of rovid.toml; each guess with its reason."""
+    return "\n".join([*_head(found), *_thrusters(found), *_signals(found)]) + "\n"
+
+
+def _head(found: Survey) -> Iterator[str]:
+    yield f"# Written by `rovid init`, which looked at {found.logs} logs. Each guess says why: correct what is wrong."
+    yield ""
+    yield "[vehicle]"
+    yield f"name = {_quoted(found.folder.resolve().name)}"
+    yield "# Mass and size are not in the logs; with them rovid tells the added inertia."
+    yield "# mass = 100.0     # kg; length and width in m"
+    yield "# length = 1.0"
+    yield "# width = 0.6"
+
+
+def _thrusters(found: Survey) -> Iterator[str]:
+    turning = {one.name for guesses in found.guesses.values() for one in guesses.commands if one.way}
+    names = list(dict.fromkeys(one.name for guesses in found.guesses.values() for one in guesses.commands))
+    if found.curve_guessed is not None:
+        yield ""
+        yield f"# {found.curve} is a guess: thrust in proportion to the command, {_FULL_THRUST:g} N at its end. Until a"
+        yield "# bench curve takes its place, inertia and drag are right among themselves, not in size, and the"
+        yield "# diagnosis finds the drive's dead band as one."
+    for name in names:
+        ones = {kind: one for kind, g in found.guesses.items() for one in g.commands if one.name == name}
+        mark = "" if name in turning or not turning else "# "
+        way = next((one.way for one in ones.values() if one.way), 1)
+        yield ""
+        yield from _why(ones)
+        yield f"{mark}[[thrusters]]"
+        yield f"{mark}name = {_quoted(name)}"
+        yield f"{mark}yaw_arm = {way:.1f}     # m: the sense is that of the logs, the distance is not in them"
+        yield f"{mark}curve = {_quoted(found.curve)}"
+        yield f"{mark}command = {_sources({kind: one.source for kind, one in ones.items()})}"
+
+
+def _signals(found: Survey) -> Iterator[str]:
+    yield ""
+    yield "[signals]"
+    clocks = {kind: clock for kind, clock in found.clocks.items() if clock and kind in found.guesses}
+    if clocks:
+        yield f"time = {_sources(clocks)}"
+    names = list(dict.fromkeys(name for guesses in found.guesses.values() for name in guesses.signals))
+    for name in names:
+        ones = {kind: g.signals[name] for kind, g in found.guesses.items() if name in g.signals}
+        yield from _why(ones)
+        yield f"{name} = {_signal(ones)}"
+
+
+def _signal(ones: Mapping[str, Guess]) -> str:
+    first = next(iter(ones.values()))
+    parts = [f"{kind} = {_quoted(one.source)}" for kind, one in ones.items()]
+    parts += [f"unit = {_quoted(first.unit)}"] if first.unit else []
+    parts += ["sign = -1"] if first.sign < 0 else []
+    return "{ " + ", ".join(parts) + " }"
+
+
+def _sources(sources: Mapping[str, str]) -> str:
+    return "{ " + ", ".join(f"{kind} = {_quoted(source)}" for kind, source in sources.items()) + " }"
+
+
+def _why(ones: Mapping[str, Guess] | Mapping[str, Thrusting]) -> Iterator[str]:
+    for kind, one in ones.items():
+        yield f"# {kind}: {one.why}"
+
+
+def _quoted(text: str) -> str:
+    # A JSON string is a TOML string.
+    return json.dumps(text, ensure_ascii=False)

@@ -1,0 +1,85 @@
+"""What `rovid check` says before a fit, of logs that lack something."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from tests.conftest import SAMPLES, Rovid
+
+
+def kinds(rovid: Rovid, folder: Path) -> dict[str, str]:
+    """Kind -> text of all advice."""
+    return {one["kind"]: one["text"] for one in rovid("check", folder, "--json").document["advice"]}
+
+
+def spoilt(day: Path, folder: Path, change: Callable[[pd.DataFrame], pd.DataFrame]) -> Path:
+    """A copy of ``day`` with every log changed."""
+    shutil.copytree(day, folder)
+    for path in folder.glob("*.csv"):
+        if "curve" not in path.name:
+            change(pd.read_csv(path)).to_csv(path, index=False)
+    return folder
+
+
+def test_a_good_day_wants_nothing(csv_day: Path, rovid: Rovid) -> None:
+    assert kinds(rovid, csv_day) == {}
+    assert "have what a fit wants" in rovid("check", csv_day).out
+
+
+@pytest.mark.parametrize(
+    ("gone", "kind", "said"),
+    [
+        ("hold_*.csv", "holds", "run at least 4"),
+        ("sine_*.csv", "sines", "run sines of at least 2 periods"),
+        ("*_only.csv", "one_thruster", "Run each by itself"),
+        ("coast_*.csv", "coast", "stop the thrusters under way"),
+    ],
+)
+def test_runs_that_are_missing_are_asked_for(
+    gone: str, kind: str, said: str, csv_day: Path, tmp_path: Path, rovid: Rovid
+) -> None:
+    shutil.copytree(csv_day, tmp_path / "day")
+    # Stairs and steps hold commands, and stop, too.
+    for pattern in (gone, *(["staircase.csv", "steps.csv", "multilevel.csv"] if kind in {"holds", "coast"} else [])):
+        for path in (tmp_path / "day").glob(pattern):
+            path.unlink()
+    if kind == "coast":
+        for path in (tmp_path / "day").glob("hold_*.csv"):
+            path.unlink()
+    assert said in kinds(rovid, tmp_path / "day")[kind]
+
+
+def test_clocks_that_differ_are_told_from_a_lag(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
+    def shifted(seconds: float) -> Callable[[pd.DataFrame], pd.DataFrame]:
+        def change(log: pd.DataFrame) -> pd.DataFrame:
+            commands = [name for name in log.columns if name.endswith("_V") and name != "supply_V"]
+            rows = round(seconds / float(log["time_s"].diff().median()))
+            log[commands] = log[commands].shift(rows).ffill().bfill()
+            return log
+
+        return change
+
+    late = kinds(rovid, spoilt(csv_day, tmp_path / "late", shifted(0.6)))
+    assert "The vehicle moves 0." in late["clock_offset"]
+    assert "clock_offset" not in kinds(rovid, spoilt(csv_day, tmp_path / "early", shifted(-0.6)))
+
+
+def test_a_drive_at_its_end_is_said(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
+    shutil.copytree(csv_day, tmp_path / "day")
+    for path in (tmp_path / "day").glob("*curve*.csv"):
+        curve = pd.read_csv(path)
+        curve[curve["command"].abs() <= 1.5].to_csv(path, index=False)
+    toml = tmp_path / "day" / "rovid.toml"
+    toml.write_text(toml.read_text().replace("[[thrusters]]", '[[thrusters]]\noutside = "clamp"'))
+    assert "at the end of its bench curve" in kinds(rovid, tmp_path / "day")["saturation"]
+
+
+def test_a_real_dive_was_steered_by_an_autopilot(rovid: Rovid) -> None:
+    found = kinds(rovid, SAMPLES / "bluerov2_pier59" / "dive.csv")
+    assert "autopilot was on" in found["feedback"]
+    assert {"holds", "sines", "one_thruster"} <= set(found)
