@@ -15,7 +15,7 @@ from rovid.errors import LogError, nearest
 from rovid.readers.instants import seconds
 from rovid.readers.messages import ANGLES, euler
 from rovid.readers.raw import Channel, RawLog
-from rovid.trial import Remark
+from rovid.trial import FloatArray, Remark
 
 _SENSOR = re.compile(r"(.*)\[(\d+)\]$")
 
@@ -53,17 +53,12 @@ def channels_of(
     stamps = {one: _field(path, clock, one, topics[one], "time") for one, _, _ in found.values()}
     origin = min(int(values[0]) for values in stamps.values())
     times = {one: seconds(values, clock, "us", origin) for one, values in stamps.items()}
-    with np.errstate(invalid="ignore"):  # a damaged number may be a NaN that signals
-        return {
-            name: Channel(
-                source=signals[name].sources[kind],
-                clock=one,
-                time=times[one],
-                values=values.astype(np.float64),
-                radians=turned,
-            )
-            for name, (one, values, turned) in found.items()
-        }
+    return {
+        name: Channel(
+            source=signals[name].sources[kind], clock=one, time=times[one], values=_float64(values), radians=turned
+        )
+        for name, (one, values, turned) in found.items()
+    }
 
 
 def numeric_sources(topics: Mapping[str, Columns]) -> list[str]:
@@ -130,10 +125,15 @@ def _values(path: Path, field: str, topic: str, columns: Columns, name: str) -> 
     """(n,) of the field, and whether they are rad because it is a quaternion."""
     # PX4 writes w first.
     parts = [columns.get(f"{field}[{at}]") for at in (1, 2, 3, 0)] if name in ANGLES and field not in columns else []
-    known = [np.asarray(part, dtype=np.float64) for part in parts if part is not None]
+    known = [_float64(part) for part in parts if part is not None]
     if len(known) == 4:
         return euler(np.column_stack(known), name), True
     return _field(path, field, topic, columns, name), False
+
+
+def _float64(values: NDArray[Any]) -> FloatArray:
+    with np.errstate(invalid="ignore"):  # a damaged number may be a NaN that signals
+        return values.astype(np.float64)
 
 
 def _field(path: Path, field: str, topic: str, columns: Columns, name: str) -> NDArray[Any]:

@@ -107,15 +107,17 @@ class Log:
             self.remarks.append(Remark(kind="truncated", count=lost, text=text))
 
     def _vehicle(self) -> int:
-        """The system that tells its attitude, or the one that sends most of what is wanted."""
-        counts = Counter({system: 0 for _, system, _ in self.frames})
-        for (name, system, _), frames in self.frames.items():
-            counts[system] += len(frames) * (name == _VEHICLE)
-        tell = [system for system, count in counts.most_common() if count] or [s for s, _ in counts.most_common()]
-        if len(tell) > 1:
-            text = f"Systems {sorted(tell)} tell an attitude; {tell[0]}, which tells it most often, was taken."
-            self.remarks.append(Remark(kind="chosen", count=counts[tell[0]], text=text))
-        return tell[0] if tell else 0
+        """The system that tells its attitude; where none does, the one that sends most of what is wanted."""
+        telling = {key: len(frames) for key, frames in self.frames.items() if key[0] == _VEHICLE}
+        counts: Counter[int] = Counter()
+        for (_, system, _), count in (telling or {key: len(frames) for key, frames in self.frames.items()}).items():
+            counts[system] += count
+        first = next((system for system, _ in counts.most_common(1)), 0)
+        if len(counts) > 1:
+            what = "tell an attitude" if telling else "send what is wanted, and no attitude"
+            text = f"Systems {sorted(counts)} {what}; {first}, which does so most often, was taken."
+            self.remarks.append(Remark(kind="chosen", count=counts[first], text=text))
+        return first
 
     def columns(self, topic: str) -> Columns:
         """What the messages ``topic`` of the vehicle hold, of one sensor, and when they arrived in us."""

@@ -72,3 +72,10 @@ def test_without_pyulog_the_message_names_the_extra(tmp_path: Path, monkeypatch:
     monkeypatch.setitem(sys.modules, "pyulog.core", None)
     with pytest.raises(LogError, match=r"needs the package pyulog. Install it with `pip install 'rovid\[px4\]'`"):
         read(tmp_path)
+
+
+def test_a_number_that_damage_made_a_signalling_nan_is_missing(tmp_path: Path) -> None:
+    data = bytearray(ulog(ROWS))
+    at = len(ulog(ROWS[:102])) - 16  # the quaternion of the last message
+    data[at : at + 4] = b"\x01\x00\x80\x7f"
+    assert kinds(read(tmp_path, data=bytes(data)))["missing"] == 1
