@@ -150,6 +150,39 @@ def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
 
 
 @app.command()
+def convert(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="A log of any format that rovid reads.")],
+    *,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="A .csv, .mcap or .parquet file.")],
+    axis: AxisName = None,
+    json: Json = False,
+) -> None:
+    """A log in another format, as rovid reads it, and the lines of rovid.toml that read it again.
+
+    Example: rovid convert dive.BIN -o dive.csv
+    """
+    from rovid.axis import YAW, axis_named
+    from rovid.config import find_config, load_config
+    from rovid.convert import check_target
+    from rovid.convert import convert as make
+    from rovid.output import require_writable, write_atomic
+
+    check_target(output, log)
+    config = load_config(find_config([log]), axis_named(axis) if axis else YAW)
+    require_writable(output)
+    made = make(log, config, output)
+    write_atomic(output, made.content)
+    remarks = [remark.text for remark in made.trial.remarks]
+    if json:
+        _print_json(
+            {"schema": "rovid-convert/1", "file": str(output), "configuration": made.mapping, "warnings": remarks}
+        )
+    else:
+        typer.echo(made.mapping, nl=False)
+        sys.stderr.writelines(f"Note: {text}\n" for text in remarks)
+
+
+@app.command()
 def fit_drag(
     logs: Logs,
     *,
@@ -333,13 +366,22 @@ def simulate(
     axis: AxisName = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
+    mcap: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT",
+            help="Write measurement, simulation and what is left over as MCAP: a file for one trial, else a folder.",
+            show_default=False,
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Free-running simulation over the measurement; fit per trial.
 
-    Example: rovid simulate
+    Example: rovid simulate --mcap simulated
     """
     from rovid.documents import simulation_document
+    from rovid.report.recordings import recording_paths, write_recordings
     from rovid.simulation import simulate_runs
     from rovid.terminal import show_simulation, show_warnings
 
@@ -349,11 +391,14 @@ def simulate(
     if study.campaign is None or study.runs is None:
         raise DataError("are tables; only logs can be simulated.", where="LOGS", mend="Give LOGS.")
     study.require(model.effects)
+    recordings = recording_paths(mcap, [run.trial for run in study.runs.items]) if mcap else []
     with _busy("Simulating …"):
         simulations = simulate_runs(study.runs.items, model, study.vehicle)
+        if recordings:
+            write_recordings(recordings, simulations, study.runs, model, study.vehicle)
     warnings = [*study.remarks(), *stored.changed_sources(study.campaign)]
     if json:
-        _print_json(simulation_document(stored, simulations, warnings))
+        _print_json(simulation_document(stored, simulations, warnings) | {"recordings": list(map(str, recordings))})
     else:
         show_simulation(_console(), simulations)
         show_warnings(_console(), warnings)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,17 @@ _ARMS = tuple(axis.arm for axis in AXES.values())
 _THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside")
 _NOT_SOURCES = ("unit", "sign")
 
+_ATTITUDE = {"heading": "yaw", "roll": "roll", "pitch": "pitch"}
+# Format -> signal -> (source, unit): what every log of the format calls by one name, so that [signals] need not.
+STANDARD: Mapping[str, Mapping[str, tuple[str, str]]] = {
+    "bin": {"heading": ("ATT.Yaw", "deg"), "roll": ("ATT.Roll", "deg"), "pitch": ("ATT.Pitch", "deg")},
+    "tlog": {name: (f"ATTITUDE.{field}", "rad") for name, field in _ATTITUDE.items()},
+    "ulg": dict.fromkeys(("heading", "roll", "pitch"), ("vehicle_attitude.q", "rad")),
+}
+
+# Format -> another, whose names it takes where it has none of its own.
+SHARED: Mapping[str, str] = {"parquet": "csv", "bag": "mcap"}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Signal:
@@ -55,12 +66,20 @@ class Signal:
         As the user wrote it.
     factor
         Multiplies the logged value; holds the unit's factor and the sign.
+    optional
+        Nobody asked for it, so a log may lack it.
     """
 
     name: str
     sources: Mapping[str, str]
     unit: str = ""
     factor: float = 1.0
+    optional: bool = False
+
+    def of(self, kind: str) -> Signal:
+        """With a source for the format ``kind`` where one for its like is named."""
+        other = SHARED.get(kind, kind)
+        return replace(self, sources={kind: self.sources[other], **self.sources}) if other in self.sources else self
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +90,7 @@ class Config:
     ----------
     measured
         Name of the signal that tells where the vehicle is along the axis, or how fast it goes where none does; the
-        first of ``Axis.fixes`` where they do together.
+        first of ``Axis.fixes`` where they do together; none where another log tells.
     """
 
     path: Path
@@ -90,8 +109,31 @@ class Config:
     def needed(self) -> tuple[str, ...]:
         """Names of the signals without which a log says nothing."""
         fixes = self.axis.fixes
-        measured = fixes if self.measured in fixes else (self.measured,)
+        measured = fixes if self.measured in fixes else (self.measured,) if self.measured else ()
         return (*measured, *(signal.name for signal in self.commands))
+
+    def maps(self, kind: str) -> bool:
+        """Whether any signal is mapped to logs of the format ``kind``."""
+        return any(kind in signal.of(kind).sources for signal in (*self.signals.values(), *self.commands))
+
+    def of(self, kind: str) -> Config:
+        """As it applies to logs of the format ``kind``, by `STANDARD` and `SHARED`."""
+        standard = {
+            name: Signal(
+                name=name,
+                sources={kind: source},
+                unit=unit,
+                factor=ANGLE[unit],
+                optional=name not in self.needed,
+            )
+            for name, (source, unit) in STANDARD.get(kind, {}).items()
+        }
+        return replace(
+            self,
+            time=self.time.of(kind),
+            signals={**standard, **{name: signal.of(kind) for name, signal in self.signals.items()}},
+            commands=tuple(signal.of(kind) for signal in self.commands),
+        )
 
     def wanted(self, kind: str) -> dict[str, Signal]:
         """Every signal that logs of the format ``kind`` are mapped to, time excepted."""
@@ -168,15 +210,6 @@ class _Reader:
     def config(self, document: Mapping[str, Any]) -> Config:
         self.known(document, ("vehicle", "thrusters", "signals"), "top level")
         axis, signals = self.axis, self.signals(self.table(document, "signals"))
-        measured = next((name for name in (*axis.positions, axis.rate) if name in signals), "")
-        if not measured and axis.fixes and set(axis.fixes) <= set(signals):
-            measured = axis.fixes[0]
-        # A rate alone would leave unknown where the vehicle points: the heading, or the tilt that rights it.
-        if not measured or (axis.angular and measured == axis.rate):
-            wanted = axis.position if axis.angular else f"{' or '.join(axis.positions)} and no {axis.rate}"
-            unit = _DEFAULT_UNIT[axis.position]
-            mend = f'Add {axis.position} = {{ csv = "<column>", unit = "{unit}" }}.'
-            raise self.complain("[signals]", f"has no {wanted}.", mend)
         time = signals.pop("time", Signal(name="time", sources={}, unit="auto"))
         thrusters = document.get("thrusters", [])
         if not isinstance(thrusters, list):
@@ -188,11 +221,12 @@ class _Reader:
                 f"stands beside [[thrusters]]; the {axis.push} comes from one of them.",
                 "Delete one.",
             )
-        if not thrusters and axis.push not in signals:
+        push = signals.pop(axis.push, None)
+        if push is not None:
+            pairs = [(Thruster(name=axis.push, arm=1.0, curve=None), push)]
+        measured = self.measured(signals, {kind for _, command in pairs for kind in command.sources})
+        if not thrusters and push is None:
             raise self.complain("[[thrusters]]", f"there are none, and no {axis.push} is mapped in [signals].")
-        if axis.push in signals:
-            logged = Thruster(name=axis.push, arm=1.0, curve=None)
-            pairs = [(logged, signals.pop(axis.push))]
         if not pairs:
             raise self.complain("[[thrusters]]", f"none has {axis.arm}.", f"Add {axis.arm} = {_example(axis)}.")
         names = [thruster.name for thruster, _ in pairs]
@@ -206,6 +240,21 @@ class _Reader:
             commands=tuple(signal for _, signal in pairs),
             measured=measured,
         )
+
+    def measured(self, signals: Mapping[str, Signal], kinds: Iterable[str]) -> str:
+        """Name of the signal that tells where the vehicle is; logs of ``kinds`` may hold it by a standard name."""
+        axis = self.axis
+        there = set(signals).union(*(STANDARD.get(kind, ()) for kind in kinds))
+        measured = next((name for name in (*axis.positions, axis.rate) if name in there), "")
+        if not measured and axis.fixes and set(axis.fixes) <= there:
+            measured = axis.fixes[0]
+        # A rate alone would leave unknown where the vehicle points: the heading, or the tilt that rights it.
+        if not measured or (axis.angular and measured == axis.rate):
+            wanted = axis.position if axis.angular else f"{' or '.join(axis.positions)} and no {axis.rate}"
+            unit = _DEFAULT_UNIT[axis.position]
+            mend = f'Add {axis.position} = {{ csv = "<column>", unit = "{unit}" }}.'
+            raise self.complain("[signals]", f"has no {wanted}.", mend)
+        return measured
 
     def table(self, document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
         value = document.get(name, {})

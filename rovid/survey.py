@@ -24,7 +24,7 @@ _FULL_THRUST = 100.0
 _PULSES = np.array([1100.0, 1500.0, 1900.0])
 # Commands seen leave this much room to the end of a guessed curve.
 _ROOM = 1.1
-_ORIENTATIONS = ("orientation", "quaternion", "rotation")
+_ORIENTATIONS = ("orientation", "quaternion", "rotation", ".q")
 
 
 @dataclass(frozen=True, kw_only=True)

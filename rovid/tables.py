@@ -14,6 +14,8 @@ from rovid.errors import LogError, nearest
 from rovid.trial import FloatArray
 
 _FINEST = 1e-3
+# What makes a folder one of logs and not of tables; a CSV may be either.
+LOG_SUFFIXES = (".mcap", ".parquet", ".bag", ".db3", ".bin", ".tlog", ".nmea", ".ulg")
 CURVE_COLUMNS = ("command", "thrust_N")
 STEADY_COLUMNS = ("yaw_rate_rad_s", "torque_Nm")
 SINE_COLUMNS = ("period_s", "torque_amplitude_Nm", "peak_yaw_rate_rad_s")
@@ -137,12 +139,17 @@ def find_table(paths: Sequence[Path], columns: Sequence[str]) -> Path | None:
     """First of ``paths`` that is a table with all ``columns``, or the first such table in a folder without logs."""
     for path in paths:
         inside = sorted(path.glob("*.csv")) if path.is_dir() else [path]
-        if path.is_dir() and (any(path.rglob("*.mcap")) or not all(map(_is_table, path.rglob("*.csv")))):
+        if path.is_dir() and any(map(_is_log, path.rglob("*.*"))):
             continue
         found = [one for one in inside if one.suffix.lower() == ".csv" and set(columns) <= set(header(one))]
         if found and _is_table(found[0]):
             return found[0]
     return None
+
+
+def _is_log(path: Path) -> bool:
+    suffix = path.suffix.lower()
+    return suffix in LOG_SUFFIXES or (suffix == ".csv" and not _is_table(path))
 
 
 def _is_table(path: Path) -> bool:

@@ -32,6 +32,8 @@ HOUSE = [
     "plan",
     "diagnose",
     "output",
+    "recording",
+    "convert",
     "parameters",
     "control",
     "study",

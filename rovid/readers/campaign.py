@@ -47,7 +47,7 @@ def read_campaign(paths: Sequence[Path], config: Config, progress: Progress | No
     paths
         Files, and folders that are searched with their subfolders, hidden ones left out. In a folder, CSV
         files that are no logs (thrust curves, tables of results, files without any mapped column) are left
-        out; the last kind is remarked upon.
+        out; the last kind is remarked upon, as are files of a format for which rovid.toml maps nothing.
     progress
         Called with each file and its size in bytes after it is read. Without it, a bar is shown on stderr where
         that is a terminal and the logs are large.
@@ -93,6 +93,9 @@ def find_logs(paths: Sequence[Path], config: Config) -> tuple[list[tuple[str, Pa
     """
     remarks: list[Remark] = []
     found = _named(_once([one for path in paths for one in _search(path)], remarks))
+    if config.maps("nmea"):  # the log beside such a text is read with it
+        texts = {one.path.with_suffix("") for one in found if one.path.suffix.lower() == ".nmea"}
+        found = [one for one in found if one.path.suffix.lower() == ".nmea" or one.path.with_suffix("") not in texts]
     logs = [one for one in found if one.asked or _is_log(one, config, remarks)]
     if not logs:
         raise _no_logs(paths, found)
@@ -147,9 +150,14 @@ def _named(found: Sequence[_Found]) -> list[_Found]:
 
 
 def _is_log(one: _Found, config: Config, remarks: list[Remark]) -> bool:
-    """Whether a file in a folder is a log; other CSV tables may stand beside them."""
-    if one.path.suffix.lower() != ".csv":
-        return True
+    """Whether a file in a folder is a log; other CSV tables, and files of any use, may stand beside them."""
+    kind = READERS[one.path.suffix.lower()].kind
+    if kind != "csv":
+        known = kind == "mcap" or config.maps(kind)
+        if not known:
+            text = f"{one.name} was left out: rovid.toml maps nothing for {kind} logs."
+            remarks.append(Remark(kind="skipped", count=1, text=text))
+        return known
     from rovid.readers.csv_header import read_layout
 
     mapped = {signal.sources["csv"] for signal in config.wanted("csv").values()}
@@ -171,14 +179,16 @@ def _no_logs(paths: Sequence[Path], found: Sequence[_Found]) -> LogError:
     where = ", ".join(str(path) for path in paths)
     if not found:
         return LogError(
-            f"holds no logs: no {' or '.join(READERS)} file.",
+            f"holds no logs: no {', '.join(READERS)} file.",
             where=where or "logs",
             mend="Give the folder that holds the logs.",
         )
     shown = ", ".join(one.name for one in found[:5])
+    others = sorted({READERS[one.path.suffix.lower()].kind for one in found} - {"csv"})
+    also = f", and rovid.toml maps nothing for {' or '.join(others)} logs" if others else ""
     return LogError(
-        f"holds {len(found)} tables ({shown}{', …' if len(found) > 5 else ''}) but no log: none has the mapped "
-        "time and heading columns.",
+        f"holds {len(found)} {'files' if others else 'tables'} ({shown}{', …' if len(found) > 5 else ''}) but no log: "
+        f"none has the mapped time and heading columns{also}.",
         where=where,
         mend="Correct [signals] in rovid.toml, or give the folder that holds the logs.",
     )

@@ -15,11 +15,11 @@ import numpy as np
 import pandas as pd
 
 from rovid.config import Config, Signal
-from rovid.errors import ConfigError, LogError
+from rovid.errors import LogError
 from rovid.guess import CLOCK, NOT_CLOCK, words
 from rovid.readers.csv_header import Layout, last_whole_line, read_layout
-from rovid.readers.instants import seconds
-from rovid.readers.raw import Channel, RawLog, mapped
+from rovid.readers.instants import epoch_of, stamps
+from rovid.readers.raw import Channel, RawLog, mapped, time_signal
 from rovid.trial import FloatArray, Remark
 
 KIND = "csv"
@@ -38,7 +38,7 @@ def read(path: Path, config: Config) -> RawLog:
     ConfigError
         rovid.toml does not map the time, the heading or a command for CSV.
     """
-    signals = {"time": time_signal(config), **mapped(config, KIND, path)}
+    signals = {"time": time_signal(config, KIND), **mapped(config, KIND, path)}
     layout = read_layout(path, {signal.sources[KIND] for signal in signals.values()})
     layout.refuse_long_rows()
     columns = {name: layout.column(signal.sources[KIND], name) for name, signal in signals.items()}
@@ -64,24 +64,8 @@ def read(path: Path, config: Config) -> RawLog:
         channels=channels,
         place=lambda _, row: f"line {table.line(row)}",
         remarks=_cut(size - nul - end, nul),
+        epoch=table.epoch(frame, time),
     )
-
-
-def time_signal(config: Config) -> Signal:
-    """The time column.
-
-    Raises
-    ------
-    ConfigError
-        rovid.toml names none for CSV.
-    """
-    if KIND not in config.time.sources:
-        raise ConfigError(
-            "time names no csv column, but there is a CSV log.",
-            where=config.path,
-            mend='Add time = { csv = "<column>" } to [signals].',
-        )
-    return config.time
 
 
 def _cut(line: int, nul: int) -> tuple[Remark, ...]:
@@ -170,34 +154,18 @@ class _Table:
 
     def time(self, frame: pd.DataFrame) -> FloatArray:
         """(n,) s; NaN where missing."""
-        column = frame[self.columns["time"]]
-        name = self.signals["time"].sources[KIND]
-        unit = self.signals["time"].unit
-        if column.dtype.kind in "if" and isinstance(column.dtype, np.dtype):
-            return seconds(column.to_numpy(), name, unit)
-        if column.dtype == "Int64":
-            known = column.notna().to_numpy()
-            time = np.full(len(column), np.nan)
-            time[known] = seconds(column[known].to_numpy(dtype=np.int64), name, unit)
-            return time
-        return self._dates(column)
+        signal = self.signals["time"]
+        return stamps(
+            frame[self.columns["time"]],
+            signal.sources[KIND],
+            signal.unit,
+            lambda row: f"{self.layout.path}:{self.line(row)}",
+        )
 
-    def _dates(self, column: pd.Series[Any]) -> FloatArray:
-        dates = pd.to_datetime(column, format="ISO8601", utc=True, errors="coerce")
-        if dates.notna().sum() < column.notna().sum():
-            tidy = column.str.strip().str.replace(",", ".", regex=False)  # ISO 8601 allows a comma, pandas does not
-            dates = pd.to_datetime(tidy, format="ISO8601", utc=True, errors="coerce")
-        if dates.notna().sum() < column.notna().sum():
-            row = int(np.argmax((dates.isna() & column.notna()).to_numpy()))
-            raise LogError(
-                f"{self.signals['time'].sources[KIND]} is {column.iloc[row]!r}; seconds, an ISO 8601 time "
-                "(2026-01-07T12:00:00.05Z) or an epoch time was expected.",
-                where=f"{self.layout.path}:{self.line(row)}",
-                mend="Delete the row, or write its time so.",
-            )
-        if dates.isna().all():
-            return np.full(len(dates), np.nan)
-        return np.asarray((dates - dates.min()) / pd.Timedelta(seconds=1), dtype=np.float64)
+    def epoch(self, frame: pd.DataFrame, time: FloatArray) -> float | None:
+        """Seconds since 1970 of time zero; None where nobody knows."""
+        signal = self.signals["time"]
+        return epoch_of(frame[self.columns["time"]], time, signal.sources[KIND], signal.unit)
 
     def line(self, row: int) -> int:
         """Number, from 1, of the line in the file that holds the data row ``row``; slow, for messages only."""

@@ -42,6 +42,13 @@ class Format:
 READERS: Mapping[str, Format] = {
     ".csv": Format(kind="csv", module="rovid.readers.csv_reader"),
     ".mcap": Format(kind="mcap", module="rovid.readers.mcap_reader"),
+    ".parquet": Format(kind="parquet", module="rovid.readers.parquet_reader"),
+    ".bag": Format(kind="bag", module="rovid.readers.bag_reader"),
+    ".db3": Format(kind="bag", module="rovid.readers.bag_reader"),
+    ".bin": Format(kind="bin", module="rovid.readers.bin_reader"),
+    ".tlog": Format(kind="tlog", module="rovid.readers.tlog_reader"),
+    ".nmea": Format(kind="nmea", module="rovid.readers.nmea_reader"),
+    ".ulg": Format(kind="ulg", module="rovid.readers.ulg_reader"),
 }
 
 
@@ -72,6 +79,7 @@ def read_log(path: Path, config: Config, name: str | None = None) -> Trial:
     from rovid.readers.timebase import build
 
     try:
+        config = config.of(form.kind)
         raw = form.read(path, config)
     except OSError as error:
         raise LogError(f"cannot be read ({error.strerror or error}).", where=path) from error

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
+from rovid.errors import LogError
 from rovid.trial import FloatArray
 
 _SCALE = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # "time_ms", "t [us]", "stamp(ns)": the unit that a column's own name declares.
 _SUFFIX = re.compile(r"[\s_.\[(](ms|us|µs|μs|ns)[\])]?$", re.IGNORECASE)
+
+# s since 1970 from which on a time counts as one since then: 1973.
+EPOCH_FROM = 1e8
 
 
 def unit_of(name: str, magnitude: float, declared: str) -> str:
@@ -47,6 +53,8 @@ def seconds(values: NDArray[Any], name: str, declared: str, origin: int | None =
     """
     if not values.size:
         return values.astype(np.float64)
+    if values.dtype.kind == "u":
+        values = values.astype(np.int64)
     few = np.abs(values[:: len(values) // 1000 + 1].astype(np.float64))
     few = few[few < 1e30]  # without what is no time at all
     scale = _SCALE[unit_of(name, float(np.median(few)) if few.size else 0.0, declared)]
@@ -54,3 +62,55 @@ def seconds(values: NDArray[Any], name: str, declared: str, origin: int | None =
     if values.dtype.kind == "i":
         since = (values - (values[0] if origin is None else origin)).astype(np.float64)
     return since if scale == 1.0 else since * scale
+
+
+def stamps(column: pd.Series[Any], name: str, declared: str, where: Callable[[int], str]) -> FloatArray:
+    """(n,) s of a column of numbers, dates or text; NaN where missing.
+
+    Parameters
+    ----------
+    name, declared
+        As in `seconds`.
+    where
+        Row -> its place in the file, for messages.
+
+    Raises
+    ------
+    LogError
+        A text is no ISO 8601 time.
+    """
+    if isinstance(column.dtype, np.dtype) and column.dtype.kind in "iuf":
+        return seconds(column.to_numpy(), name, declared)
+    if column.dtype == "Int64":
+        known = column.notna().to_numpy()
+        time = np.full(len(column), np.nan)
+        time[known] = seconds(column[known].to_numpy(dtype=np.int64), name, declared)
+        return time
+    dates = pd.to_datetime(column, format="ISO8601", utc=True, errors="coerce")
+    if dates.notna().sum() < column.notna().sum():
+        tidy = column.str.strip().str.replace(",", ".", regex=False)  # ISO 8601 allows a comma, pandas does not
+        dates = pd.to_datetime(tidy, format="ISO8601", utc=True, errors="coerce")
+    if dates.notna().sum() < column.notna().sum():
+        row = int(np.argmax((dates.isna() & column.notna()).to_numpy()))
+        raise LogError(
+            f"{name} is {column.iloc[row]!r}; seconds, an ISO 8601 time (2026-01-07T12:00:00.05Z) or an epoch time "
+            "was expected.",
+            where=where(row),
+            mend="Delete the row, or write its time so.",
+        )
+    if dates.isna().all():
+        return np.full(len(dates), np.nan)
+    return np.asarray((dates - dates.min()) / pd.Timedelta(seconds=1), dtype=np.float64)
+
+
+def epoch_of(column: pd.Series[Any], time: FloatArray, name: str, declared: str) -> float | None:
+    """S since 1970 of time zero, where ``time`` in s is what `stamps` makes of ``column``; None where nobody knows."""
+    known = np.flatnonzero(np.isfinite(time))
+    if not known.size:
+        return None
+    first = column.iloc[int(known[0])]
+    if isinstance(first, str | pd.Timestamp):
+        moment = pd.to_datetime(str(first).strip().replace(",", "."), utc=True).timestamp()
+    else:
+        moment = float(first) * _SCALE[unit_of(name, abs(float(first)), declared)]
+    return float(moment - time[known[0]]) if moment > EPOCH_FROM else None

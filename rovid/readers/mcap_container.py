@@ -21,8 +21,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
 
 from rovid.errors import LogError
-
-Handler = Callable[[bytes, int, int], None]  # payload, log time ns, publish time ns
+from rovid.readers.topics import Handler
 
 MAGIC = b"\x89MCAP0\r\n"
 _FOOTER = 9 + 20 + len(MAGIC)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rovid.config import Config, Signal
-from rovid.errors import ConfigError
+from rovid.errors import ConfigError, LogError
 from rovid.trial import FloatArray, Remark
 
 # No time in s, angle or command is this large; a damaged log is.
@@ -58,12 +60,15 @@ class RawLog:
         The format stores messages slightly out of order by nature: sort them before complaining.
     place
         (signal, index of a sample) -> "line 17" or "message 16", for messages.
+    epoch
+        s since 1970 of the channels' time zero; None where nobody knows.
     """
 
     channels: Mapping[str, Channel]
     place: Callable[[str, int], str]
     remarks: tuple[Remark, ...] = ()
     sortable: bool = False
+    epoch: float | None = None
 
 
 def mapped(config: Config, kind: str, path: Path) -> dict[str, Signal]:
@@ -83,6 +88,50 @@ def mapped(config: Config, kind: str, path: Path) -> dict[str, Signal]:
                 mend=f'Add {kind} = "…" beside its other sources, or leave this log out.',
             )
     return wanted
+
+
+def time_signal(config: Config, kind: str) -> Signal:
+    """The time column.
+
+    Raises
+    ------
+    ConfigError
+        rovid.toml names none for the format ``kind``.
+    """
+    if kind not in config.time.sources:
+        raise ConfigError(
+            f"time names no {kind} column, but there is a {kind} log.",
+            where=config.path,
+            mend=f'Add time = {{ {kind} = "<column>" }} to [signals].',
+        )
+    return config.time
+
+
+def library(module: str, extra: str, path: Path) -> ModuleType:
+    """A package that one format needs and rovid as a whole does not.
+
+    Raises
+    ------
+    LogError
+        It is not installed.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise LogError(
+            f"needs the package {module.partition('.')[0]}.",
+            where=path,
+            mend=f"Install it with `pip install 'rovid[{extra}]'`.",
+        ) from error
+
+
+def foreign(path: Path, what: str) -> LogError:
+    """That ``path`` is not ``what`` its suffix says."""
+    return LogError(
+        f"is not {what}: it {'does not begin as one' if path.stat().st_size else 'is empty'}.",
+        where=path,
+        mend="Fetch the log again, or give it the suffix of its format.",
+    )
 
 
 def sensible(values: FloatArray) -> NDArray[np.bool_]:

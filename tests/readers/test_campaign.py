@@ -110,7 +110,7 @@ def test_nothing_there(tmp_path: Path, config: Config) -> None:
     with pytest.raises(LogError, match=r"holds 1 tables \(curve.csv\) but no log"):
         read_campaign([tmp_path], config)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(LogError, match=r"empty: holds no logs: no \.csv or \.mcap file"):
+    with pytest.raises(LogError, match=r"empty: holds no logs: no \.csv, \.mcap, "):
         read_campaign([tmp_path / "empty"], config)
     with pytest.raises(LogError, match=r"nowhere: there is no such file or folder"):
         read_campaign([tmp_path / "nowhere"], config)

@@ -1,0 +1,97 @@
+"""Each trial's measurement, its simulation and what is left over, as MCAP beside the commands."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rovid.errors import ConfigError
+from rovid.model import Model
+from rovid.output import require_writable, write_atomic
+from rovid.recording import Topic, mcap_bytes, with_unit
+from rovid.report.residual import Residual, left_by_all
+from rovid.runs import Runs
+from rovid.simulation import TrialSimulation
+from rovid.trial import FloatArray, Trial
+from rovid.vehicle import Vehicle
+
+_SUFFIX = ".mcap"
+
+
+def recording_paths(target: Path, trials: Sequence[Trial]) -> list[Path]:
+    """Where the recording of each trial goes: ``target`` itself for a single one, else into it as a folder.
+
+    Raises
+    ------
+    ConfigError
+        ``target`` names one file, and there are more trials; or a log would be written over.
+    OutputError
+        It cannot be written.
+    """
+    paths = [target]
+    if target.suffix.lower() != _SUFFIX or target.is_dir():
+        # A trial from elsewhere may be called by its whole path.
+        names = [
+            Path(*(part for part in Path(trial.name).parts if part not in {"..", Path(trial.name).anchor}))
+            for trial in trials
+        ]
+        plain = [name.with_suffix(_SUFFIX) for name in names]
+        both = [name.with_name(name.name + _SUFFIX) for name in names]  # where two differ by their format alone
+        paths = [target / (one if plain.count(one) == 1 else other) for one, other in zip(plain, both, strict=True)]
+    elif len(trials) > 1:
+        raise ConfigError(
+            f"names one file, but there are {len(trials)} trials.",
+            where=f"--mcap {target}",
+            mend="Name a folder, for one file a trial.",
+        )
+    logs = {trial.path.resolve() for trial in trials}
+    over = next((path for path in paths if path.resolve() in logs), None)
+    if over is not None:
+        raise ConfigError(f"would write over the log {over}.", where=f"--mcap {target}", mend="Choose another place.")
+    for folder in {path.parent for path in paths}:
+        require_writable(folder / "recording")
+    return paths
+
+
+def write_recordings(
+    paths: Sequence[Path], simulations: Sequence[TrialSimulation], runs: Runs, model: Model, vehicle: Vehicle
+) -> None:
+    """Write one recording a trial.
+
+    Raises
+    ------
+    OutputError
+        One cannot be written.
+    """
+    for path, simulation, residual in zip(paths, simulations, left_by_all(runs, model, vehicle), strict=True):
+        write_atomic(path, mcap_bytes(topics_of(simulation, residual, vehicle)))
+
+
+def topics_of(simulation: TrialSimulation, residual: Residual, vehicle: Vehicle) -> list[Topic]:
+    """Rate, position, torques and commands of one trial; rates and torques behind the filter they share."""
+    trial, rates = simulation.run.trial, simulation.run.rates
+    axis = trial.axis
+    unit, factor = axis.shown
+    residuals = simulation.measured - simulation.simulated
+    rate = {"measured": simulation.measured, "simulated": simulation.simulated, "residual": residuals}
+    measured = np.full(len(trial.time), np.nan) if trial.integrated else trial.position
+    position = {"measured": measured * factor, "simulated": simulation.position * factor}
+    push = {"drive": residual.drive, "disturbance": residual.left}
+    commands = {
+        re.sub(r"\W+", "_", thruster.name): values
+        for thruster, values in zip(vehicle.thrusters, trial.commands.T, strict=True)
+    }
+    return [
+        _topic(axis.rate, rates.time, rate, axis.rate_unit),
+        _topic(axis.position, trial.time, position, unit),
+        _topic(axis.push, residual.run.rates.time, push, axis.push_unit),
+        _topic("commands", trial.time, commands, ""),
+    ]
+
+
+def _topic(name: str, time: FloatArray, fields: dict[str, FloatArray], unit: str) -> Topic:
+    named = {with_unit(field, unit): values for field, values in fields.items() if np.isfinite(values).any()}
+    return Topic(name=f"/{name}", time=time, fields=named, units=dict.fromkeys(named, unit))

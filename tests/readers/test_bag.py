@@ -1,0 +1,106 @@
+"""ROS bags of both kinds: fields, quaternions, clocks, and what is wrong with them."""
+
+from __future__ import annotations
+
+import sqlite3
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rovid.errors import LogError
+from rovid.readers import read_campaign, read_log
+from rovid.trial import Trial
+from tests.readers.logs import campaign, kinds, toml
+from tests.readers.recordings import HEADING, TIME, bag, said
+
+COMMAND = '{ bag = "/thrusters/fore.data" }'
+BOTH = pytest.mark.parametrize("suffix", [".bag", ".db3"])
+BAGS = {".bag": bag(said(), ros=1), ".db3": bag(said(), ros=2)}
+
+
+def read(folder: Path, suffix: str, heading: str, *, command: str = COMMAND, time: str = "") -> Trial:
+    config = campaign(folder, toml(heading=f"heading = {heading}", command=command, time=time))
+    path = folder / f"a{suffix}"
+    if not path.exists():
+        path.write_bytes(BAGS[suffix])
+    return read_log(path, config)
+
+
+@BOTH
+@pytest.mark.parametrize(
+    "heading",
+    [
+        '{ bag = "/phins/heading.data" }',
+        '{ bag = "/phins/heading.list[2]" }',
+        '{ mcap = "/phins/heading.list.2" }',
+        '{ bag = "/attitude" }',
+    ],
+)
+@pytest.mark.parametrize("clock", ["", 'time = { mcap = "header" }', 'time = { bag = "log" }'])
+def test_fields_and_clocks(suffix: str, heading: str, clock: str, tmp_path: Path) -> None:
+    if "header" in clock:
+        with pytest.raises(LogError, match=r"message 1 of topic '/(thrusters/fore|attitude)' has no time header.stamp"):
+            read(tmp_path, suffix, heading, time=clock)
+        return
+    trial = read(tmp_path, suffix, heading, time=clock)
+    np.testing.assert_allclose(np.rad2deg(trial.position[trial.measured]), HEADING, atol=1e-6)
+    np.testing.assert_allclose(trial.time[trial.measured], TIME, atol=1e-6)
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("heading", "words"),
+    [
+        ('{ bag = "/phin/heading.data" }', "no topic for '/phin/heading.data'.* Nearest: '/phins/heading'"),
+        ('{ bag = "/phins/heading.date" }', "never holds the field 'date'.* Its fields: .*data"),
+        ('{ bag = "/phins/heading.header" }', "is a std_msgs__msg__Header; a number or a quaternion"),
+        ('{ bag = "/phins/heading.header.frame_id" }', "is 'phins'; a number"),
+    ],
+)
+def test_wrong_names(suffix: str, heading: str, words: str, tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=words):
+        read(tmp_path, suffix, heading)
+
+
+def test_types_that_the_bag_does_not_define(tmp_path: Path) -> None:
+    """Bags up to Humble: ROS 2's own types are known, others are not."""
+    path = tmp_path / "a.db3"
+    path.write_bytes(BAGS[".db3"])
+    with sqlite3.connect(path) as database:
+        database.execute("DROP TABLE message_definitions")
+    database.close()
+    trial = read(tmp_path, ".db3", '{ bag = "/attitude" }')
+    np.testing.assert_allclose(np.rad2deg(trial.position[trial.measured]), HEADING, atol=1e-6)
+    with pytest.raises(LogError, match=r"type test_msgs/msg/Stamped of topic '/phins/heading'.* is not defined"):
+        read(tmp_path, ".db3", '{ bag = "/phins/heading.data" }')
+
+
+def test_a_bag_of_ros_2_is_a_folder(tmp_path: Path) -> None:
+    config = campaign(tmp_path, toml(heading='heading = { bag = "/phins/heading.data" }', command=COMMAND, time=""))
+    (tmp_path / "dive").mkdir()
+    (tmp_path / "dive" / "dive_0.db3").write_bytes(BAGS[".db3"])
+    (tmp_path / "dive" / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
+    assert [trial.name for trial in read_campaign([tmp_path], config).trials] == ["dive/dive_0.db3"]
+
+
+def test_a_cut_database_is_read_up_to_the_cut(tmp_path: Path) -> None:
+    data = BAGS[".db3"]
+    (tmp_path / "a.db3").write_bytes(data[: int(0.7 * len(data))])
+    try:
+        trial = read(tmp_path, ".db3", '{ bag = "/phins/heading.data" }')
+    except LogError as error:
+        assert "cut or damaged" in str(error)  # noqa: PT017 - which of both depends on the version of SQLite
+    else:
+        assert kinds(trial)["truncated"] == 1
+
+
+@BOTH
+def test_without_rosbags_the_message_names_the_extra(
+    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("rosbags.typesys", "rosbags.rosbag1"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(LogError, match=r"needs the package rosbags. Install it with `pip install 'rovid\[ros\]'`"):
+        read(tmp_path, suffix, '{ bag = "/attitude" }')
