@@ -96,7 +96,7 @@ def test_the_plain_model_is_found(
 @pytest.mark.parametrize(
     ("vehicle", "axis", "hidden", "seed"),
     [
-        ("work", "surge", "thruster_lag:0.4", None),
+        slow("work", "surge", "thruster_lag:0.4", None),
         ("work", "pitch", "thrust_asymmetry:0.85", None),
         slow("work", "pitch", "thruster_lag:0.3", None),
         slow("small", "pitch", "command_delay:0.15", None),
@@ -140,10 +140,9 @@ def test_nothing_is_found_where_nothing_is(vehicle: Vehicle, axis: Axis, tmp_pat
     ("axis", "expected"),
     [
         ("surge", {"thruster_lag": 0.35, "thrust_asymmetry": 0.88}),
-        ("pitch", {"thruster_deadband": 0.15}),
+        slow("pitch", {"thruster_deadband": 0.15}),
     ],
 )
-@pytest.mark.slow
 def test_the_sample_days(axis: str, expected: Mapping[str, float], tmp_path: Path, rovid: Rovid) -> None:
     document = rovid("diagnose", SAMPLES / f"{axis}_tank", "--axis", axis, "--json").document
     found = {f["effect"]: next(iter(f["parameters"].values())) for f in document["findings"]}

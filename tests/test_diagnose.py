@@ -30,7 +30,7 @@ def slow(*values: Any) -> Any:
 # Weak and strong, on vehicles of all three sizes, in the catalogue's own form and in others.
 SINGLE = [
     ("rosub", "thruster_lag-quadratic-strong"),
-    ("observation", "thruster_deadband-shift-weak"),
+    slow("observation", "thruster_deadband-shift-weak"),
     ("small", "bias_torque-constant-strong"),
     slow("rosub", "entrained_swirl-annulus-weak"),
     slow("rosub", "coulomb_resistance-smooth-weak"),
@@ -92,7 +92,7 @@ def test_a_hidden_effect_is_named_alone(vehicle: str, name: str, tmp_path: Path,
     assert rovid("simulate", "--json").document["effects"]
 
 
-@pytest.mark.parametrize("number", [0, slow(1), 2])
+@pytest.mark.parametrize("number", [0, slow(1), slow(2)])
 def test_a_new_campaign_gives_its_cause(number: int, tmp_path: Path, rovid: Rovid) -> None:
     rng = np.random.default_rng((SEED, number))
     vehicle = list(VEHICLE)[number]
@@ -131,6 +131,7 @@ def test_a_cause_outside_the_catalogue_gets_no_name(vehicle: str, name: str, tmp
     assert document["unexplained"]["depends_on"][0] == case.driver
 
 
+@pytest.mark.slow
 def test_two_effects_at_once(tmp_path: Path, rovid: Rovid) -> None:
     names = ("thruster_lag-first_order-strong", "thrust_asymmetry-gain-strong")
     pair = tuple(case_of("rosub", name) for name in names)

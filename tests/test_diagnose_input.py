@@ -223,7 +223,7 @@ def end_of(torque: float, period: float, cubic: float) -> FloatArray:
     return np.asarray(done.y[0])
 
 
-@pytest.mark.parametrize(("cubic", "explains"), [(0.0, True), (60000.0, False)])
+@pytest.mark.parametrize(("cubic", "explains"), [(0.0, True), pytest.param(60000.0, False, marks=pytest.mark.slow)])
 def test_tables_of_a_vehicle_that_is_known(cubic: float, explains: bool, tmp_path: Path, rovid: Rovid) -> None:
     (tmp_path / "rovid.toml").write_text('[vehicle]\nname = "x"\nrigid_body_inertia = 500.0\n')
     holds = [(push, end_of(push, 0.0, cubic).mean()) for push in (10.0, 25.0, 50.0, 90.0)]

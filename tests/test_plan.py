@@ -84,10 +84,8 @@ def test_a_mistake_gives_one_message(arguments: tuple[Any, ...], said: str, few:
     assert done.err.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("name", "rival"),
-    [pytest.param(*pair, marks=() if pair[0] == "command_delay-constant-weak" else pytest.mark.slow) for pair in PAIRS],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "rival"), PAIRS)
 def test_the_planned_run_decides(name: str, rival: str) -> None:
     case = next(case for case in all_cases(ROSUB) if case.name == name)
     before, after, run = decided(case, rival, seed=5)

@@ -148,8 +148,7 @@ def every_export(
 def _diagnosis(
     study: Study, drag: Estimate | None, folder: Path, report: Callable[[str], None]
 ) -> tuple[Diagnosis | None, str]:
-    if study.runs is not None:
-        require_writable(folder / "index.html")
+    require_writable(folder / "index.html")
     report(_PATIENCE)
     return _or_refusal(lambda: study.diagnosis(lambda text: report(f"{_PATIENCE} {text}"), drag=drag))
 

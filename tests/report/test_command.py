@@ -52,13 +52,6 @@ def test_a_dive_without_holds_and_sines_says_so(rovid: Rovid) -> None:
     assert not Path("report/plots/steady_torque.png").exists()
 
 
-def test_tables_alone_make_a_page(rovid: Rovid) -> None:
-    assert rovid("report", SAMPLES / "rosub_paper").code == 0
-    page = Path("report/index.html").read_text()
-    assert "No single inertia fits all sine trials" in page
-    assert "there are tables, no logs" in page
-
-
 def test_report_alone_fits_what_is_missing(day_report: Path, rovid: Rovid) -> None:
     done = rovid("simulate", "-p", day_report / "parameters.toml", "--json")
     assert done.document["overall"]["yaw_rate_r2"] > 0.99

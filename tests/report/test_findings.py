@@ -213,9 +213,11 @@ def test_too_little_data_is_one_sentence(day: Evidence) -> None:
     assert "Next run: holds of several levels" in shown
 
 
-def test_tables_say_why_there_is_none(rovid: Rovid) -> None:
+def test_tables_alone_make_a_page_that_says_why_there_is_no_diagnosis(rovid: Rovid) -> None:
     assert rovid("report", SAMPLES / "rosub_paper").code == 0
     page = Path("report/index.html").read_text()
+    assert "No single inertia fits all sine trials" in page
+    assert "there are tables, no logs" in page
     assert "There is no diagnosis: no plain model agrees with the tables" in page
     assert "Each of these, alone, would explain the tables" in page
     assert "0.204" in page
