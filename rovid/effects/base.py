@@ -55,6 +55,9 @@ class EffectParameter:
         What one unit of the search is: ``one``, ``command`` (a hundredth of the largest command in use), ``torque``
         (that in use), ``rate`` (that in use), ``cubic`` (torque over rate cubed), ``inertia`` (torque over rate, times
         a second) or ``advance`` (torque over race and rate).
+    step
+        Share of its size over which slopes are taken. A threshold between samples makes stairs of the likelihood: over
+        less than a step of them it has no slope, or far too much.
     """
 
     name: str
@@ -64,6 +67,7 @@ class EffectParameter:
     high: float
     starts: tuple[float, ...]
     scale: str = "one"
+    step: float = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -46,9 +46,9 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="jump",
         parameters=(
-            replace(EFFECT.parameters[0], starts=_JUMPS),
+            replace(EFFECT.parameters[0], starts=_JUMPS, step=0.02),
             # A sharp threshold changes the likelihood by steps, without a slope to follow: the search begins wide.
-            EffectParameter(name="edge", unit="1", null=0.02, low=0.02, high=0.5, starts=(0.1,)),
+            EffectParameter(name="edge", unit="1", null=0.02, low=0.02, high=0.5, starts=(0.1,), step=0.1),
         ),
         equation="u' = u where |u| is b or more beyond the bench's dead zone, else 0: thrust sets in within e·b",
         on_command=_jump,

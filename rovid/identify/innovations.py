@@ -34,8 +34,8 @@ _LOST = 0.1
 # Innovations beyond so many standard deviations count in proportion, not squared (Huber 1964).
 _OUTLIER = 5.0
 _FARTHEST = 1e100
-# Steps for slopes: of the logarithms and scaled drags, and a share of an effect's parameter.
-_STEPS = (1e-5, 1e-4)
+# Step for slopes of the logarithms and scaled drags.
+_STEP = 1e-5
 # No step changes a logarithm by more: far from the top the slopes promise too much.
 _LONGEST = 1.0
 _LOGARITHMS = [0, DISTURBANCE, MEMORY, NOISE]
@@ -438,7 +438,8 @@ class Likelihood:
     def _steps(self, x: FloatArray) -> FloatArray:
         """Small changes of ``x``: an effect's parameter in proportion to itself, or to its start where it is gone."""
         starts = np.array([abs(parameter.starts[0]) or 1.0 for parameter in self.parameters])
-        return np.concatenate((np.full(BASE, _STEPS[0]), _STEPS[1] * np.maximum(np.abs(x[BASE:]), 0.1 * starts)))
+        shares = np.array([parameter.step for parameter in self.parameters])
+        return np.concatenate((np.full(BASE, _STEP), shares * np.maximum(np.abs(x[BASE:]), 0.1 * starts)))
 
     def slopes(self, x: FloatArray) -> Slopes:
         """Slopes at ``x`` by forward differences, backward at an upper bound; on all cores at once."""
