@@ -38,6 +38,8 @@ _LOOSER = 2.5
 CERTAINTY = 2.0
 _TRIALS, _TRIAL_ITERATIONS = 8, 4
 _WHITE_LAGS = 20
+# A parameter whose slopes are taken over more than this share of it makes stairs of the likelihood.
+_SMOOTH = 1e-3
 _WHITE_P = 1e-3
 _KURTOSIS = 1.0
 
@@ -180,14 +182,38 @@ def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> Floa
     """Of all parameters: inverse information, or the sandwich that allows for coloured innovations."""
     # All of them, a drag at its bound too: to take its zero for certain would make the rest look certain.
     here = likelihood.slopes(x)
-    inverse = _inverse(here.matrix.T @ here.matrix)
+    plain = inverse = _inverse(here.matrix.T @ here.matrix)
     if sandwich:
         scores = likelihood.block_scores(here)
         scores = scores - scores.mean(axis=0)
         inverse = inverse @ (scores.T @ scores * len(scores) / (len(scores) - 1)) @ inverse
+    inflated = float(np.median(np.sqrt(np.diag(inverse)[:3] / np.diag(plain)[:3])))
+    for at, parameter in enumerate(likelihood.parameters, start=BASE):
+        if parameter.step > _SMOOTH and (reach := _reach(likelihood, x, at)) is not None:
+            # Stairs have no curvature: how far it goes until the likelihood has fallen says how sure it is.
+            factor = np.where(np.arange(len(x)) == at, inflated * reach / math.sqrt(inverse[at, at]), 1.0)
+            inverse = inverse * np.outer(factor, factor)
     shown = [0, 1, 2, *range(BASE, len(x))]
     size = np.array([math.exp(x[0]), *likelihood.records.drag_scale, *likelihood.units])
     return np.asarray(inverse[np.ix_(shown, shown)] * np.outer(size, size))
+
+
+def _reach(likelihood: Likelihood, x: FloatArray, at: int) -> float | None:
+    """How far coordinate ``at`` may go, all else held, until half a unit of log-likelihood is lost; None if never."""
+    best = likelihood.cost(x)
+    reaches = []
+    for way in (1.0, -1.0):
+        step = way * 1e-4 * max(abs(x[at]), 1e-3)
+        while abs(step) < max(abs(x[at]), 1.0):
+            moved = x.copy()
+            moved[at] += step
+            if not likelihood.low[at] <= moved[at] <= likelihood.high[at]:
+                break
+            if likelihood.cost(moved) > best + 0.5:
+                reaches.append(abs(step))
+                break
+            step *= 1.5
+    return max(reaches, default=None)
 
 
 def physical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
