@@ -190,8 +190,10 @@ def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> Floa
     inflated = float(np.median(np.sqrt(np.diag(inverse)[:3] / np.diag(plain)[:3])))
     for at, parameter in enumerate(likelihood.parameters, start=BASE):
         if parameter.step > _SMOOTH and (reach := _reach(likelihood, x, at)) is not None:
-            # Stairs have no curvature: how far it goes until the likelihood has fallen says how sure it is.
-            factor = np.where(np.arange(len(x)) == at, inflated * reach / math.sqrt(inverse[at, at]), 1.0)
+            # Stairs have no curvature: how far it goes until the likelihood has fallen says how sure it is, and no
+            # surer than the step over which its slopes were taken, for where nature's threshold is in that is not told.
+            reach = max(inflated * reach, parameter.step * abs(x[at]) / math.sqrt(3.0))
+            factor = np.where(np.arange(len(x)) == at, reach / math.sqrt(inverse[at, at]), 1.0)
             inverse = inverse * np.outer(factor, factor)
     shown = [0, 1, 2, *range(BASE, len(x))]
     size = np.array([math.exp(x[0]), *likelihood.records.drag_scale, *likelihood.units])
