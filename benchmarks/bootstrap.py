@@ -11,10 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
+from rovid.axis import YAW
 from rovid.effects import effect_named
 from rovid.identify.free_run import fit_free_run, free_run_r2
 from rovid.identify.innovations import Likelihood, Records
-from rovid.identify.likelihood import NAMES, covariance, fit_base, likelihood_is_white, physical, with_effects
+from rovid.identify.likelihood import covariance, fit_base, likelihood_is_white, physical, with_effects
+from rovid.model import base_names
 from rovid.study import open_study
 
 
@@ -42,7 +44,7 @@ def main() -> None:
     scatter = np.std(drawn, axis=0, ddof=1)
     source = "curvature (white innovations)" if white else "scatter between stretches"
     print(f"{len(runs)} trials, {arguments.draws} draws, seed {arguments.seed}; stated by {source}")
-    names = [*NAMES, *(f"{effect.key}.{p.name}" for effect in effects for p in effect.parameters)]
+    names = [*base_names(YAW), *(f"{effect.key}.{p.name}" for effect in effects for p in effect.parameters)]
     for name, value, one, other in zip(names, physical(likelihood, x), stated, scatter, strict=True):
         print(f"{name:32} {value:12.5g}  stated {one:10.3g}  bootstrap {other:10.3g}  ratio {other / one:5.2f}")
 

@@ -277,6 +277,15 @@ class Model:
                 thrust = effect.on_thrust(where, thrust, effect.values(numbers))
         return thrust
 
+    def restlessness(self, rate: float, memory: float) -> float:
+        """Standard deviation of the rate for each N m of a disturbance torque with a ``memory`` in s.
+
+        Of the motion linearised at ``rate``: variance T^2 memory / (c (I + c memory + K memory^2)), c the slope of the
+        drag and K the stiffness.
+        """
+        slope = max(2.0 * self.quadratic_drag * rate + self.linear_drag, 1e-12)
+        return math.sqrt(memory / (slope * (self.inertia + slope * memory + self.stiffness * memory**2)))
+
     def drag(self, rate: FloatArray) -> FloatArray:
         """Drag torque in N m at ``rate`` in rad/s."""
         return self.quadratic_drag * np.abs(rate) * rate + self.linear_drag * rate

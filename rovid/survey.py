@@ -12,8 +12,9 @@ import numpy as np
 from rovid.config import FILE_NAME, Config, Signal, read_curve
 from rovid.errors import ConfigError, DataError, RovidError
 from rovid.guess import Guess, Guesses, Seen, Thrusting, guess
+from rovid.readers.csv_header import read_layout
 from rovid.readers.formats import READERS
-from rovid.tables import CURVE_COLUMNS, curve_text, read_table
+from rovid.tables import CURVE_COLUMNS, curve_text
 from rovid.vehicle import ThrustCurve, Vehicle
 
 GUESSED_CURVE = "thrust_guess.csv"
@@ -121,7 +122,8 @@ def _is_table(path: Path) -> bool:
     if path.suffix.lower() != ".csv":
         return False
     try:
-        return set(CURVE_COLUMNS) <= set(read_table(path).header)
+        # Its head alone: a log beside it may be long.
+        return set(CURVE_COLUMNS) <= set(read_layout(path, CURVE_COLUMNS).names)
     except RovidError:
         return False
 

@@ -324,23 +324,16 @@ class Likelihood:
     def driven_rate(self, x: FloatArray) -> float:
         """Standard deviation of the rate that the disturbance drives, about the usual rate."""
         torque, memory = self.disturbance(x)
-        slope, constant = self._slope(x)
-        return torque / slope * math.sqrt(memory / (memory + constant * self._held_back(x, memory)))
+        return torque * self.model(x).restlessness(self.records.rate, memory)
 
     def position_noise(self, x: FloatArray) -> float:
         """Standard deviation of the noise of what is measured."""
         return math.exp(x[NOISE])
 
-    def _held_back(self, x: FloatArray, memory: float) -> float:
-        """How many times longer the time constant is for a disturbance that a restoring torque works against."""
-        model = self.model(x)
-        return 1.0 + memory**2 * model.stiffness / model.inertia
-
-    def _slope(self, x: FloatArray) -> tuple[float, float]:
-        """Of the drag at the usual rate in N m s/rad, and the time constant there in s."""
-        model = self.model(x)
-        slope = max(2.0 * model.quadratic_drag * self.records.rate + model.linear_drag, 1e-12)
-        return slope, model.inertia / slope
+    def of_model(self, x: FloatArray) -> tuple[list[int], FloatArray]:
+        """Which coordinates are the model's own parameters, and the change of each of those with its coordinate."""
+        own = [0, 1, 2, *range(BASE, len(x))]
+        return own, np.array([math.exp(x[0]), *self.records.drag_scale, *self.units])
 
     def first(self) -> FloatArray:
         """Coordinates to start from, each effect at the first of its starts."""

@@ -23,7 +23,6 @@ from rovid.simulation import compare, simulated_rate
 from rovid.trial import FloatArray
 from rovid.vehicle import Vehicle
 
-NAMES = ("inertia", "quadratic_drag", "linear_drag")
 # Upper limits of the disturbance, as shares of the torque in use. Without a limit the disturbance explains whatever
 # the model does not, and the parameters go where they like.
 LIMITS = (0.05, 0.02, 0.01, 0.005)
@@ -195,8 +194,7 @@ def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> Floa
             reach = max(inflated * reach, parameter.step * abs(x[at]) / math.sqrt(3.0))
             factor = np.where(np.arange(len(x)) == at, reach / math.sqrt(inverse[at, at]), 1.0)
             inverse = inverse * np.outer(factor, factor)
-    shown = [0, 1, 2, *range(BASE, len(x))]
-    size = np.array([math.exp(x[0]), *likelihood.records.drag_scale, *likelihood.units])
+    shown, size = likelihood.of_model(x)
     return np.asarray(inverse[np.ix_(shown, shown)] * np.outer(size, size))
 
 
@@ -292,7 +290,8 @@ def _warnings(likelihood: Likelihood, model: Model, *, white: bool, at_limit: bo
             "The innovations are not white: the standard errors come from the scatter between stretches of the "
             "logs, not from the curvature of the likelihood."
         )
-    texts += [f"{name} is held at zero, its lower bound." for name in NAMES[1:] if getattr(model, name) == 0.0]
+    drags = ("quadratic_drag", "linear_drag")
+    texts += [f"{name} is held at zero, its lower bound." for name in drags if getattr(model, name) == 0.0]
     return texts
 
 

@@ -110,9 +110,8 @@ class SimulatedLikelihood(Likelihood):
 
     def disturbance(self, x: FloatArray) -> tuple[float, float]:
         """Standard deviation of a torque in N m that would drive all of the misfit, and its memory in s."""
-        slope, constant = self._slope(x)
         memory = self.records.correlation_time
-        return math.exp(x[NOISE]) * slope * math.sqrt((memory + constant * self._held_back(x, memory)) / memory), memory
+        return math.exp(x[NOISE]) / self.model(x).restlessness(self.records.rate, memory), memory
 
     def driven_rate(self, x: FloatArray) -> float:  # noqa: ARG002 - as in Likelihood
         """Zero: none of the misfit is known to be a disturbance's."""

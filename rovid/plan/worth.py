@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rovid.errors import DataError
-from rovid.identify.innovations import BASE, Likelihood, Records
+from rovid.identify.innovations import Likelihood, Records
 from rovid.model import Model
 from rovid.plan.programme import Limits, Planned
 from rovid.runs import prepare
@@ -48,9 +48,7 @@ class Belief:
 
     def driven_rate(self, rate: float) -> float:
         """Standard deviation of the rate that the disturbance drives, where the vehicle moves at ``rate``."""
-        slope = max(2.0 * self.model.quadratic_drag * rate + self.model.linear_drag, 1e-12)
-        constant = self.model.inertia / slope
-        return self.disturbance / slope * math.sqrt(self.memory / (self.memory + constant))
+        return self.disturbance * self.model.restlessness(rate, self.memory)
 
     @classmethod
     def of(cls, name: str, likelihood: Likelihood, x: FloatArray, covariance: FloatArray) -> Belief:
@@ -157,8 +155,7 @@ def _slopes(likelihood: Likelihood, x: FloatArray) -> tuple[FloatArray, FloatArr
     """(N,) normalised innovations and their (N, p) slopes by the model's own parameters, in their units."""
     here = likelihood.slopes(x)
     count = len(here.residual) // 2
-    size = np.array([math.exp(x[0]), *likelihood.records.drag_scale, *likelihood.units])
-    shown = [0, 1, 2, *range(BASE, len(x))]
+    shown, size = likelihood.of_model(x)
     return here.residual[:count], here.matrix[:count][:, shown] / size
 
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rovid.readers.heading import gap_limit
+from rovid.readers.cleaning import gap_limit
 from rovid.readers.raw import sensible
 from rovid.trial import FloatArray
 

@@ -22,7 +22,7 @@ import numpy as np
 from rovid.axis import YAW, Axis
 from rovid.config import Config, Signal
 from rovid.errors import LogError
-from rovid.readers.heading import ANGLE, DISTANCE, SPEED, TURNING, Kind, clean
+from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED, TURNING, Kind, clean
 from rovid.readers.ordering import order
 from rovid.readers.raw import Channel, RawLog, typical
 from rovid.readers.series import Base, Series, common_base

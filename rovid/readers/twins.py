@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rovid.readers.heading import gap_limit
+from rovid.readers.cleaning import gap_limit
 from rovid.trial import FloatArray, Remark, Trial
 
 _TURN = 2.0 * np.pi

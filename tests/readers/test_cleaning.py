@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from rovid.readers.heading import Cleaned, clean
+from rovid.readers.cleaning import Cleaned, clean
 from rovid.trial import FloatArray
 
 RNG = np.random.default_rng(3)
