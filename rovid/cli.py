@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -10,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rovid import __version__
+from rovid import __version__, completion
 from rovid.errors import ConfigError, DataError, RovidError
+from rovid.help import FIRST_SESSION, MANUAL, ManualCommand, ManualGroup
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -21,16 +23,25 @@ if TYPE_CHECKING:
     from rovid.study import Study
 
 app = typer.Typer(
+    cls=ManualGroup,
     help="From an underwater vehicle's trial logs to a dynamic model its owner can defend.",
+    epilog=FIRST_SESSION,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    rich_markup_mode=None,  # boxes leave no room for words at 80 columns
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 
-Logs = Annotated[list[Path], typer.Argument(help="Folder of logs, or logs one by one.", show_default=False)]
+Logs = Annotated[
+    list[Path], typer.Argument(metavar="LOGS", help="A folder of logs, or logs one by one.", show_default=False)
+]
 OptionalLogs = Annotated[
     list[Path] | None,
-    typer.Argument(help="Folder of logs, or logs one by one; those of the parameter file if none.", show_default=False),
+    typer.Argument(
+        metavar="LOGS",
+        help="A folder of logs, or logs one by one; those that the parameter file remembers if not given.",
+        show_default=False,
+    ),
 ]
 ParameterFile = Annotated[
     Path | None,
@@ -38,7 +49,7 @@ ParameterFile = Annotated[
         "--parameters",
         "-p",
         metavar="FILE",
-        help="Parameter file to read and write; parameters.toml if not given, for another axis parameters_AXIS.toml.",
+        help="Parameter file; parameters.toml if not given, parameters_AXIS.toml for another axis than yaw.",
         show_default=False,
     ),
 ]
@@ -47,21 +58,30 @@ AxisName = Annotated[
     typer.Option(
         "--axis",
         metavar="AXIS",
-        help="surge, sway, heave, roll, pitch or yaw; that of the parameter file, or yaw, if not given.",
+        help="Degree of freedom: yaw, surge, sway, heave, roll or pitch; yaw if neither this nor -p says another.",
+        autocompletion=completion.axes,
         show_default=False,
     ),
 ]
 Cutoff = Annotated[
     float | None,
     typer.Option(
-        metavar="HZ", min=1e-3, help="Low-pass cut-off; chosen from the data if not given.", show_default=False
+        metavar="HZ",
+        min=1e-3,
+        help="Cut-off of the low pass that rates come from, in Hz; chosen from the data if not given.",
+        show_default=False,
     ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+Json = Annotated[
+    bool, typer.Option("--json", help="Print one JSON document on standard output, and nothing else there.")
+]
 
 
 def main() -> None:
     """Entry point: run the command; the user's mistakes end with one message and exit status 2."""
+    if "_ROVID_COMPLETE" in os.environ:
+        # typer folds the help that zsh and fish show beside a value; a shell takes each line for a value.
+        os.environ["COLUMNS"] = "1000"
     try:
         app()
     except RovidError as error:
@@ -79,6 +99,14 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
+def _command(function: Callable[..., None]) -> Callable[..., None]:
+    """Make it a command; its docstring says in a line what it does, the manual says the rest."""
+    name = function.__name__.replace("_", "-")
+    page = MANUAL[name]
+    register = app.command(name, cls=ManualCommand, help=f"{function.__doc__}\n{page.text}", epilog=page.epilog)
+    return register(function)
+
+
 @app.callback()
 def _root(
     version: Annotated[
@@ -88,17 +116,16 @@ def _root(
     pass
 
 
-@app.command()
+@_command
 def init(
     logs: Logs,
     *,
-    force: Annotated[bool, typer.Option("--force", help="Write over a rovid.toml that is there.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Write over a rovid.toml that is there; without it that is an error.")
+    ] = False,
     json: Json = False,
 ) -> None:
-    """Look at the logs and write a commented rovid.toml beside them: which column is what, its unit and sense, and why.
-
-    Example: rovid init my_logs
-    """
+    """Write a first rovid.toml for your logs."""
     from rovid.documents import survey_document
     from rovid.output import write_atomic
     from rovid.survey import files_of, survey
@@ -118,12 +145,9 @@ def init(
         show_survey(_console(), found, list(files))
 
 
-@app.command()
+@_command
 def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
-    """What is in the logs, what is wrong with them, and what to mind or to run besides before a fit.
-
-    Example: rovid check sample_logs/rosub_tank
-    """
+    """Say what is in the logs, and what is wrong."""
     from rovid.axis import YAW, axis_named
     from rovid.check import check_logs
     from rovid.config import find_config, load_config
@@ -149,18 +173,17 @@ def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
         )
 
 
-@app.command()
+@_command
 def convert(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="A log of any format that rovid reads.")],
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="A log of any format that rovid reads; see docs/logs.md.")],
     *,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="A .csv, .mcap or .parquet file.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="Where it goes: a .csv, .mcap or .parquet file.")
+    ],
     axis: AxisName = None,
     json: Json = False,
 ) -> None:
-    """A log in another format, as rovid reads it, and the lines of rovid.toml that read it again.
-
-    Example: rovid convert dive.BIN -o dive.csv
-    """
+    """Write a log in another format."""
     from rovid.axis import YAW, axis_named
     from rovid.config import find_config, load_config
     from rovid.convert import check_target
@@ -182,7 +205,7 @@ def convert(
         sys.stderr.writelines(f"Note: {text}\n" for text in remarks)
 
 
-@app.command()
+@_command
 def fit_drag(
     logs: Logs,
     *,
@@ -191,12 +214,7 @@ def fit_drag(
     cutoff: Cutoff = None,
     json: Json = False,
 ) -> None:
-    """Constant-command runs, or a steady-state table, to quadratic and linear drag.
-
-    A table has the columns command, yaw_rate_rad_s and torque_Nm and no time.
-
-    Example: rovid fit-drag sample_logs/rosub_tank
-    """
+    """Find drag from steady turns."""
     from rovid.documents import drag_document
     from rovid.terminal import show_drag, show_fit
 
@@ -216,7 +234,7 @@ def fit_drag(
         show_fit(_console(), result, show_drag, study, stored)
 
 
-@app.command()
+@_command
 def fit_inertia(
     logs: OptionalLogs = None,
     *,
@@ -225,12 +243,7 @@ def fit_inertia(
     cutoff: Cutoff = None,
     json: Json = False,
 ) -> None:
-    """Sine runs and all excited data to inertia; each method side by side.
-
-    A table of sine trials has the columns period_s, torque_amplitude_Nm and peak_yaw_rate_rad_s.
-
-    Example: rovid fit-inertia
-    """
+    """Find inertia from sines, by four methods."""
     stored = _stored(parameters, axis)
     study = _open(logs or _remembered(stored), cutoff, stored.axis)
     if logs:
@@ -238,26 +251,28 @@ def fit_inertia(
     _fit_inertia(study, stored, json=json)
 
 
-@app.command()
+@_command
 def fit(
     logs: OptionalLogs = None,
     *,
     effect: Annotated[
         list[str] | None,
-        typer.Option(metavar="ID", help="Include this effect in the model; may be given again.", show_default=False),
+        typer.Option(
+            metavar="ID",
+            help="Put this effect into the model, as thruster_lag; may be given again.",
+            autocompletion=completion.effects,
+            show_default=False,
+        ),
     ] = None,
     gyro: Annotated[
-        bool, typer.Option("--gyro", help="Fit logged rates too; not where one filter made them and the position.")
+        bool, typer.Option("--gyro", help="Fit logged rates too, where an instrument of their own measured them.")
     ] = False,
     axis: AxisName = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
     json: Json = False,
 ) -> None:
-    """All parameters at once by maximum likelihood, from every trial; right under feedback too.
-
-    Example: rovid fit --effect thruster_lag
-    """
+    """Fit all parameters by maximum likelihood."""
     from rovid.documents import likelihood_document
     from rovid.effects import effect_named
     from rovid.terminal import show_fit, show_likelihood
@@ -277,7 +292,7 @@ def fit(
         show_fit(_console(), result, show_likelihood, study, stored)
 
 
-@app.command()
+@_command
 def diagnose(
     logs: OptionalLogs = None,
     *,
@@ -286,12 +301,7 @@ def diagnose(
     cutoff: Cutoff = None,
     json: Json = False,
 ) -> None:
-    """What the simulation gets wrong, the cause by name, the gain on trials not fitted, and what to run next.
-
-    Writes the extended model to the parameter file.
-
-    Example: rovid diagnose
-    """
+    """Say what the simulation gets wrong, and why."""
     from rovid.account import show_diagnosis
     from rovid.documents import diagnosis_document
     from rovid.terminal import show_warnings
@@ -312,9 +322,9 @@ def diagnose(
         show_warnings(_console(), [*study.remarks(), *diagnosis.warnings])
 
 
-@app.command()
+@_command
 def fit_thruster(
-    bench: Annotated[Path, typer.Argument(metavar="BENCH.csv", help="Readings of command and thrust.")],
+    bench: Annotated[Path, typer.Argument(metavar="BENCH", help="A CSV file with readings of command and thrust.")],
     *,
     output: Annotated[
         Path | None,
@@ -322,25 +332,34 @@ def fit_thruster(
             "--output",
             "-o",
             metavar="FILE",
-            help="Where the curve goes; BENCH_curve.csv if not given.",
+            help="Where the curve goes; BENCH_curve.csv in the working folder if not given.",
             show_default=False,
         ),
     ] = None,
     command: Annotated[
-        str | None, typer.Option(metavar="COLUMN", help="Column of the command.", show_default=False)
+        str | None,
+        typer.Option(
+            metavar="COLUMN", help="Column of the command; found by its name if not given.", show_default=False
+        ),
     ] = None,
     thrust: Annotated[
-        str | None, typer.Option(metavar="COLUMN", help="Column of the thrust.", show_default=False)
+        str | None,
+        typer.Option(
+            metavar="COLUMN", help="Column of the thrust; found by its name if not given.", show_default=False
+        ),
     ] = None,
     unit: Annotated[
-        str | None, typer.Option(metavar="UNIT", help="Unit of the thrust: N, kN, kgf, gf or lbf.", show_default=False)
+        str | None,
+        typer.Option(
+            metavar="UNIT",
+            help=f"Unit of the thrust: {', '.join(completion.THRUST_UNITS)}; that in the column's name if not given.",
+            autocompletion=completion.thrust_units,
+            show_default=False,
+        ),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Raw bench readings to a thrust curve: only rising, dead zone kept, both directions.
-
-    Example: rovid fit-thruster sample_logs/thruster_bench/kaxan_540.csv --unit N
-    """
+    """Make a thrust curve from bench readings."""
     from rovid.documents import bench_document
     from rovid.identify.bench import THRUST_UNITS, bench_readings, fit_bench
     from rovid.output import write_atomic
@@ -359,7 +378,7 @@ def fit_thruster(
         show_bench(_console(), result, target)
 
 
-@app.command()
+@_command
 def simulate(
     logs: OptionalLogs = None,
     *,
@@ -370,16 +389,13 @@ def simulate(
         Path | None,
         typer.Option(
             metavar="OUT",
-            help="Write measurement, simulation and what is left over as MCAP: a file for one trial, else a folder.",
+            help="Write measurement, simulation and what is left over as MCAP: a file for one run, else a folder.",
             show_default=False,
         ),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Free-running simulation over the measurement; fit per trial.
-
-    Example: rovid simulate --mcap simulated
-    """
+    """Simulate the runs and compare with the logs."""
     from rovid.documents import simulation_document
     from rovid.report.recordings import recording_paths, write_recordings
     from rovid.simulation import simulate_runs
@@ -404,42 +420,59 @@ def simulate(
         show_warnings(_console(), warnings)
 
 
-@app.command()
+@_command
 def plan(
     logs: OptionalLogs = None,
     *,
     between: Annotated[
         list[str] | None,
-        typer.Option(metavar="ID", help="Tell this cause from another; to be given twice.", show_default=False),
+        typer.Option(
+            metavar="ID",
+            help="Tell the effect with this id from another; to be given twice.",
+            autocompletion=completion.effects,
+            show_default=False,
+        ),
     ] = None,
     narrow: Annotated[
         str | None,
         typer.Option(
-            metavar="PARAMETER", help="Make this parameter surer; the least sure if not given.", show_default=False
+            metavar="PARAMETER",
+            help="Make this parameter surer, as linear_drag; the least sure one if not given.",
+            autocompletion=completion.parameters,
+            show_default=False,
         ),
     ] = None,
-    share: Annotated[float, typer.Option(min=0.05, max=1.0, help="Of the commands that the logs used.")] = 1.0,
-    minutes: Annotated[float, typer.Option(min=0.1, help="Longest run.")] = 10.0,
+    share: Annotated[
+        float,
+        typer.Option(
+            metavar="SHARE", min=0.05, max=1.0, help="Largest command, as a share of the largest in the logs."
+        ),
+    ] = 1.0,
+    minutes: Annotated[float, typer.Option(metavar="MINUTES", min=0.1, help="Longest run, in minutes.")] = 10.0,
     max_rate: Annotated[
         float | None,
-        typer.Option(metavar="DEG/S", help="Fastest turn; m/s along an axis that is no angle.", show_default=False),
+        typer.Option(
+            metavar="RATE",
+            help="Fastest turn, in deg/s; fastest motion, in m/s, along surge, sway and heave. No limit if not given.",
+            show_default=False,
+        ),
     ] = None,
     turns: Annotated[
         float | None,
-        typer.Option(metavar="TURNS", help="Widest turn; m along an axis that is no angle.", show_default=False),
+        typer.Option(
+            metavar="TURNS",
+            help="Farthest around, in turns; farthest away, in m, along surge, sway and heave. No limit if not given.",
+            show_default=False,
+        ),
     ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="Command file.")] = Path("plan.csv"),
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="Where the command file goes.")] = Path(
+        "plan.csv"
+    ),
     axis: AxisName = None,
     parameters: ParameterFile = None,
     json: Json = False,
 ) -> None:
-    """The run to make next, as a command file: to tell two causes apart, or to make a parameter surer.
-
-    Runs that a crew can play are ranked by what they are expected to tell for each minute in the water. A picture of
-    what each cause predicts goes beside the command file.
-
-    Example: rovid plan --between thruster_lag --between command_delay
-    """
+    """Design the run to make next."""
     import math
 
     from rovid.documents import plan_document
@@ -473,52 +506,62 @@ def plan(
         show_plan(_console(), found, [output, drawn])
 
 
-@app.command()
+@_command
 def control(
     logs: OptionalLogs = None,
     *,
     kp: Annotated[
-        float | None, typer.Option(metavar="NM/RAD", help="Gain on heading; with --kd.", show_default=False)
+        float | None,
+        typer.Option(metavar="GAIN", help="Gain on heading, in N m/rad; together with --kd.", show_default=False),
     ] = None,
     kd: Annotated[
-        float | None, typer.Option(metavar="NMS/RAD", help="Gain on yaw rate; with --kp.", show_default=False)
+        float | None,
+        typer.Option(metavar="GAIN", help="Gain on yaw rate, in N m s/rad; together with --kp.", show_default=False),
     ] = None,
-    damping: Annotated[float, typer.Option(metavar="RATIO", help="Damping ratio wanted.")] = 0.7,
+    damping: Annotated[
+        float, typer.Option(metavar="RATIO", help="Damping ratio of the gains, where --kp and --kd do not say them.")
+    ] = 0.7,
     bandwidth: Annotated[
         float | None,
         typer.Option(
             metavar="RAD/S",
-            help="Natural frequency wanted. If not given the largest with a phase margin of 45 deg, a sensitivity peak "
-            "of 1.6 and room for twice the delay there is, that noise and actuators allow.",
+            help="Natural frequency of the gains, in rad/s. If not given the largest with a phase margin of 45 deg, a "
+            "sensitivity peak of 1.6 and room for twice the delay there is, that noise and actuators allow.",
             show_default=False,
         ),
     ] = None,
-    period: Annotated[float, typer.Option(metavar="S", help="Of the controller.")] = 0.1,
-    delay: Annotated[float, typer.Option(metavar="S", help="From a heading to the command that it leads to.")] = 0.0,
+    period: Annotated[
+        float, typer.Option(metavar="S", help="Time from one command of the controller to the next, in s.")
+    ] = 0.1,
+    delay: Annotated[
+        float, typer.Option(metavar="S", help="Time from a heading to the command that it leads to, in s.")
+    ] = 0.0,
     rate_filter: Annotated[
         float | None,
-        typer.Option(metavar="S", help="Low pass of the rate; chosen if not given.", show_default=False),
+        typer.Option(
+            metavar="S",
+            help="Time constant of the low pass of the rate, in s; chosen if not given.",
+            show_default=False,
+        ),
     ] = None,
     step: Annotated[
         list[str] | None,
-        typer.Option(metavar="FROM:TO", help="A further run in deg; may be given again.", show_default=False),
+        typer.Option(
+            metavar="FROM:TO", help="A further run, headings in deg, as 350:40; may be given again.", show_default=False
+        ),
     ] = None,
     c: Annotated[
-        Path | None, typer.Option("--c", metavar="FILE", help="Write the controller as C.", show_default=False)
+        Path | None,
+        typer.Option("--c", metavar="FILE", help="Write the controller as C into this file.", show_default=False),
     ] = None,
     python: Annotated[
-        Path | None, typer.Option("--python", metavar="FILE", help="Write it as Python.", show_default=False)
+        Path | None,
+        typer.Option("--python", metavar="FILE", help="Write it as Python into this file.", show_default=False),
     ] = None,
     parameters: ParameterFile = None,
     json: Json = False,
 ) -> None:
-    """Heading controller for the identified vehicle: gains, margins, closed-loop runs with every effect found.
-
-    Model-aided PD: drag and inertia from the model, PD on heading and yaw rate. The damping ratio is that of the
-    identified yaw inertia.
-
-    Example: rovid control --step 0:45
-    """
+    """Design a heading controller."""
     from rovid.account import show_control
     from rovid.control.design import Options, control_of, setting_of
     from rovid.control.generate import c_source, python_source
@@ -554,29 +597,31 @@ def control(
         show_warnings(_console(), warnings)
 
 
-@app.command()
+@_command
 def export(
     format: Annotated[  # noqa: A002 - the word that the help shows
         str,
         typer.Argument(
             metavar="FORMAT",
-            help="gz-sim, uuv, vrx, stonefish, mujoco, ros2, matlab, json or python-vehicle-simulator.",
+            help=f"One of {', '.join(completion.FORMATS)}.",
+            autocompletion=completion.formats,
         ),
     ],
     *,
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", metavar="FILE", help="Where it goes; uuv takes .xacro and .yaml.", show_default=False
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="Where it goes; gz_sim.sdf and the like if not given. uuv writes .xacro or .yaml.",
+            show_default=False,
         ),
     ] = None,
     parameters: ParameterFile = None,
     json: Json = False,
 ) -> None:
-    """Parameters in a simulator's own format, its own equation simulated against rovid's.
-
-    Example: rovid export gz-sim -o model.sdf
-    """
+    """Write the model in the format of a simulator."""
     from rovid.documents import export_document
     from rovid.export import export as make
     from rovid.export import exporter, subject_of
@@ -597,7 +642,7 @@ def export(
         show_export(_console(), target, made)
 
 
-@app.command()
+@_command
 def report(
     logs: OptionalLogs = None,
     *,
@@ -609,28 +654,23 @@ def report(
             "--output",
             "-o",
             metavar="FOLDER",
-            help="Where the page and plots go; report if not given, for another axis report_AXIS.",
+            help="Where page and plots go; report if not given, report_AXIS for another axis than yaw.",
             show_default=False,
         ),
     ] = None,
     diagnosis: Annotated[
-        bool, typer.Option("--diagnosis/--no-diagnosis", help="Say on the page what the simulation misses, and why.")
+        bool, typer.Option("--diagnosis/--no-diagnosis", help="With or without what the simulation misses, and why.")
     ] = True,
     control: Annotated[
-        bool, typer.Option("--control/--no-control", help="Say on the page which heading controller suits the vehicle.")
+        bool, typer.Option("--control/--no-control", help="With or without a heading controller.")
     ] = True,
     export: Annotated[
-        bool, typer.Option("--export/--no-export", help="Say on the page what each simulator's format holds.")
+        bool, typer.Option("--export/--no-export", help="With or without what each simulator's format holds.")
     ] = True,
     cutoff: Cutoff = None,
     json: Json = False,
 ) -> None:
-    """Parameter file, plots (PNG and SVG) and one page that holds it all.
-
-    The diagnosis takes most of the time, and leaves the parameter file as it is.
-
-    Example: rovid report
-    """
+    """Write everything on one page."""
     from rovid.axis import YAW
     from rovid.documents import axis_document
     from rovid.report.build import build_report
@@ -737,7 +777,7 @@ def _parameter_file(path: Path | None, axis: str | None) -> Path:
     from rovid.axis import YAW, axis_named
 
     known = axis_named(axis) if axis else YAW
-    return path or Path("parameters.toml" if known is YAW else f"parameters_{known.name}.toml")
+    return path or Path(completion.parameter_file(known.name))
 
 
 def _of_yaw(stored: Parameters) -> Parameters:

@@ -50,7 +50,7 @@ def test_every_command_explains_itself_with_an_example(command: str, flag: str) 
     assert (done.code, done.err) == (0, "")
     text = re.sub(r"\s+", " ", done.out)
     assert f"Usage: rovid {command}" in text
-    assert f"Example: rovid {command}" in text
+    assert f" rovid {command}" in text.partition("Examples:")[2]
     assert "--json" in text
 
 

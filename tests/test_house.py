@@ -45,6 +45,8 @@ HOUSE = [
     "terminal",
     "account",
     "report",
+    "completion",
+    "help",
     "cli",
 ]
 ROOT = Path(rovid.__file__).parent
