@@ -315,6 +315,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
     torque: FloatArray,
     race: FloatArray,
     moment: FloatArray,
+    scatter: FloatArray,
     angle: FloatArray,
     rate: FloatArray,
     base: FloatArray,
@@ -331,7 +332,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
 
     Parameters
     ----------
-    time, torque, race, moment
+    time, torque, race, moment, scatter
         (n,) s; the others from each instant to the next, see `rovid.model.Drive`.
     angle, rate
         (n,) measured angle in rad and rate in rad/s; NaN where not measured.
@@ -426,6 +427,10 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
                     p01 -= pull * p00
             a += moment[k - 1] / inertia
             r -= damping * moment[k - 1] / inertia
+            kick = scatter[k - 1] / inertia**2
+            p00 += kick * interval**2 / 3.0
+            p01 += kick * interval / 2.0
+            p11 += kick
         if angle[k] == angle[k]:
             s = p00 + noise[2] ** 2
             e = angle[k] - a
@@ -474,6 +479,7 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
     torque: FloatArray,
     race: FloatArray,
     moment: FloatArray,
+    scatter: FloatArray,
     angle: FloatArray,
     rate: FloatArray,
     base: FloatArray,
@@ -544,6 +550,11 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
                 _congruence(f, p, q, moved)
             a += moment[k - 1] / inertia
             r -= drag * moment[k - 1] / inertia
+            kick = scatter[k - 1] / inertia**2
+            p[0, 0] += kick * interval**2 / 3.0
+            p[0, 1] += kick * interval / 2.0
+            p[1, 0] += kick * interval / 2.0
+            p[1, 1] += kick
         for m in range(2):
             reading, known = (angle[k], a) if m == 0 else (rate[k], r)
             if not math.isnan(reading):

@@ -73,21 +73,24 @@ class Drive:
     race
         (n,) N^0.5 m^2; sum over the thrusters of the root of their thrust times their arm squared, of which a loss
         with the speed of advance is made. Zeros where no effect asks for it.
+    scatter
+        (n,) N^2 m^2 s^2; variance of the impulse, where an effect leaves open when a torque acts. Zeros elsewhere.
     """
 
     torque: FloatArray
     moment: FloatArray
     race: FloatArray
+    scatter: FloatArray
 
     @classmethod
-    def held(cls, torque: FloatArray, race: FloatArray | None = None) -> Self:
+    def held(cls, torque: FloatArray, race: FloatArray | None = None, scatter: FloatArray | None = None) -> Self:
         """Of a torque that is held from each instant to the next."""
         nothing = np.zeros(len(torque))
-        return cls(torque, nothing, nothing if race is None else race)
+        return cls(torque, nothing, nothing if race is None else race, nothing if scatter is None else scatter)
 
     def mapped(self, function: Callable[[FloatArray], FloatArray]) -> Self:
         """With ``function`` of each series."""
-        return type(self)(function(self.torque), function(self.moment), function(self.race))
+        return type(self)(*(function(each) for each in (self.torque, self.moment, self.race, self.scatter)))
 
     def between(self, time: FloatArray, at: NDArray[np.intp]) -> Self:
         """From each of the instants ``time[at]`` to the next; ``time`` in s are those of the series."""
@@ -104,6 +107,7 @@ class Drive:
             np.append(area / span, self.torque[at[-1]]),
             np.append(leverage - 0.5 * area * span, 0.0),
             np.append(race / span, self.race[at[-1]]),
+            np.append(total(self.scatter[:-1]), 0.0),
         )
 
 
@@ -257,10 +261,13 @@ class Model:
         """As ``drive``, of (n, k) commands at the instants ``where`` says, each interval cut into ``where.parts``."""
         thrust = self.thrust(vehicle, where, command)
         torque = np.asarray(thrust @ where.arms)
+        scatter = np.zeros(len(torque))
         for effect, numbers in self._each():
+            if effect.scatter is not None:
+                scatter += effect.scatter(where, torque, effect.values(numbers))
             if effect.on_torque is not None:
                 torque = effect.on_torque(where, torque, effect.values(numbers))
-        drive = Drive.held(torque, race(thrust, where.arms))
+        drive = Drive.held(torque, race(thrust, where.arms), scatter)
         if at is None and where.parts == 1:
             return drive
         every = np.arange((len(where.time) - 1) // where.parts + 1)

@@ -281,6 +281,21 @@ def test_a_latch_comes_on_beyond_its_width_and_goes_off_at_the_edge() -> None:
     np.testing.assert_allclose(latched(excess, 1.0, 0.1), [0.0, 0.0, 1.5, 0.5, 0.0, 0.0, 0.0, -1.5, -0.5, 0.0])
 
 
+def test_commands_that_wait_have_the_impulse_of_random_waits() -> None:
+    effect = effect_named("command_delay:scattered")
+    assert effect.on_torque is not None
+    assert effect.scatter is not None
+    where = replace(WHERE, time=np.arange(0.0, 5.0, 0.01))
+    step, values = np.where(where.time < 2.0, -20.0, 40.0), {"delay": 0.5, "jitter": 0.3}
+    lost = 60.0 * np.random.default_rng().uniform(0.2, 0.8, 100_000)
+    late = step - effect.on_torque(where, step, values)
+    assert float(np.sum(late)) * 0.01 == pytest.approx(float(lost.mean()), rel=0.02)
+    scatter = effect.scatter(where, step, values)
+    assert float(np.sum(scatter)) == pytest.approx(float(lost.var()), rel=0.05)
+    open_still = (where.time > 2.2 - 0.02) & (where.time < 2.8 + 0.02)
+    assert not scatter[~open_still].any()
+
+
 def test_a_jump_gives_nothing_up_to_the_dead_band_and_the_bench_thrust_beyond() -> None:
     effect = effect_named("thruster_deadband:jump")
     assert effect.on_command is not None

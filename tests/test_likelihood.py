@@ -99,15 +99,16 @@ def test_without_disturbance_innovations_are_the_output_error() -> None:
     rate, angle = simulate(time, torque, 5057.0, 3532.0, 132.0, 0.02)
     measured = angle + np.random.default_rng().normal(0.0, 1e-3, len(time))
     measured[0] = 0.0
-    missing = np.full(len(time), np.nan)
+    missing, nothing = np.full(len(time), np.nan), np.zeros(len(time))
     error, variance = innovations(
         time,
         torque,
-        np.zeros(len(time)),
-        np.zeros(len(time)),
+        nothing,
+        nothing,
+        nothing,
         measured,
         missing,
-        np.array([5057.0, 3532.0, 132.0, 0.0, 0.0, 0.0]),
+        np.array([5057.0, 3532.0, 132.0, 0.0, 0.0, 0.0, 0.0]),
         *NO_EFFECTS,
         np.array([1e-6, 4.0, 1e-3, 1.0]),
         np.array([0.02, 1e-9]),
@@ -125,19 +126,32 @@ def test_filter_variance_against_a_fine_grid() -> None:
     at = np.searchsorted(fine, time)
     held = torque[np.clip(np.searchsorted(time, fine, side="right") - 1, 0, len(time) - 1)]
     _, angle = simulate(time, torque, 2.5, 1.5, 5.0, 0.0)
-    model = (np.array([2.5, 1.5, 5.0, 0.0, 0.0, 0.0]), *NO_EFFECTS)
+    model = (np.array([2.5, 1.5, 5.0, 0.0, 0.0, 0.0, 0.0]), *NO_EFFECTS)
     noise, start = np.array([5.0, 1.0, 1e-3, 1.0]), np.array([0.0, 0.1])
+    none, never = np.zeros(len(time)), np.zeros(len(fine))
     sparse = np.full(len(fine), np.nan)
     sparse[at] = angle
     coarse, coarse_variance = innovations(
-        time, torque, 0.0 * time, 0.0 * time, angle, np.full(len(time), np.nan), *model, noise, start
+        time, torque, none, none, none, angle, np.full(len(time), np.nan), *model, noise, start
     )
     exact, exact_variance = innovations(
-        fine, held, 0.0 * fine, 0.0 * fine, sparse, np.full(len(fine), np.nan), *model, noise, start
+        fine, held, never, never, never, sparse, np.full(len(fine), np.nan), *model, noise, start
     )
     # Sub-steps of a twentieth of the shortest time constant leave the second-order transition a few percent off.
     assert coarse_variance[1:, 0] == pytest.approx(exact_variance[at, 0][1:], rel=0.05)
     assert coarse[1:, 0] == pytest.approx(exact[at, 0][1:], abs=0.05 * float(np.sqrt(exact_variance[at, 0].max())))
+
+
+def test_an_open_impulse_widens_what_the_filter_expects() -> None:
+    time = np.arange(0.0, 4.0, 0.5)
+    none, scatter = np.zeros(len(time)), np.where(time == 2.0, 3.0**2, 0.0)
+    angle = np.where(time == 0.0, 0.0, np.nan)
+    angle[time == 2.5] = 0.0
+    model = (np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), *NO_EFFECTS)
+    noise, start = np.array([1e-6, 4.0, 1e-3, 1.0]), np.array([0.0, 1e-6])
+    _, variance = innovations(time, none, none, none, scatter, angle, none + np.nan, *model, noise, start)
+    # A kick at any instant of the half second, (3 / 2) rad/s in all, has a third of the angle's square.
+    assert variance[time == 2.5, 0] == pytest.approx((3.0 / 2.0 * 0.5) ** 2 / 3.0, rel=1e-3)
 
 
 def advanced_commands(day: Path) -> None:

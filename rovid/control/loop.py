@@ -192,7 +192,7 @@ def _run(
         torque=asked,
         commands=commands,
         push=outside,
-        drive=Drive(torque, moment, race),
+        drive=Drive(torque, moment, race, np.zeros(len(torque))),
     )
 
 

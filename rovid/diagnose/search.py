@@ -404,13 +404,17 @@ def _best_forms(promises: Sequence[Promise]) -> list[Promise]:
 
 
 def _shortlist(promises: Sequence[Promise], least: float) -> list[Promise]:
-    """The forms worth fitting: of the causes that promise most, the best forms of each."""
+    """The forms worth fitting: of the causes that promise most, the best forms of each, and simpler ones.
+
+    Slopes promise too much of some forms, and one with fewer parameters may gain as much.
+    """
     ranked = _ranked(promises)[:_FITTED]
     top = ranked[0][0].gain if ranked else 0.0
     return [
         promise
-        for group in ranked
-        if group[0].gain >= max(_PROMISE * top, least)
-        for promise in group[:_FORMS_FITTED]
-        if promise.gain >= _PROMISE * group[0].gain and promise.gain > 0.0
+        for first, *others in ranked
+        if first.gain >= max(_PROMISE * top, least)
+        for promise in (first, *others)[:_FORMS_FITTED]
+        if promise.gain >= _PROMISE * first.gain
+        or (promise.gain > 0.0 and len(promise.effect.parameters) < len(first.effect.parameters))
     ]

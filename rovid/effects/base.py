@@ -146,6 +146,9 @@ class Effect:
         (n, k) thrusts in N -> thrusts.
     on_torque
         (n,) torque in N m -> torque, each value the mean until the next instant.
+    scatter
+        (n,) torque in N m, before ``on_torque`` -> variance of its impulse until the next instant in N^2 m^2 s^2, where
+        the equation leaves open when the torque acts.
     term
         Compiled; torque in N m from (rate, angle since the start, push, base, p, x, dx), with ``base`` the inertia,
         quadratic and linear drag, the first position, the fastest state and the thrusters' race, ``p`` the effect's
@@ -183,6 +186,7 @@ class Effect:
     on_command: OnSeries | None = None
     on_thrust: OnSeries | None = None
     on_torque: OnSeries | None = None
+    scatter: OnSeries | None = None
     term: Callable[..., float] | None = None
     fastest: Callable[[Values], float] | None = None
     on_heading: Callable[[FloatArray, Values], FloatArray] | None = None

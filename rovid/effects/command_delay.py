@@ -7,25 +7,34 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.effects.base import Actuation, Effect, EffectParameter, Values
-from rovid.effects.series import delayed, polled
+from rovid.effects.series import delayed
 from rovid.trial import FloatArray
 
-# Shares of the mean delay, evenly over what a command may wait.
-_WAITS = (0.2, 0.6, 1.0, 1.4, 1.8)
+# Evenly over what a command may wait beside the mean, as shares of the most.
+_WAITS = (-0.8, -0.4, 0.0, 0.4, 0.8)
 
 
 def _on_torque(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
     return delayed(where.time, torque, values["delay"])
 
 
-def _polled(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
-    return polled(where.time, torque, 2.0 * values["delay"])
-
-
 def _scattered(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
-    waits = [delayed(where.time, torque, share * values["delay"]) for share in _WAITS]
-    return np.asarray(np.mean(waits, axis=0))
+    waits = [max(values["delay"] + share * values["jitter"], 0.0) for share in _WAITS]
+    return np.asarray(np.mean([delayed(where.time, torque, wait) for wait in waits], axis=0))
 
+
+def _scatter(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
+    """Variance of the impulse: of a change that waits anything from L - J to L + J it is (change J)^2 / 3 in all."""
+    time, jitter = where.time, values["jitter"]
+    early, late = (
+        torque[np.maximum(np.searchsorted(time, time - max(wait, 0.0), side="right") - 1, 0)]
+        for wait in (values["delay"] - jitter, values["delay"] + jitter)
+    )
+    return np.asarray((early - late) ** 2 * (jitter / 6.0) * np.diff(time, append=time[-1]))
+
+
+# The ends of what a command may wait are no better known.
+_WINDOW = 0.1
 
 EFFECT: Effect = Effect(
     id="command_delay",
@@ -42,17 +51,17 @@ FORMS: tuple[Effect, ...] = (
     EFFECT,
     replace(
         EFFECT,
-        form="polled",
-        # Each instant of reading is a threshold: there are many places to begin.
-        parameters=(replace(EFFECT.parameters[0], starts=(0.05, 0.1, 0.2, 0.35)),),
-        equation="the drive reads its command every 2 L: a delay of L on average",
-        on_torque=_polled,
-    ),
-    replace(
-        EFFECT,
         form="scattered",
-        # A drive that reads by a clock of its own: nobody knows when, and the mean over all waits is what there is.
-        equation="each command waits between nothing and 2 L: a delay of L on average",
+        # A drive that reads by a clock of its own, or a busy link: nobody knows when, and what there is are the mean
+        # over all waits and how far it may be off.
+        parameters=(
+            replace(EFFECT.parameters[0], starts=(0.08, 0.2, 0.4), step=_WINDOW),
+            EffectParameter(
+                name="jitter", unit="s", null=0.0, low=0.0, high=10.0, starts=(0.08, 0.1, 0.2), step=_WINDOW
+            ),
+        ),
+        equation="each command waits between L − J and L + J",
         on_torque=_scattered,
+        scatter=_scatter,
     ),
 )

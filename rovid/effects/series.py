@@ -162,16 +162,3 @@ def delayed(time: FloatArray, values: FloatArray, delay: float) -> FloatArray:
     out[:-1] = np.diff(area) / np.diff(time)
     out[-1] = out[-2] if len(values) > 1 else values[0]
     return out
-
-
-def polled(time: FloatArray, values: FloatArray, period: float) -> FloatArray:
-    """Mean until the next instant of the held (n,) ``values``, read every ``period`` s from the start and held."""
-    if period <= 0.0 or len(time) < 2:
-        return values
-    reads = time[0] + period * np.arange(int((time[-1] - time[0]) / period) + 2)
-    seen = values[np.clip(np.searchsorted(time, reads, side="right") - 1, 0, len(values) - 1)]
-    area = np.concatenate(([0.0], np.cumsum(seen[:-1] * period)))
-    out = np.empty(len(values))
-    out[:-1] = np.diff(np.interp(time, reads, area)) / np.diff(time)
-    out[-1] = out[-2]
-    return out

@@ -387,12 +387,12 @@ class Likelihood:
         for number, (run, drive, angle, gyro) in enumerate(parts):
             start = np.array([records.initial_rates[number], _RATE_ERROR * records.rate])
             true, gain = model.true_angle(run.trial, angle, records.instants[number])
-            time, torque, race, moment = records.times[number], drive.torque, drive.race, drive.moment
+            driven = (records.times[number], drive.torque, drive.race, drive.moment, drive.scatter)
             motion = (model.base(run.trial), terms, active, noise)
             if wave is None:
-                error, variance = innovations(time, torque, race, moment, true, gyro, *motion, start)
+                error, variance = innovations(*driven, true, gyro, *motion, start)
             else:
-                error, variance = innovations_wave(time, torque, race, moment, true, gyro, *motion, wave, start)
+                error, variance = innovations_wave(*driven, true, gyro, *motion, wave, start)
             known = records.known[number]
             # The density is that of the measured heading, whatever it deviates by.
             errors.append(error[known, 0] * gain[known])
