@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 JOBS   ?= auto
 
-.PHONY: demo test test-slow lint bench sweep clean
+.PHONY: demo test test-slow lint docs bench sweep clean
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -31,6 +31,10 @@ lint: $(VENV)/installed
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
+docs: $(VENV)/installed  ## the documentation: build/docs/index.html
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	@echo "The documentation: build/docs/index.html"
+
 bench: $(VENV)/installed  ## timings, as ratios measured in one run, and whether standard errors hold
 	$(BIN)/python -m benchmarks.reading
 	$(BIN)/python -m benchmarks.simulation
@@ -45,4 +49,4 @@ sweep: $(VENV)/installed  ## hours: what the diagnosis names of hidden effects; 
 	$(BIN)/python -m benchmarks.sweep $(SWEEP)
 
 clean:
-	rm -rf $(VENV) demo
+	rm -rf $(VENV) demo build/docs

@@ -1,0 +1,45 @@
+"""What pages take from the program itself, at build time, so that they cannot drift from it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sphinx.application import Sphinx
+from sphinx.util.typing import ExtensionMetadata
+from typer.main import get_command
+
+from rovid.cli import app as rovid
+from rovid.effects import CATALOGUE
+
+_COMMANDS = "<!-- commands -->"
+_COLUMNS = 84
+
+
+def command_reference() -> str:
+    """The help of every command, as it is printed, as Markdown."""
+    # Newer versions of typer bring a click of their own, whose types are none of ours.
+    group: Any = get_command(rovid)
+    parent = group.context_class(group, info_name="rovid")
+    return "\n".join(_help(command, parent) for command in group.commands.values())
+
+
+def _help(command: Any, parent: Any) -> str:
+    command.rich_markup_mode = None
+    context = command.context_class(command, info_name=command.name, parent=parent, terminal_width=_COLUMNS)
+    return f"## rovid {command.name}\n\n```text\n{command.get_help(context).strip()}\n```\n"
+
+
+def _complete(_app: Sphinx, name: str, source: list[str]) -> None:
+    """Put into a page what the program knows."""
+    if name == "commands":
+        source[0] = source[0].replace(_COMMANDS, command_reference())
+    elif name == "effects/README":
+        # The page is read on its own too, where a table of contents would show as text.
+        pages = "\n".join(effect.id for effect in CATALOGUE)
+        source[0] += f"\n```{{toctree}}\n:hidden:\n\n{pages}\n```\n"
+
+
+def setup(app: Sphinx) -> ExtensionMetadata:
+    """Complete the pages as they are read."""
+    app.connect("source-read", _complete)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

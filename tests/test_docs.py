@@ -1,0 +1,343 @@
+"""The documentation: the site builds without a warning and needs no network, and its commands do what it says.
+
+Every block of sh and of console in the pages of docs/ and in the README is run, page by page and in order, in a folder
+of its own. In a console block the lines after a command, which begins with ``$``, have to be lines of what it prints,
+in their order; a ``…`` stands for what the page leaves out. A block of python is run too, with the names of those
+before it. A comment ahead of a block says where it differs:
+
+``<!-- test: not run; WHY -->``
+    For what would take a network or hours.
+``<!-- test: as in PAGE -->``
+    The same commands stand in that page, in this order, and are run there.
+``<!-- test: slow; WHY -->``
+    From here to the end of the page it is run by ``make test-slow`` alone.
+``<!-- test: written to FILE -->``
+    The block is a file, not a command: the reader writes it, and so does the test.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import pytest
+
+from tests.conftest import ROOT, SAMPLES, run_rovid
+
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+SHELL = {"sh", "console", "bash", "shell"}
+FENCE = re.compile(
+    r"(?:^<!-- test: (?P<remark>[^>]*?) -->\n+)?^```(?P<language>[\w-]+)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL
+)
+# What a reader's own folder of logs holds here: runs of the sample day with its thrust curve, and no rovid.toml.
+OWN_LOGS = ("coast_02", "fore_only", "aft_only", "hold_03", "hold_05", "sine_40s_a", "staircase")
+# Pages that say that a parameter file is there. They begin with that of the runs above, read by the sample day's
+# rovid.toml, for a shorter campaign takes less time.
+WITH_PARAMETERS = {"control.md", "export.md", "files.md", "fit.md", "logs.md", "plan.md", "api.md"}
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block of a page, and what the comment ahead of it says."""
+
+    page: Path
+    line: int
+    language: str
+    text: str
+    remark: str
+
+    @property
+    def place(self) -> str:
+        return f"{self.page.relative_to(ROOT)}:{self.line}"
+
+    def steps(self) -> list[tuple[str, list[str]]]:
+        """(command, lines of its output)."""
+        if self.language != "console":
+            return [(line, []) for line in self.text.replace("\\\n", " ").splitlines() if line.strip()]
+        steps: list[tuple[str, list[str]]] = []
+        for line in self.text.splitlines():
+            if line.startswith("$ "):
+                steps.append((line[2:], []))
+            else:
+                assert steps, f"{self.place}: output without a command"
+                steps[-1][1].append(line)
+        return steps
+
+    def commands(self) -> list[list[str]]:
+        return [words for command, _ in self.steps() if (words := shlex.split(command, comments=True))]
+
+
+def blocks(page: Path) -> list[Block]:
+    text = page.read_text(encoding="utf-8")
+    return [
+        Block(page, text[: found.start()].count("\n") + 1, found["language"], found["text"], found["remark"] or "")
+        for found in FENCE.finditer(text)
+    ]
+
+
+def to_run(page: Path) -> list[Block]:
+    """What of a page is run, or written, in this order."""
+    return [
+        block
+        for block in blocks(page)
+        if (block.language in SHELL and not block.remark.startswith(("not run;", "as in ")))
+        or block.language == "python"
+        or block.remark.startswith("written to ")
+    ]
+
+
+def of_this_run(page: Path, *, slow: bool) -> list[Block]:
+    """Blocks before the one that is slow, or all of a page that has one."""
+    everything = to_run(page)
+    first = next((at for at, block in enumerate(everything) if block.remark.startswith("slow;")), None)
+    if slow:
+        return [] if first is None else everything
+    return everything[:first]
+
+
+def name_of(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+@pytest.fixture(scope="session")
+def trial_day(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a short trial day and its parameters."""
+    folder = tmp_path_factory.mktemp("ready")
+    write_own_logs(folder / "trial_day")
+    shutil.copy(SAMPLES / "rosub_tank" / "rovid.toml", folder / "trial_day")
+    with contextlib.chdir(folder):
+        for command in ("fit-drag", "fit-inertia"):
+            assert run_rovid(command, "trial_day").code == 0
+    return folder
+
+
+def write_own_logs(folder: Path) -> None:
+    folder.mkdir()
+    for name in (*OWN_LOGS, "thrust_curve"):
+        shutil.copy(SAMPLES / "rosub_tank" / f"{name}.csv", folder)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where a reader stands: the checkout's sample logs, and logs of her own."""
+    shutil.copytree(SAMPLES, tmp_path / "sample_logs", ignore=shutil.ignore_patterns("parameters*.toml"))
+    write_own_logs(tmp_path / "my_logs")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    return tmp_path
+
+
+def run(page: Path, chosen: list[Block], request: pytest.FixtureRequest) -> None:
+    if page.name in WITH_PARAMETERS:
+        shutil.copytree(request.getfixturevalue("trial_day"), Path.cwd(), dirs_exist_ok=True)
+    names: dict[str, object] = {}
+    for block in chosen:
+        if block.remark.startswith("written to "):
+            Path(block.remark.removeprefix("written to ")).write_text(block.text, encoding="utf-8")
+        elif block.language == "python":
+            with contextlib.redirect_stdout(io.StringIO()):
+                exec(compile(block.text, block.place, "exec"), names)  # noqa: S102 - the page's own example
+        else:
+            for command, shown in block.steps():
+                require_lines(shown, output_of(command, block), f"{block.place}: {command}")
+
+
+def output_of(command: str, block: Block) -> str:
+    words = shlex.split(command, comments=True)
+    if words[:1] == ["rovid"] and not {"|", ">", ">>", "&&", ";"} & set(words):
+        # In this process, for a start of Python at every line would take most of the time.
+        done = run_rovid(*words[1:])
+        assert done.code == 0, f"{block.place}: {command}\n{done.err}"
+        assert done.err == "", f"{block.place}: {command}"
+        return done.out
+    shell = subprocess.run(["bash", "-euc", command], check=False, capture_output=True, text=True)
+    assert shell.returncode == 0, f"{block.place}: {command}\n{shell.stderr}"
+    return shell.stdout
+
+
+def require_lines(shown: list[str], printed: str, place: str) -> None:
+    """Every line that the page shows is printed, after the one above it; a line's parts around … in their order."""
+    lines = iter(" ".join(line.split()) for line in printed.splitlines())
+    for line in shown:
+        parts = [" ".join(part.split()) for part in line.split("…")]
+        if any(parts):
+            found = any(all_in_order(parts, candidate) for candidate in lines)
+            assert found, f"{place}\nnot printed: {line}\n{printed}"
+
+
+def all_in_order(parts: list[str], line: str) -> bool:
+    at = 0
+    for part in parts:
+        found = line.find(part, at)
+        if found < 0:
+            return False
+        at = found + len(part)
+    return len(parts) > 1 or line == parts[0]
+
+
+def with_something(*, slow: bool) -> list[Path]:
+    return [page for page in PAGES if of_this_run(page, slow=slow)]
+
+
+@pytest.mark.parametrize("page", with_something(slow=False), ids=name_of)
+@pytest.mark.usefixtures("folder")
+def test_commands_of_a_page(page: Path, request: pytest.FixtureRequest) -> None:
+    chosen = of_this_run(page, slow=False)
+    run(page, chosen, request)
+    if any(words[:2] == ["rovid", "report"] for block in chosen for words in block.commands()):
+        assert Path("report/index.html").stat().st_size > 100_000
+        assert Path("parameters.toml").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", with_something(slow=True), ids=name_of)
+@pytest.mark.usefixtures("folder")
+def test_slow_commands_of_a_page(page: Path, request: pytest.FixtureRequest) -> None:
+    run(page, of_this_run(page, slow=True), request)
+
+
+def test_what_is_not_run_in_its_page_says_why_or_where_it_is() -> None:
+    for block in (block for page in PAGES for block in blocks(page)):
+        assert re.fullmatch(r"|(not run|slow); .{10,}|as in \S+\.md|written to \S+", block.remark), block.place
+        if block.remark.startswith("as in "):
+            there = DOCS / block.remark.removeprefix("as in ")
+            rest = iter(words for other in to_run(there) for words in other.commands())
+            missing = [words for words in block.commands() if words not in rest]
+            assert not missing, f"{block.place}: {missing} not in {there.name}"
+
+
+def test_every_command_is_in_some_page() -> None:
+    from rovid.cli import app
+
+    shown = {words[1] for page in PAGES for block in to_run(page) for words in block.commands() if words[0] == "rovid"}
+    known = {
+        command.name or command.callback.__name__.replace("_", "-")
+        for command in app.registered_commands
+        if command.callback
+    }
+    assert shown - {"--version"} == known
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "check trial_day",
+        "fit-drag trial_day",
+        "fit-inertia",
+        "fit",
+        "simulate",
+        "control",
+        "export json",
+        "convert trial_day/hold_03.csv -o hold.csv",
+        "fit-thruster trial_day/thrust_curve.csv",
+        "init my_logs",
+        "report --no-diagnosis --no-control --no-export",
+    ],
+)
+@pytest.mark.usefixtures("folder")
+def test_the_keys_of_json_are_in_the_page_on_files(command: str, trial_day: Path) -> None:
+    shutil.copytree(trial_day, Path.cwd(), dirs_exist_ok=True)
+    document = run_rovid(*command.split(), "--json").document
+    text = (DOCS / "files.md").read_text(encoding="utf-8")
+    section = text.partition(f"### `{document['schema']}`")[2].partition("\n### ")[0]
+    told = set(re.findall(r"`(\w+)`", " ".join(line.split("|")[1] for line in section.splitlines() if "|" in line)))
+    assert set(document) - {"schema"} <= told
+
+
+def test_the_page_on_files_has_every_schema_and_every_key_of_the_configuration() -> None:
+    from rovid import config
+    from rovid.readers import READERS
+
+    text = (DOCS / "files.md").read_text(encoding="utf-8")
+    sources = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "rovid").rglob("*.py"))
+    schemas = set(re.findall(r"\brovid-[a-z]+/1\b", sources))
+    assert len(schemas) > 8
+    keys = {*config._VEHICLE_KEYS, *config._THRUSTER_KEYS, *config._NOT_SOURCES, *config.UNITS}  # noqa: SLF001 - to be told
+    units = {unit for factors in config.UNITS.values() for unit in factors} | set(config.TIME_UNITS)
+    formats = {suffix.removeprefix(".") for suffix in READERS} - {"db3"}
+    assert sorted(name for name in keys | units | formats | schemas if f"`{name}`" not in text) == []
+
+
+def test_make_demo_is_in_the_readme() -> None:
+    assert "make demo" in (ROOT / "README.md").read_text()
+
+
+class Links(HTMLParser):
+    """What a page refers to, and the places in it that can be referred to."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.loaded: list[str] = []
+        self.links: list[str] = []
+        self.anchors: set[str] = set()
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = {key: value for key, value in attrs if value is not None}
+        self.anchors |= {given[key] for key in ("id", "name") if key in given}
+        if tag == "a":
+            self.links += [given["href"]] if "href" in given else []
+        else:
+            self.loaded += [given[key] for key in ("src", "href", "data", "srcset") if key in given]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """As `make docs` builds it, with warnings as errors."""
+    target = tmp_path_factory.mktemp("site")
+    options = ["-W", "--keep-going", "-q", "-b", "html", "-d", str(target / "cache")]
+    command = [sys.executable, "-m", "sphinx", *options, str(DOCS), str(target / "html")]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return target / "html"
+
+
+@pytest.fixture(scope="module")
+def pages(site: Path) -> dict[Path, Links]:
+    return {path: Links(path.read_text(encoding="utf-8")) for path in sorted(site.rglob("*.html"))}
+
+
+class TestSite:
+    def test_has_a_page_for_each_source(self, site: Path) -> None:
+        sources = [path.relative_to(DOCS).with_suffix(".html") for path in DOCS.rglob("*.md")]
+        assert len(sources) > 20
+        assert [str(name) for name in sources if not (site / name).is_file()] == []
+
+    def test_loads_nothing_from_a_network(self, site: Path, pages: dict[Path, Links]) -> None:
+        far = {(path.name, link) for path, page in pages.items() for link in page.loaded if urlsplit(link).netloc}
+        assert far == set()
+        for path in site.rglob("*.css"):
+            assert re.findall(r"(?:url\(|@import)\s*[\"']?(?:https?:)?//", path.read_text(encoding="utf-8")) == [], path
+
+    def test_links_lead_somewhere(self, pages: dict[Path, Links]) -> None:
+        broken = [(path.name, link) for path, page in pages.items() for link in self.broken(path, page, pages)]
+        assert broken == []
+
+    @staticmethod
+    def broken(path: Path, page: Links, pages: dict[Path, Links]) -> Iterator[str]:
+        for link in (*page.links, *page.loaded):
+            parts = urlsplit(link)
+            if parts.scheme or parts.netloc:
+                continue
+            target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            anchor = unquote(parts.fragment)
+            if not target.is_file() or (anchor and target in pages and anchor not in pages[target].anchors):
+                yield link
+
+    def test_formulas_are_mathml(self, site: Path) -> None:
+        method = (site / "method.html").read_text(encoding="utf-8")
+        assert method.count("<math ") > 20
+        assert "merror" not in method
