@@ -1,6 +1,6 @@
 """How Sphinx builds the documentation: ``make docs``, or ``sphinx-build -W -b html docs build/docs``.
 
-The pages are read offline too, from a USB stick aboard: nothing may come from the network, so formulas are MathML.
+The pages are read offline too, from a USB stick aboard: nothing may come from the network, so formulas are drawn here.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
-    "docs.extensions.mathml",
+    "docs.extensions.formulas",
     "docs.extensions.generated",
     "docs.extensions.docstrings",
 ]
@@ -32,7 +32,7 @@ nitpicky = False
 
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
-html_math_renderer = "mathml"
+html_math_renderer = "drawn"
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
@@ -42,6 +42,7 @@ python_maximum_signature_line_length = 88
 add_module_names = False
 napoleon_google_docstring = False
 napoleon_use_ivar = True
+napoleon_attr_annotations = False
 napoleon_use_rtype = False
 
 html_theme = "furo"
