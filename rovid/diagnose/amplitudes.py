@@ -33,7 +33,8 @@ _BY_CHANCE = 0.05
 # Total over rigid-body inertia that an explanation may ask for; a closed hull full of water has 4.
 _RATIOS = (1.0, 4.0)
 _NUDGE = 1e-3
-_STARTS, _EVALUATIONS = 3, 30
+# A fit goes on from the best of its starts, until it gains no more than so small a share.
+_STARTS, _FIRST_EVALUATIONS, _EVALUATIONS, _FINE = 3, 8, 30, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,11 +182,14 @@ class _Rows:
         ]
         begins = sorted(begins, key=lambda x: float(np.sum(misfits(x) ** 2)))[:_STARTS]
         steps = np.full(len(low), _NUDGE)
-        fits = [
-            optimize.least_squares(misfits, x, bounds=(low, high), diff_step=steps, max_nfev=_EVALUATIONS)
-            for x in begins
-        ]
-        fit = min(fits, key=lambda fit: float(fit.cost))
+
+        def fitted(x: FloatArray, evaluations: int) -> optimize.OptimizeResult:
+            return optimize.least_squares(
+                misfits, x, bounds=(low, high), diff_step=steps, max_nfev=evaluations, ftol=_FINE, xtol=0.1 * _FINE
+            )
+
+        tried = [fitted(x, _FIRST_EVALUATIONS) for x in begins]
+        fit = fitted(min(tried, key=lambda fit: float(fit.cost)).x, _EVALUATIONS)
         misfit, spare = 2.0 * float(fit.cost), len(self.rates) - len(low)
         chance = float(stats.chi2.sf(misfit, spare)) if spare > 0 else math.nan
         return Explanation(model=model(fit.x), misfit=misfit, chance=chance)

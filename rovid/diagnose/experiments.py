@@ -54,7 +54,7 @@ def next_experiment(diagnosis: Diagnosis) -> dict[str, Any]:
     for finding in diagnosis.findings:
         decides = deciding_experiment(finding)
         if decides is not None:
-            return decides | {"reason": "two causes explain these data equally well"}
+            return decides | {"reason": "more than one cause explains these data equally well"}
     causes = () if diagnosis.amplitudes is None else diagnosis.amplitudes.causes
     if len(causes) > 1:
         first, second = (cause.model.effects[0] for cause in causes[:2])

@@ -18,19 +18,28 @@ def _on_torque(where: Actuation, torque: FloatArray, values: Values) -> FloatArr
     return delayed(where.time, torque, values["delay"])
 
 
+def _jitter(values: Values) -> float:
+    """How much a command may wait more or less than the mean, s; none acts before it is given."""
+    return min(values["jitter"], values["delay"])
+
+
 def _scattered(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
-    waits = [max(values["delay"] + share * values["jitter"], 0.0) for share in _WAITS]
+    waits = [values["delay"] + share * _jitter(values) for share in _WAITS]
     return np.asarray(np.mean([delayed(where.time, torque, wait) for wait in waits], axis=0))
 
 
 def _scatter(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
     """Variance of the impulse: of a change that waits anything from L - J to L + J it is (change J)^2 / 3 in all."""
-    time, jitter = where.time, values["jitter"]
+    time, jitter = where.time, _jitter(values)
     early, late = (
-        torque[np.maximum(np.searchsorted(time, time - max(wait, 0.0), side="right") - 1, 0)]
+        torque[np.maximum(np.searchsorted(time, time - wait, side="right") - 1, 0)]
         for wait in (values["delay"] - jitter, values["delay"] + jitter)
     )
     return np.asarray((early - late) ** 2 * (jitter / 6.0) * np.diff(time, append=time[-1]))
+
+
+def _within(own: FloatArray) -> FloatArray:
+    return np.array([own[0], min(own[1], own[0])])
 
 
 # The ends of what a command may wait are no better known.
@@ -60,8 +69,9 @@ FORMS: tuple[Effect, ...] = (
                 name="jitter", unit="s", null=0.0, low=0.0, high=10.0, starts=(0.08, 0.1, 0.2), step=_WINDOW
             ),
         ),
-        equation="each command waits between L − J and L + J",
+        equation="each command waits between L − J and L + J, J ≤ L",
         on_torque=_scattered,
         scatter=_scatter,
+        canonical=_within,
     ),
 )
