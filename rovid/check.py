@@ -15,6 +15,7 @@ from rovid.documents import remark_document
 from rovid.errors import RovidError
 from rovid.rates import white_noise
 from rovid.readers import find_logs, read_log
+from rovid.readers.twins import without_twins
 from rovid.segments import find_holds, find_sines
 from rovid.trial import Remark, Trial
 
@@ -42,7 +43,8 @@ def check_logs(paths: Sequence[Path], config: Config) -> Check:
             rows.append((trial, _facts(trial, config)))
         except RovidError as error:
             problems[name] = str(error)
-    advice = advise([trial for trial, _ in rows], config.vehicle)
+    # One recording in two formats is one run.
+    advice = advise(without_twins([trial for trial, _ in rows], remarks), config.vehicle)
     return Check(rows=tuple(rows), problems=problems, remarks=tuple(remarks), advice=tuple(advice))
 
 

@@ -216,7 +216,13 @@ def open_study(paths: Sequence[Path], *, cutoff: float | None = None, axis: Axis
         The logs or rovid.toml cannot be read.
     """
     steady, sine = find_table(paths, STEADY_COLUMNS), find_table(paths, SINE_COLUMNS)
-    if (steady is not None or sine is not None) and axis is YAW:
+    if steady is not None or sine is not None:
+        if axis is not YAW:
+            raise ConfigError(
+                f"{(steady or sine)} is a table of yaw, and no table is read along another axis.",
+                where="--axis",
+                mend="Give logs, or leave --axis out.",
+            )
         return Study(paths=tuple(paths), vehicle=vehicle_of_tables(paths), steady=steady, sine=sine)
     config = load_config(find_config(paths), axis)
     campaign = read_campaign(paths, config)

@@ -54,6 +54,17 @@ def test_runs_that_are_missing_are_asked_for(
     assert said in kinds(rovid, tmp_path / "day")[kind]
 
 
+def test_a_recording_in_two_formats_is_one_run(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
+    (tmp_path / "day").mkdir()
+    for name in ("hold_01.csv", "sine_20s.csv", "rovid.toml", "thrust_curve.csv"):
+        shutil.copy(csv_day / name, tmp_path / "day")
+    once = kinds(rovid, tmp_path / "day")
+    pd.read_csv(csv_day / "sine_20s.csv").iloc[::2].to_csv(tmp_path / "day" / "thinned.csv", index=False)
+    document = rovid("check", "day", "--json").document
+    assert [remark["kind"] for remark in document["remarks"]] == ["repeated"]
+    assert {one["kind"]: one["text"] for one in document["advice"]} == once
+
+
 def test_clocks_that_differ_are_told_from_a_lag(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
     def shifted(seconds: float) -> Callable[[pd.DataFrame], pd.DataFrame]:
         def change(log: pd.DataFrame) -> pd.DataFrame:

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from rovid import __version__, cli
-from tests.conftest import Rovid, run_rovid
+from tests.conftest import SAMPLES, Rovid, run_rovid
 from tools.programme import Hold, Run, Sine
 from tools.trial_day import write_trial_day
 
@@ -192,6 +192,12 @@ def test_poor_tables_end_in_words(rows: str, code: int, words: str, rovid: Rovid
         done = rovid("fit-drag", "table.csv", *extra)
         assert done.code == code
         assert re.search(words, re.sub(r"\s+", " ", done.out + done.err))
+
+
+def test_tables_are_of_yaw_alone(rovid: Rovid) -> None:
+    done = rovid("fit-drag", SAMPLES / "rosub_paper", "--axis", "surge")
+    assert done.code == 2
+    assert "is a table of yaw" in re.sub(r"\s+", " ", done.err)
 
 
 def test_a_pipe_gets_plain_text_and_json_stands_alone(day: Path, tmp_path: Path) -> None:
