@@ -31,8 +31,11 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+import numpy as np
 import pytest
+from PIL import Image
 
+from docs.make_pictures import FOLDER, PICTURES
 from tests.conftest import ROOT, SAMPLES, run_rovid
 
 DOCS = ROOT / "docs"
@@ -43,6 +46,9 @@ FENCE = re.compile(
 )
 # What a reader's own folder of logs holds here: runs of the sample day with its thrust curve, and no rovid.toml.
 OWN_LOGS = ("coast_02", "fore_only", "aft_only", "hold_03", "hold_05", "sine_40s_a", "staircase")
+# Mean difference, of 255, of two pictures made small: 3.7 to 5 from that of another run or another vehicle, 1.1 to 1.8
+# from one whose every line stands a pixel aside, as with other fonts.
+LARGEST_DIFFERENCE = 3.0
 # Pages that say that a parameter file is there. They begin with that of the runs above, read by the sample day's
 # rovid.toml, for a shorter campaign takes less time.
 WITH_PARAMETERS = {"control.md", "export.md", "files.md", "fit.md", "logs.md", "plan.md", "api.md"}
@@ -199,6 +205,17 @@ def test_commands_of_a_page(page: Path, request: pytest.FixtureRequest) -> None:
     if any(words[:2] == ["rovid", "report"] for block in chosen for words in block.commands()):
         assert Path("report/index.html").stat().st_size > 100_000
         assert Path("parameters.toml").is_file()
+    if page.name == "tutorial.md":
+        apart = {name: difference(Path(made), FOLDER / name) for name, made in PICTURES.items()}
+        assert max(apart.values()) < LARGEST_DIFFERENCE, f"{apart}: run python docs/make_pictures.py"
+
+
+def difference(made: Path, kept: Path) -> float:
+    first, second = (
+        np.asarray(Image.open(path).convert("L").resize((120, 80), Image.Resampling.BOX), dtype=float)
+        for path in (made, kept)
+    )
+    return float(np.abs(first - second).mean())
 
 
 @pytest.mark.slow
