@@ -160,7 +160,8 @@ def _require(guesses: Mapping[str, Guesses], logs: Mapping[str, Sequence[Mapping
             raise DataError(
                 f"no {' and no '.join(found.lacking)} was recognised among {', '.join(there[:20])}.",
                 where=folder,
-                mend=f"Write {FILE_NAME} by hand: see the README, and sample_logs for examples.",
+                mend=f"Write {FILE_NAME} by hand: see the README, sample_logs for examples, and docs/axes.md where "
+                "the runs are along another axis than yaw, which alone is guessed.",
             )
 
 
