@@ -32,7 +32,7 @@ lint: $(VENV)/installed
 	$(BIN)/mypy
 
 docs: $(VENV)/installed  ## the documentation: build/docs/index.html
-	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	$(BIN)/python -m sphinx -W --keep-going -q -b html -d build/doctrees docs build/docs
 	@echo "The documentation: build/docs/index.html"
 
 bench: $(VENV)/installed  ## timings, as ratios measured in one run, and whether standard errors hold
@@ -49,4 +49,4 @@ sweep: $(VENV)/installed  ## hours: what the diagnosis names of hidden effects; 
 	$(BIN)/python -m benchmarks.sweep $(SWEEP)
 
 clean:
-	rm -rf $(VENV) demo build/docs
+	rm -rf $(VENV) demo build/docs build/doctrees

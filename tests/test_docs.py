@@ -29,13 +29,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import numpy as np
 import pytest
 from PIL import Image
+from typer.main import get_command
 
 from docs.make_pictures import FOLDER, PICTURES
+from rovid.cli import app
 from tests.conftest import ROOT, SAMPLES, run_rovid
 
 DOCS = ROOT / "docs"
@@ -236,15 +239,21 @@ def test_what_is_not_run_in_its_page_says_why_or_where_it_is() -> None:
 
 
 def test_every_command_is_in_some_page() -> None:
-    from rovid.cli import app
-
     shown = {words[1] for page in PAGES for block in to_run(page) for words in block.commands() if words[0] == "rovid"}
-    known = {
-        command.name or command.callback.__name__.replace("_", "-")
-        for command in app.registered_commands
-        if command.callback
-    }
-    assert shown - {"--version"} == known
+    group: Any = get_command(app)
+    assert shown - {"--version"} == set(group.commands)
+
+
+def test_commands_in_running_text_exist_with_their_options() -> None:
+    group: Any = get_command(app)
+    for page in PAGES:
+        for text in re.findall(r"`(rovid [a-z][^`]*)`", " ".join(page.read_text(encoding="utf-8").split())):
+            _, name, *words = text.split()
+            assert name in group.commands, f"{page.name}: {text}"
+            known = {option for parameter in group.commands[name].params for option in parameter.opts}
+            known |= {option for parameter in group.commands[name].params for option in parameter.secondary_opts}
+            unknown = {word for word in words if word.startswith("-")} - known - {"--help"}
+            assert not unknown, f"{page.name}: {text}"
 
 
 @pytest.mark.parametrize(
