@@ -1,4 +1,7 @@
-"""Docstrings as they are written here, for Sphinx: plain bars in formulas, several attributes on one line."""
+"""Docstrings as they are written here, for Sphinx: plain bars in formulas, several attributes on one line.
+
+Signatures are given with the short names that the sources use.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,17 @@ _SEVERAL = re.compile(r"\w+(?:, \w+)+")
 _BLANK = "\ue000"
 
 
+# What annotations look like once Python has evaluated them -> what stands in the sources.
+_ARRAY = r"~?(?:numpy\.)?ndarray\[tuple\[~?(?:typing\.)?Any, \.\.\.\], ~?(?:numpy\.)?dtype\[~?(?:numpy\.)?"
+_SHORT = {
+    re.compile(_ARRAY + r"float64\]\]"): "FloatArray",
+    re.compile(_ARRAY + r"(\w+)\]\]"): r"NDArray[\1]",
+    re.compile(r"\S*_Buffer \| .*?_NestedSequence\[complex \| bytes \| str\]"): "ArrayLike",
+    re.compile(r"\S*Axis\(name='yaw'.*?rights=False\)"): "YAW",
+    re.compile(r"<factory>"): "...",
+}
+
+
 def plain_bars(line: str) -> str:
     """``line`` with every bar outside code taken as a bar: |r| asks for no substitution."""
     parts = _LITERAL.split(line)
@@ -22,6 +36,15 @@ def plain_bars(line: str) -> str:
 
 def _prepare(_app: Sphinx, _what: str, _name: str, _obj: object, _options: object, lines: list[str]) -> None:
     lines[:] = [line.replace(", ", f",{_BLANK}") if _SEVERAL.fullmatch(line) else plain_bars(line) for line in lines]
+
+
+def _shorten(
+    _app: Sphinx, _what: str, _name: str, _obj: object, _options: object, signature: str | None, returned: str | None
+) -> tuple[str | None, str | None]:
+    for pattern, short in _SHORT.items():
+        signature = None if signature is None else pattern.sub(short, signature)
+        returned = None if returned is None else pattern.sub(short, returned)
+    return signature, returned
 
 
 def _restore(_app: Sphinx, doctree: nodes.document) -> None:
@@ -33,5 +56,6 @@ def _restore(_app: Sphinx, doctree: nodes.document) -> None:
 def setup(app: Sphinx) -> ExtensionMetadata:
     """Prepare before anything else looks at the docstring."""
     app.connect("autodoc-process-docstring", _prepare, priority=1)
+    app.connect("autodoc-process-signature", _shorten)
     app.connect("doctree-read", _restore)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
