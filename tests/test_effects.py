@@ -230,7 +230,7 @@ def test_a_deviation_is_nothing_at_its_null_and_leaves_the_heading_one_to_one(ef
     assert np.all(np.diff(heading + effect.on_heading(heading, largest)) > 0.0)
 
 
-@pytest.mark.parametrize("effect", [e for e in FORMS if e.canonical and not e.actuates], ids=lambda effect: effect.key)
+@pytest.mark.parametrize("effect", [e for e in FORMS if e.canonical], ids=lambda effect: effect.key)
 def test_canonical_parameters_mean_the_same(effect: Effect) -> None:
     assert effect.canonical is not None
     odd = np.array([-0.1, 5.0, 0.05, -4.0])[: len(effect.parameters)]
@@ -286,16 +286,12 @@ def test_commands_that_wait_have_the_impulse_of_random_waits() -> None:
     assert effect.on_torque is not None
     assert effect.scatter is not None
     where = replace(WHERE, time=np.arange(0.0, 5.0, 0.01))
-    step, values = np.where(where.time < 2.0, -20.0, 40.0), {"delay": 0.5, "jitter": 0.3}
+    step, values = np.where(where.time < 2.0, -20.0, 40.0), {"delay": 0.5, "jitter": 0.6}
     lost = 60.0 * np.random.default_rng().uniform(0.2, 0.8, 100_000)
     late = step - effect.on_torque(where, step, values)
     assert float(np.sum(late)) * 0.01 == pytest.approx(float(lost.mean()), rel=0.02)
     scatter = effect.scatter(where, step, values)
     assert float(np.sum(scatter)) == pytest.approx(float(lost.var()), rel=0.05)
-    beyond = effect.scatter(where, step, {"delay": 0.2, "jitter": 0.9})
-    np.testing.assert_array_equal(beyond, effect.scatter(where, step, {"delay": 0.2, "jitter": 0.2}))
-    assert effect.canonical is not None
-    assert effect.canonical(np.array([0.2, 0.9])).tolist() == [0.2, 0.2]
     open_still = (where.time > 2.2 - 0.02) & (where.time < 2.8 + 0.02)
     assert not scatter[~open_still].any()
 

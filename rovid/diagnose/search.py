@@ -10,7 +10,7 @@ import numpy as np
 
 from rovid.effects import Effect
 from rovid.identify.innovations import Likelihood, Slopes
-from rovid.identify.likelihood import likelihood_is_white, starts
+from rovid.identify.likelihood import LIMITS, likelihood_is_white, starts
 from rovid.trial import FloatArray
 from rovid.workers import spread
 
@@ -34,6 +34,8 @@ _FIRST_ITERATIONS = 4
 _STAGES = ((0.2, 8), (0.7, _ITERATIONS))
 _TOLERANCE = 0.1
 _MAX_EFFECTS = 6
+# So many of the others does a form that leaves something open have to beat.
+_COMPARED = 3
 # A single cause takes two looks at what else there may be, three causes seven or so.
 _MOST_LOOKS = 12
 # A logged signal is preferred to a named effect only if it gains so much more, in all and in proportion.
@@ -253,7 +255,7 @@ class Search:
                 if growing and self.thorough(current)
                 else _shortlist(promises, self.threshold * _NEGLIGIBLE),
             )
-            self._extensions[key] = fits
+            self._extensions[key] = fits = _fair(current, fits)
             for fit in fits:
                 self._fits.setdefault(key_of(fit.effects), fit)
         return self._extensions[key]
@@ -324,6 +326,28 @@ def _fit_all(current: Fitted, promises: Sequence[Promise]) -> list[Fitted]:
         rest = [fit for fit in fits if fit not in ahead]
         fits = [*spread(lambda fit: _climbed(fit.likelihood, fit.x, iterations), ahead), *rest]  # noqa: B023 - used at once
     return fits
+
+
+def _fair(current: Fitted, fits: list[Fitted]) -> list[Fitted]:
+    """``fits`` without those that gain by nothing but what they leave open.
+
+    Where the disturbance is held tight, an open impulse stands in for it. So such a form has to beat all others where
+    the disturbance is free as well.
+    """
+    loose = [fit for fit in fits if fit.effects[-1].scatter is not None]
+    if not loose or current.likelihood.limit >= LIMITS[0]:
+        return fits
+    others = [fit for fit in fits if fit not in loose]
+    best = sorted(others, key=worth, reverse=True)[:_COMPARED]
+    bar, *found = (worth(fit) for fit in spread(_freed, [current, *best, *loose]))
+    bar = max(bar, *found[: len(best)])
+    return [*others, *(fit for fit, freed in zip(loose, found[len(best) :], strict=True) if freed > bar)]
+
+
+def _freed(fitted: Fitted) -> Fitted:
+    """Fitted again under the widest limit of the disturbance."""
+    likelihood = Likelihood(fitted.likelihood.records, LIMITS[0], fitted.effects, fitted.likelihood.counted)
+    return _climbed(likelihood, fitted.x, _ITERATIONS)
 
 
 def _climbed(likelihood: Likelihood, x: FloatArray, iterations: int) -> Fitted:

@@ -18,28 +18,20 @@ def _on_torque(where: Actuation, torque: FloatArray, values: Values) -> FloatArr
     return delayed(where.time, torque, values["delay"])
 
 
-def _jitter(values: Values) -> float:
-    """How much a command may wait more or less than the mean, s; none acts before it is given."""
-    return min(values["jitter"], values["delay"])
-
-
 def _scattered(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
-    waits = [values["delay"] + share * _jitter(values) for share in _WAITS]
+    waits = [values["delay"] * (1.0 + share * values["jitter"]) for share in _WAITS]
     return np.asarray(np.mean([delayed(where.time, torque, wait) for wait in waits], axis=0))
 
 
 def _scatter(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
-    """Variance of the impulse: of a change that waits anything from L - J to L + J it is (change J)^2 / 3 in all."""
-    time, jitter = where.time, _jitter(values)
+    """Variance of the impulse: of each change that waits anything from (1 - J) L to (1 + J) L, (change J L)^2 / 3."""
+    time, jitter = where.time, values["jitter"] * values["delay"]
+    changes = np.cumsum(np.diff(torque, prepend=torque[0]) ** 2)
     early, late = (
-        torque[np.maximum(np.searchsorted(time, time - wait, side="right") - 1, 0)]
+        changes[np.maximum(np.searchsorted(time, time - wait, side="right") - 1, 0)]
         for wait in (values["delay"] - jitter, values["delay"] + jitter)
     )
-    return np.asarray((early - late) ** 2 * (jitter / 6.0) * np.diff(time, append=time[-1]))
-
-
-def _within(own: FloatArray) -> FloatArray:
-    return np.array([own[0], min(own[1], own[0])])
+    return np.asarray((early - late) * (jitter / 6.0) * np.diff(time, append=time[-1]))
 
 
 # The ends of what a command may wait are no better known.
@@ -65,13 +57,11 @@ FORMS: tuple[Effect, ...] = (
         # over all waits and how far it may be off.
         parameters=(
             replace(EFFECT.parameters[0], starts=(0.08, 0.2, 0.4), step=_WINDOW),
-            EffectParameter(
-                name="jitter", unit="s", null=0.0, low=0.0, high=10.0, starts=(0.08, 0.1, 0.2), step=_WINDOW
-            ),
+            # All of the mean is what a drive makes of it that reads by its clock, and at no edge.
+            EffectParameter(name="jitter", unit="1", null=1.0, low=0.0, high=1.0, starts=(1.0, 0.5, 0.5), step=_WINDOW),
         ),
-        equation="each command waits between L − J and L + J, J ≤ L",
+        equation="each command waits between (1 − J)·L and (1 + J)·L",
         on_torque=_scattered,
         scatter=_scatter,
-        canonical=_within,
     ),
 )
