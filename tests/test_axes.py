@@ -104,7 +104,7 @@ def test_the_plain_model_is_found(
         slow("small", "heave", "drag_asymmetry:1.25", None),
         slow("work", "surge", "coulomb_resistance:40", 5),
         slow("work", "surge", "bias_torque:30", None),
-        slow("small", "surge", "thruster_deadband:0.05", 6),
+        slow("small", "surge", "thruster_deadband:15", None),
     ],
 )
 def test_a_hidden_effect_is_named(

@@ -30,7 +30,7 @@ from rovid.identify.likelihood import (
 )
 from rovid.identify.regression import require_inertia
 from rovid.identify.simulated import SimulatedLikelihood, SimulatedRecords
-from rovid.model import Model
+from rovid.model import Model, base_names
 from rovid.plan.design import Plan, plan
 from rovid.plan.programme import Limits
 from rovid.plan.worth import Belief
@@ -379,7 +379,7 @@ def _significance(fitted: Fitted, effect: Effect) -> float:
 def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diagnosis:
     base, final = work.refined(work.base), work.refined(work.final)
     white = likelihood_is_white(final.likelihood, final.x)
-    estimate = _estimate(final, white=white)
+    estimate = _across_forms(work, _estimate(final, white=white))
     base_estimate = _estimate(base, white=likelihood_is_white(base.likelihood, base.x))
     # What is missing makes one of them uncertain; where both are, the vehicle was not excited.
     require_inertia(min(base_estimate, estimate, key=_uncertainty), CERTAINTY)
@@ -425,6 +425,27 @@ def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
         method=fitted.likelihood.method,
         samples=len(fitted.likelihood.records.trial),
     )
+
+
+def _across_forms(work: _Work, estimate: Estimate) -> Estimate:
+    """``estimate`` with what models nearly as likely, of another form or cause each, say of inertia and drag besides.
+
+    To the variance comes that between the models, each by its weight (Hoeting et al. 1999).
+    """
+    final, search, mine = work.final, work.search, worth(work.final)
+    others = [
+        fit
+        for effect in final.effects
+        for fit in search.extensions(search.without(final, effect))
+        if fit.plausible and not is_driver(fit.effects[-1]) and key_of(fit.effects) != key_of(final.effects)
+    ]
+    odds = np.exp([min(worth(fit) - mine, 0.0) for fit in others])
+    common = len(base_names(estimate.axis))
+    here = physical(final.likelihood, final.x)[:common]
+    off = np.array([physical(fit.likelihood, fit.x)[:common] - here for fit in others]).reshape(-1, common)
+    wider = estimate.covariance.copy()
+    wider[:common, :common] += off.T @ (off * (odds / (1.0 + odds.sum()))[:, np.newaxis])
+    return replace(estimate, covariance=wider)
 
 
 def _uncertainty(estimate: Estimate) -> float:
