@@ -31,7 +31,7 @@ _BESIDE_SIGNAL = 0.1
 _ITERATIONS = 25
 _FIRST_ITERATIONS = 4
 # Then those go on, for so many steps, that have this share of the best one's worth.
-_STAGES = ((0.2, 8), (0.7, _ITERATIONS))
+_STAGES = ((0.2, 8), (0.4, _ITERATIONS))
 _TOLERANCE = 0.1
 _MAX_EFFECTS = 6
 # So many of the others does a form that leaves something open have to beat.
