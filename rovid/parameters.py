@@ -25,7 +25,6 @@ from rovid.trial import Campaign
 
 SCHEMA = "rovid-parameters"
 SCHEMA_VERSION = 1
-DEFAULT_NAME = "parameters.toml"
 
 
 @dataclass(frozen=True, kw_only=True)

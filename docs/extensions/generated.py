@@ -24,7 +24,6 @@ def command_reference() -> str:
 
 
 def _help(command: Any, parent: Any) -> str:
-    command.rich_markup_mode = None
     context = command.context_class(command, info_name=command.name, parent=parent, terminal_width=_COLUMNS)
     return f"## rovid {command.name}\n\n```text\n{command.get_help(context).strip()}\n```\n"
 

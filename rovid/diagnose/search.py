@@ -339,9 +339,8 @@ def _fair(current: Fitted, fits: list[Fitted]) -> list[Fitted]:
         return fits
     others = [fit for fit in fits if fit not in loose]
     best = sorted(others, key=worth, reverse=True)[:_COMPARED]
-    bar, *found = (worth(fit) for fit in spread(_freed, [current, *best, *loose]))
-    bar = max(bar, *found[: len(best)])
-    return [*others, *(fit for fit, freed in zip(loose, found[len(best) :], strict=True) if freed > bar)]
+    bar = max(map(worth, spread(_freed, [current, *best])))
+    return [*others, *(fit for fit, freed in zip(loose, spread(_freed, loose), strict=True) if worth(freed) > bar)]
 
 
 def _freed(fitted: Fitted) -> Fitted:
