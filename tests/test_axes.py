@@ -126,6 +126,20 @@ def test_a_hidden_effect_is_named(
     assert gain[f"{RATE[axis]}_rmse"]["extended"] < gain[f"{RATE[axis]}_rmse"]["base"]
 
 
+def test_a_disturbance_held_tight_is_let_go_once_the_cause_is_in(tmp_path: Path, rovid: Rovid) -> None:
+    print(f"ROVID_SEED={SEED}")
+    truth = write_axis_day(tmp_path / "day", "work", "pitch", ["thruster_lag:0.3"], seed=SEED)
+    plain, lagging = (
+        rovid("fit", "day", "--axis", "pitch", "--json", *option).document["disturbance"]
+        for option in ([], ["--effect", "thruster_lag"])
+    )
+    # Else it would explain the lag, and the simulation would be the worse for it.
+    assert plain["at_limit"]
+    assert plain["value"] < 0.5 * truth.disturbance.standard_deviation
+    assert not lagging["at_limit"]
+    assert lagging["value"] == pytest.approx(truth.disturbance.standard_deviation, rel=0.15)
+
+
 @pytest.mark.parametrize(
     ("vehicle", "axis"), [("small", "surge"), slow("work", "pitch"), slow("work", "heave"), slow("small", "pitch")]
 )

@@ -11,7 +11,7 @@ import numpy as np
 from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, simulate_folds
 from rovid.diagnose.parts import FEWEST_TRIALS, parts_of, shortest_part
-from rovid.diagnose.search import Fitted, Found, Promise, Rival, Search, key_of, worth
+from rovid.diagnose.search import Fitted, Found, Key, Promise, Rival, Search, worth
 from rovid.diagnose.signals import PREFIX, drivers, is_driver
 from rovid.effects import Effect, forms_for
 from rovid.errors import DataError
@@ -238,8 +238,8 @@ class _Work:
     full: Records
     base: Fitted
     final: Fitted
-    _folds: dict[frozenset[str], list[Fold]] = field(default_factory=dict)
-    _refined: dict[frozenset[str], Fitted] = field(default_factory=dict)
+    _folds: dict[Key, list[Fold]] = field(default_factory=dict)
+    _refined: dict[Key, Fitted] = field(default_factory=dict)
 
     @property
     def by_simulation(self) -> bool:
@@ -278,18 +278,16 @@ class _Work:
 
     def refined(self, fitted: Fitted) -> Fitted:
         """The same model fitted to every reading, once."""
-        key = key_of(fitted.effects)
-        if key not in self._refined:
+        if fitted.key not in self._refined:
             likelihood = type(fitted.likelihood)(self.full, fitted.likelihood.limit, fitted.effects)
-            self._refined[key] = Fitted(likelihood, *likelihood.climb(fitted.x, tolerance=0.05))
-        return self._refined[key]
+            self._refined[fitted.key] = Fitted(likelihood, *likelihood.climb(fitted.x, tolerance=0.05))
+        return self._refined[fitted.key]
 
     def folds(self, fitted: Fitted) -> list[Fold]:
         """Each fourth of the trials predicted from the others, worked out once for a model."""
-        key = key_of(fitted.effects)
-        if key not in self._folds:
-            self._folds[key] = cross_validate(fitted)
-        return self._folds[key]
+        if fitted.key not in self._folds:
+            self._folds[fitted.key] = cross_validate(fitted)
+        return self._folds[fitted.key]
 
     def held_out_gain(self, effect: Effect) -> float:
         """Log-likelihood of trials not fitted that ``effect`` gains."""
@@ -357,7 +355,8 @@ def _moves(run: Run) -> bool:
 def _interval(runs: Sequence[Run], start: Model, rate: float) -> float:
     constant = start.inertia / max(2.0 * start.quadratic_drag * rate + start.linear_drag, 1e-12)
     if start.stiffness > 0.0:
-        constant = min(constant, math.sqrt(start.inertia / start.stiffness))
+        # A third of a swing to and fro.
+        constant = min(constant, 2.0 * math.sqrt(start.inertia / start.stiffness))
     wanted = min(_THINNED * constant, _THINNED_SECONDS)
     period = float(np.median([run.trial.period for run in runs]))
     return wanted if wanted >= 2.0 * period else 0.0
@@ -437,7 +436,7 @@ def _across_forms(work: _Work, estimate: Estimate) -> Estimate:
         fit
         for effect in final.effects
         for fit in search.extensions(search.without(final, effect))
-        if fit.plausible and not is_driver(fit.effects[-1]) and key_of(fit.effects) != key_of(final.effects)
+        if fit.plausible and not is_driver(fit.effects[-1]) and fit.key != final.key
     ]
     odds = np.exp([min(worth(fit) - mine, 0.0) for fit in others])
     common = len(base_names(estimate.axis))
@@ -500,7 +499,7 @@ def _detectable(work: _Work) -> tuple[tuple[Effect, float], ...]:
     """Size of each effect not found that would have been seen, to first order."""
     work.search.extensions(work.final)
     plain: dict[str, Promise] = {}
-    for promise in work.search.promises[key_of(work.final.effects)]:
+    for promise in work.search.promises[work.final.key]:
         if not is_driver(promise.effect):
             plain.setdefault(promise.effect.id, promise)
     scales, sizes = work.full.scales, []

@@ -10,7 +10,7 @@ import numpy as np
 
 from rovid.effects import Effect
 from rovid.identify.innovations import Likelihood, Slopes
-from rovid.identify.likelihood import LIMITS, likelihood_is_white, starts
+from rovid.identify.likelihood import likelihood_is_white, loosened, starts
 from rovid.trial import FloatArray
 from rovid.workers import spread
 
@@ -34,8 +34,6 @@ _FIRST_ITERATIONS = 4
 _STAGES = ((0.2, 8), (0.4, _ITERATIONS))
 _TOLERANCE = 0.1
 _MAX_EFFECTS = 6
-# So many of the others does a form that leaves something open have to beat.
-_COMPARED = 3
 # A single cause takes two looks at what else there may be, three causes seven or so.
 _MOST_LOOKS = 12
 # A logged signal is preferred to a named effect only if it gains so much more, in all and in proportion.
@@ -44,6 +42,8 @@ _SIGNAL_HANDICAP = (6.0, 0.05)
 _ENDLESS = 1e5
 
 Report = Callable[[str], None]
+# What tells one model from another: how much disturbance it is allowed, and its effects.
+Key = tuple[float, frozenset[str]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +64,11 @@ class Fitted:
     def effects(self) -> tuple[Effect, ...]:
         """In the order in which their parameters stand in ``x``."""
         return self.likelihood.effects
+
+    @property
+    def key(self) -> Key:
+        """What tells it from other models of the same records."""
+        return _key(self.likelihood)
 
     def own(self, effect: Effect) -> FloatArray:
         """Coordinates of ``effect``."""
@@ -155,16 +160,16 @@ class Search:
     thorough
         Whether a model is so far from the truth that slopes do not tell what would help: then every cause is fitted.
     promises
-        Keys of a model's effects -> what each further form promised there.
+        Key of a model -> what each further form promised there.
     """
 
     candidates: Sequence[Effect]
     report: Report = field(default=lambda _: None)
     thorough: Callable[[Fitted], bool] = field(default=lambda _: False)
-    promises: dict[frozenset[str], list[Promise]] = field(default_factory=dict)
-    _left: set[frozenset[str]] = field(default_factory=set)
-    _extensions: dict[frozenset[str], list[Fitted]] = field(default_factory=dict)
-    _fits: dict[frozenset[str], Fitted] = field(default_factory=dict)
+    promises: dict[Key, list[Promise]] = field(default_factory=dict)
+    _left: set[Key] = field(default_factory=set)
+    _extensions: dict[Key, list[Fitted]] = field(default_factory=dict)
+    _fits: dict[Key, Fitted] = field(default_factory=dict)
 
     @property
     def cut_short(self) -> bool:
@@ -192,42 +197,59 @@ class Search:
         return added >= min(_REMAINDER * earned, most)
 
     def run(self, base: Fitted) -> Fitted:
-        """Add what pays and drop what no longer does; then exchange what another explains better, and go on."""
-        self._fits[key_of(base.effects)] = base
+        """Exchange what another explains better, add what pays and drop what no longer does, until nothing changes."""
+        self._fits[base.key] = base
         current = base
         for _ in range(_MAX_EFFECTS):
-            current = self._grown(current)
-            exchanged = None if self.cut_short else self._exchanged(current)
-            if exchanged is None:
+            changed = self._grown(self._exchanged(current))
+            if changed is current:
                 break
-            current = exchanged
+            current = changed
         return current
 
     def _grown(self, current: Fitted) -> Fitted:
+        """With what pays added; where that lets the disturbance have more, only so far."""
         while len(current.effects) < _MAX_EFFECTS and not self.cut_short:
             better = self._best(self.extensions(current, growing=True), current)
             if not self.pays(better, current):
                 break
-            current = self._pruned(better)
+            added = self._pruned(better)
+            current = self._opened(added)
+            if current is not added:
+                break
         return current
+
+    def _opened(self, current: Fitted) -> Fitted:
+        """``current`` with as much disturbance as it bears, less what is then no longer needed.
+
+        A disturbance is held tight where it would explain what an effect does. Once that is in, it may have its own
+        again; else other effects would be taken for what is left of it.
+        """
+        likelihood, x = loosened(current.likelihood, current.x)
+        if likelihood is current.likelihood:
+            return current
+        opened = Fitted(likelihood, x, likelihood.cost(x))
+        self._fits[opened.key] = opened
+        needed = self._pruned(opened)
+        return needed if needed.effects else current
 
     def _pruned(self, current: Fitted) -> Fitted:
         """Without what is no longer needed: one effect may have stood in for another that came later."""
-        for effect in current.effects[:-1]:
+        for effect in current.effects:
             rest = self.without(current, effect)
             if not self.pays(current, rest):
                 return self._pruned(rest)
         return current
 
-    def _exchanged(self, current: Fitted) -> Fitted | None:
+    def _exchanged(self, current: Fitted) -> Fitted:
         """The model with another form or another cause in the place of an effect, where that is better."""
-        for effect in current.effects:
+        for effect in () if self.cut_short else current.effects:
             rest = self.without(current, effect)
             other = self._best(self.extensions(rest), rest)
-            if worth(other) > worth(current) + _WORTH_A_CHANGE and key_of(other.effects) not in self._left:
-                self._left.add(key_of(current.effects))
-                return other
-        return None
+            if worth(other) > worth(current) + _WORTH_A_CHANGE and other.key not in self._left:
+                self._left.add(current.key)
+                return self._opened(self._pruned(other))
+        return current
 
     def _best(self, fits: Sequence[Fitted], default: Fitted) -> Fitted:
         """The worthiest; a named effect goes before a mere signal that is little better."""
@@ -243,22 +265,21 @@ class Search:
 
     def extensions(self, current: Fitted, *, growing: bool = False) -> list[Fitted]:
         """The model with each promising effect more, in each promising form."""
-        key = key_of(current.effects)
-        if key not in self._extensions:
+        if current.key not in self._extensions:
             taken = {effect.id for effect in current.effects}
             self.report(f"{_named(current.effects)}: trying {len(self.candidates)} forms of what else there may be …")
             promises = screen(current, [effect for effect in self.candidates if effect.id not in taken])
-            self.promises[key] = promises
+            self.promises[current.key] = promises
             fits = _fit_all(
                 current,
                 _best_forms(promises)
                 if growing and self.thorough(current)
                 else _shortlist(promises, self.threshold * _NEGLIGIBLE),
             )
-            self._extensions[key] = fits = _fair(current, fits)
+            self._extensions[current.key] = fits
             for fit in fits:
-                self._fits.setdefault(key_of(fit.effects), fit)
-        return self._extensions[key]
+                self._fits.setdefault(fit.key, fit)
+        return self._extensions[current.key]
 
     def found(self, current: Fitted, effect: Effect) -> Found:
         """What ``effect`` gains, and what each other cause would gain in its place."""
@@ -281,16 +302,17 @@ class Search:
     def without(self, current: Fitted, effect: Effect) -> Fitted:
         """The model without ``effect``, all else fitted again."""
         effects, x = current.without(effect)
-        key = key_of(effects)
+        likelihood = current.likelihood.like(effects)
+        key = _key(likelihood)
         if key not in self._fits:
-            self._fits[key] = self._restored(_climbed(current.likelihood.like(effects), x, _ITERATIONS))
+            self._fits[key] = self._restored(_climbed(likelihood, x, _ITERATIONS))
         return self._fits[key]
 
     def _restored(self, fitted: Fitted) -> Fitted:
         """``fitted``, or if a model with one effect less was fitted better, that with the effect put in anew."""
         for effect in fitted.effects:
             effects, _ = fitted.without(effect)
-            less = self._fits.get(key_of(effects))
+            less = self._fits.get(_key(fitted.likelihood.like(effects)))
             if less is not None and less.cost < fitted.cost:
                 likelihood = fitted.likelihood.like((*effects, effect))
                 begins = [np.concatenate((less.x, start)) for start in starts(effect)]
@@ -328,34 +350,12 @@ def _fit_all(current: Fitted, promises: Sequence[Promise]) -> list[Fitted]:
     return fits
 
 
-def _fair(current: Fitted, fits: list[Fitted]) -> list[Fitted]:
-    """``fits`` without those that gain by nothing but what they leave open.
-
-    Where the disturbance is held tight, an open impulse stands in for it. So such a form has to beat all others where
-    the disturbance is free as well.
-    """
-    loose = [fit for fit in fits if fit.effects[-1].scatter is not None]
-    if not loose or current.likelihood.limit >= LIMITS[0]:
-        return fits
-    others = [fit for fit in fits if fit not in loose]
-    best = sorted(others, key=worth, reverse=True)[:_COMPARED]
-    bar = max(map(worth, spread(_freed, [current, *best])))
-    return [*others, *(fit for fit, freed in zip(loose, spread(_freed, loose), strict=True) if worth(freed) > bar)]
-
-
-def _freed(fitted: Fitted) -> Fitted:
-    """Fitted again under the widest limit of the disturbance."""
-    likelihood = Likelihood(fitted.likelihood.records, LIMITS[0], fitted.effects, fitted.likelihood.counted)
-    return _climbed(likelihood, fitted.x, _ITERATIONS)
-
-
 def _climbed(likelihood: Likelihood, x: FloatArray, iterations: int) -> Fitted:
     return Fitted(likelihood, *likelihood.climb(x, iterations=iterations, tolerance=_TOLERANCE))
 
 
-def key_of(effects: Sequence[Effect]) -> frozenset[str]:
-    """What tells one set of effects from another."""
-    return frozenset(effect.key for effect in effects)
+def _key(likelihood: Likelihood) -> Key:
+    return likelihood.limit, frozenset(effect.key for effect in likelihood.effects)
 
 
 def _named(effects: Sequence[Effect]) -> str:

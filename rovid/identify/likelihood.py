@@ -89,7 +89,8 @@ def fit_likelihood(
     The likelihood of the innovations of an extended Kalman filter (Ljung 1999, section 7.4; Schweppe 1965) with a
     first-order Gauss-Markov disturbance torque is right under feedback, with gaps and at any sampling. It starts
     from the free-running fit. The disturbance is limited; the limit is tightened until the free-running simulation
-    is as good as that of the fit that looks at nothing else. Effects are put in after that, from each of their starts.
+    is as good as that of the fit that looks at nothing else. Effects are put in after that, from each of their starts,
+    and the limit is loosened as far as the simulation with them bears.
 
     Parameters
     ----------
@@ -149,7 +150,7 @@ def fit_simulated(records: Records) -> tuple[SimulatedLikelihood, FloatArray, fl
 
 
 def with_effects(bare: Likelihood, x: FloatArray, effects: tuple[Effect, ...]) -> tuple[Likelihood, FloatArray]:
-    """Continue from the fit without effects: the likeliest of all starts."""
+    """Continue from the fit without effects: the likeliest of all starts, its disturbance then limited anew."""
     likelihood = bare.like(effects, bare.counted)
     begins = [
         np.concatenate((x[: bare.base], *chosen)) for chosen in itertools.product(*(starts(one) for one in effects))
@@ -157,7 +158,19 @@ def with_effects(bare: Likelihood, x: FloatArray, effects: tuple[Effect, ...]) -
     # A few steps tell which of the better starts leads lowest.
     better = sorted(begins, key=likelihood.cost)[:_TRIALS]
     best, _ = min((likelihood.climb(begin, iterations=_TRIAL_ITERATIONS) for begin in better), key=lambda pair: pair[1])
-    return likelihood, likelihood.climb(best)[0]
+    return loosened(likelihood, likelihood.climb(best)[0])
+
+
+def loosened(likelihood: Likelihood, x: FloatArray) -> tuple[Likelihood, FloatArray]:
+    """``likelihood`` under the widest limit at which the free-running simulation stays as good, climbed from ``x``."""
+    wanted = simulated_r2(likelihood, x) - _R2_LOSS
+    for limit in LIMITS:
+        if limit > likelihood.limit:
+            wider = Likelihood(likelihood.records, limit, likelihood.effects, likelihood.counted)
+            widest, _ = wider.climb(x)
+            if simulated_r2(wider, widest) >= wanted:
+                return wider, widest
+    return likelihood, x
 
 
 def starts(effect: Effect) -> list[FloatArray]:
