@@ -126,6 +126,7 @@ def test_a_hidden_effect_is_named(
     assert gain[f"{RATE[axis]}_rmse"]["extended"] < gain[f"{RATE[axis]}_rmse"]["base"]
 
 
+@pytest.mark.slow
 def test_a_disturbance_held_tight_is_let_go_once_the_cause_is_in(tmp_path: Path, rovid: Rovid) -> None:
     print(f"ROVID_SEED={SEED}")
     truth = write_axis_day(tmp_path / "day", "work", "pitch", ["thruster_lag:0.3"], seed=SEED)

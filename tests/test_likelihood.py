@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rovid.identify.likelihood import fit_likelihood, innovations_are_white
+from rovid.identify.likelihood import LIMITS, fit_likelihood, innovations_are_white
 from rovid.kernels import innovations, simulate
 from rovid.model import Model
 from rovid.rates import rates_of
@@ -154,14 +154,14 @@ def test_an_open_impulse_widens_what_the_filter_expects() -> None:
     assert variance[time == 2.5, 0] == pytest.approx((3.0 / 2.0 * 0.5) ** 2 / 3.0, rel=1e-3)
 
 
-def advanced_commands(day: Path) -> None:
-    """Log every command 0.3 s before it acts."""
+def advanced_commands(day: Path, samples: int = 6) -> None:
+    """Log every command so many samples of 0.05 s before it acts."""
     for path in sorted(day.glob("*.csv")):
         if path.name == "thrust_curve.csv":
             continue
         table = pd.read_csv(path)
         for column in ("fore_V", "aft_V"):
-            table[column] = table[column].shift(-6).ffill()
+            table[column] = table[column].shift(-samples).ffill()
         table.to_csv(path, index=False)
 
 
@@ -215,6 +215,18 @@ def test_an_effect_hidden_in_the_files_is_measured(effect: str, tmp_path: Path, 
     errors = [document["overall"]["yaw_rate_rmse"] for document in simulated]
     assert errors[1] < 0.7 * errors[0]
     assert simulated[1]["effects"] == [effect]
+
+
+def test_the_disturbance_is_let_go_once_the_cause_is_in(tmp_path: Path, rovid: Rovid) -> None:
+    write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
+    advanced_commands(tmp_path / "day", 32)
+    plain, delayed = (
+        rovid("fit", "day", "--json", *option).document["disturbance"] for option in ([], ["--effect", "command_delay"])
+    )
+    # Else it would take the delay's part, and the simulation would be the worse for it.
+    assert plain["at_limit"]
+    assert plain["limit_share_of_torque"] < delayed["limit_share_of_torque"] == max(LIMITS)
+    assert not delayed["at_limit"]
 
 
 def test_an_effect_that_is_not_there_is_told_from_nothing(tmp_path: Path, rovid: Rovid) -> None:
