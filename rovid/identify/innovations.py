@@ -41,8 +41,7 @@ _STEP = 1e-5
 _LONGEST = 1.0
 _LOGARITHMS = [0, DISTURBANCE, MEMORY, NOISE]
 _WORST = 1e12
-# Points of before whose gradients tell curvature; one of less than this share of the promised is noise of the slopes.
-_REMEMBERED = 10
+# Curvature of less than this share of the promised is noise of the slopes.
 _LEAST_CURVATURE = 1e-3
 
 
@@ -257,6 +256,8 @@ class Likelihood:
         What is likely.
     weight
         Of each innovation; below one where neighbours tell much the same.
+    remembered
+        How many points of before tell the curvature, as one climbs.
 
     Parameters
     ----------
@@ -270,6 +271,7 @@ class Likelihood:
 
     method = "maximum likelihood of Kalman-filter innovations"
     weight = 1.0
+    remembered = 10
 
     def __init__(
         self,
@@ -491,7 +493,7 @@ class Likelihood:
             gradient, information = here.matrix.T @ here.residual, here.matrix.T @ here.matrix
             if not np.isfinite(information).all():
                 break
-            been = [*been, (x, gradient)][-_REMEMBERED:]
+            been = [*been, (x, gradient)][-self.remembered - 1 :]
             information = _with_curvature(information, been)
             moved = False
             while damping < 1e6:

@@ -89,6 +89,8 @@ class SimulatedLikelihood(Likelihood):
 
     records: SimulatedRecords
     method = "maximum likelihood of the free-running rate"
+    # Of least squares with a variance of their own the information promises what there is.
+    remembered = 0
 
     def __init__(
         self,
