@@ -11,11 +11,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from rovid.identify.free_run import fit_free_run
+from rovid.identify.innovations import Likelihood, Records
 from rovid.identify.likelihood import LIMITS, fit_likelihood, innovations_are_white
 from rovid.kernels import innovations, simulate
 from rovid.model import Model
 from rovid.rates import rates_of
 from rovid.runs import Run
+from rovid.study import open_study
 from rovid.trial import FloatArray
 from tests.conftest import SAMPLES, Rovid
 from tests.synthetic import clock, gauss_markov, trial
@@ -227,6 +230,19 @@ def test_the_disturbance_is_let_go_once_the_cause_is_in(tmp_path: Path, rovid: R
     assert plain["at_limit"]
     assert plain["limit_share_of_torque"] < delayed["limit_share_of_torque"] == max(LIMITS)
     assert not delayed["at_limit"]
+
+
+@pytest.mark.parametrize("limit", LIMITS[1:])
+def test_a_model_that_misses_much_is_fitted_to_the_end(limit: float, tmp_path: Path) -> None:
+    write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
+    advanced_commands(tmp_path / "day", 32)
+    runs = open_study([tmp_path / "day"]).runs
+    assert runs is not None
+    likelihood = Likelihood(Records(runs.items, None, fit_free_run(runs.items)), limit)
+    _, soon = likelihood.climb(likelihood.first(), iterations=25)
+    _, late = likelihood.climb(likelihood.first(), iterations=300, tolerance=1e-6)
+    # By scoring alone it would still be thousands away.
+    assert soon - late < 1.0
 
 
 def test_an_effect_that_is_not_there_is_told_from_nothing(tmp_path: Path, rovid: Rovid) -> None:

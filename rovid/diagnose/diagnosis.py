@@ -302,6 +302,8 @@ class _Work:
             doubts = ((effect, self._doubt(effect)) for effect in self.final.effects)
             effect, doubt = next(((effect, doubt) for effect, doubt in doubts if doubt), (None, ""))
             if effect is None:
+                # Its own limit of the disturbance suits a model without effects best.
+                self.final = self.final if self.final.effects else self.base
                 return warnings
             warnings.append(f"{effect.title} {doubt}: it is not claimed.")
             self.final = self.search.without(self.final, effect)
