@@ -44,7 +44,7 @@ EFFECT: Effect = Effect(
         EffectParameter(name="swept_angle", unit="rad", null=1.0, low=0.05, high=12.0, starts=(0.6, 2.5)),
     ),
     equation="quadratic drag times 1 + g·exp(−θ/θ0), θ swept since the last reversal",
-    fingerprint="drag in sines differs from drag in steady turns; residual after each reversal",
+    fingerprint="drag in sines differs from drag in steady motion; residual after each reversal",
     experiment="sines of one peak rate at several periods",
     rivals=("added_mass_memory", "entrained_swirl"),
     term=_exponential,

@@ -60,7 +60,7 @@ FORMS: tuple[Effect, ...] = (
         form="drift",
         parameters=(EffectParameter(name="drift", unit="1/h", null=0.0, low=-20.0, high=20.0, starts=(0.5,)),),
         equation="T' = T·(1 − d·t), t since the log began",
-        fingerprint="residual torque as −t·T: the same command turns slower at the end than at the start",
+        fingerprint="residual torque as −t·T: the same command does less at the end than at the start",
         experiment="the same run first, in the middle and last; the supply's voltage in the log",
         on_thrust=_with_time,
     ),

@@ -42,7 +42,7 @@ EFFECT: Effect = Effect(
     ),
     equation="− g·I·ω·dq/dt, d²q/dt² + 2ζω·dq/dt + ω²·q = dr/dt",
     fingerprint="a ring of one frequency that decays after each start and stop, whatever the rate",
-    experiment="stops from a turn, left alone until the water is still; the same at depth",
+    experiment="stops at full speed, left alone until the water is still; the same at depth",
     rivals=("wave_torque", "added_mass_memory"),
     term=_term,
     fastest=_fastest,

@@ -24,7 +24,7 @@ EFFECT: Effect = Effect(
     title="asymmetric thrust",
     parameters=(EffectParameter(name="reverse_gain", unit="1", null=1.0, low=0.2, high=3.0, starts=(0.9, 1.1)),),
     equation="T' = g·T where T < 0",
-    fingerprint="residual torque in proportion to thrust, in reverse only; a symmetric sine turns on average",
+    fingerprint="residual torque in proportion to thrust, in reverse only; a symmetric sine has a mean rate",
     experiment="holds both ways at several levels, and a coast-down from each",
     rivals=("bias_torque", "drag_asymmetry"),
     on_thrust=_constant,

@@ -31,7 +31,7 @@ EFFECT: Effect = Effect(
     title="thruster lag",
     parameters=(EffectParameter(name="time_constant", unit="s", null=0.0, low=0.0, high=30.0, starts=(0.1, 0.8)),),
     equation="τ·dT'/dt + T' = T",
-    fingerprint="residual torque at the edges of steps and ahead of the peaks of a sine, none in steady turns",
+    fingerprint="residual torque at the edges of steps and ahead of the peaks of a sine, none in steady motion",
     experiment="a fast pseudo-random command, 1 to 3 s a level",
     rivals=("command_delay", "added_mass_memory", "slew_limit"),
     on_torque=_of_torque,
