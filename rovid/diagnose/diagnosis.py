@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rovid.diagnose.amplitudes import Amplitudes
-from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, simulate_folds
+from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, log_likelihood, simulate_folds
 from rovid.diagnose.parts import FEWEST_TRIALS, parts_of, shortest_part
 from rovid.diagnose.search import Fitted, Found, Key, Promise, Rival, Search, worth
 from rovid.diagnose.signals import PREFIX, drivers, is_driver
@@ -292,7 +292,7 @@ class _Work:
     def held_out_gain(self, effect: Effect) -> float:
         """Log-likelihood of trials not fitted that ``effect`` gains."""
         scores = (self.folds(model) for model in (self.final, self.search.without(self.final, effect)))
-        full, rest = (sum(fold.log_likelihood for fold in folds) for folds in scores)
+        full, rest = map(log_likelihood, scores)
         return full - rest
 
     def confirm(self) -> list[str]:
@@ -397,8 +397,8 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
     disturbance, _ = final.likelihood.disturbance(final.x)
     return Diagnosis(
         verdict=verdict,
-        base=_side(work, work.base, base, base_estimate),
-        extended=_side(work, work.final, final, estimate),
+        base=_side(work, work.base, base, base_estimate, work.search.without_any(work.final)),
+        extended=_side(work, work.final, final, estimate, work.final),
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
         signals=signals,
         unexplained_share=(disturbance / work.full.torque) ** 2,
@@ -408,8 +408,9 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
     )
 
 
-def _side(work: _Work, quick: Fitted, fitted: Fitted, estimate: Estimate) -> Side:
-    held = simulate_folds(quick, work.folds(quick))
+def _side(work: _Work, quick: Fitted, fitted: Fitted, estimate: Estimate, fair: Fitted) -> Side:
+    """``fair`` is the same model with as much disturbance as the other side has, for only such likelihoods compare."""
+    held = replace(simulate_folds(quick, work.folds(quick)), log_likelihood=log_likelihood(work.folds(fair)))
     return Side(model=fitted.likelihood.model(fitted.x), estimate=estimate, held_out=held)
 
 

@@ -61,6 +61,11 @@ def cross_validate(fitted: Fitted) -> list[Fold]:
     ]
 
 
+def log_likelihood(folds: Sequence[Fold]) -> float:
+    """Of all trials, each by the model that was fitted to others."""
+    return sum(fold.log_likelihood for fold in folds)
+
+
 def simulate_folds(fitted: Fitted, folds: Sequence[Fold]) -> HeldOut:
     """Simulate every trial freely with the model that was fitted to others."""
     records, simulations = fitted.likelihood.records, []
@@ -71,7 +76,7 @@ def simulate_folds(fitted: Fitted, folds: Sequence[Fold]) -> HeldOut:
     fit = overall(simulations)
     errors = {horizon: _mean([item.position_errors[horizon] for item in simulations]) for horizon in HORIZONS}
     return HeldOut(
-        log_likelihood=sum(fold.log_likelihood for fold in folds),
+        log_likelihood=log_likelihood(folds),
         rate_r2=fit.r2,
         rate_rmse=fit.rmse,
         position_errors=errors,
