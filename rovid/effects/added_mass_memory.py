@@ -12,7 +12,7 @@ from typing import Any
 from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Values, compiled
 
 # s; water in a frame follows no faster, however large the slip, which keeps the steps of the integration stable.
-_FASTEST = 0.2
+_FASTEST = 0.1
 
 
 @compiled
@@ -29,7 +29,7 @@ def _porous(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, d
 
 
 def _fastest(values: Values) -> float:
-    return 1.0 / values["time_constant"]
+    return 1.0 / max(values["time_constant"], _FASTEST)
 
 
 EFFECT: Effect = Effect(
@@ -56,7 +56,7 @@ FORMS: tuple[Effect, ...] = (
                 name="inertia", unit="kg m^2", null=0.0, low=0.0, high=20.0, starts=(1.0,), scale="inertia"
             ),
             # At a slip of 0.3 rad/s; three times as long at 0.1.
-            EffectParameter(name="time_constant", unit="s", null=1.0, low=0.2, high=120.0, starts=(0.7, 4.0)),
+            EffectParameter(name="time_constant", unit="s", null=1.0, low=0.02, high=120.0, starts=(0.7, 4.0)),
         ),
         equation="− Im·dw/dt, τ·r0·dw/dt = |r − w|·(r − w), r0 = 0.3 rad/s: water in a frame with holes",
         term=_porous,
