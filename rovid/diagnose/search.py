@@ -30,6 +30,8 @@ _MOST_WHITE, _MOST_COLOURED = 100.0, 300.0
 _BESIDE_SIGNAL = 0.1
 _ITERATIONS = 25
 _FIRST_ITERATIONS = 4
+# Sizes to begin with, as shares of what the slopes ask for.
+_SHARES = (1.0, 0.3, 0.1)
 # Then those go on, for so many steps, that have this share of the best one's worth.
 _STAGES = ((0.2, 8), (0.4, _ITERATIONS))
 _TOLERANCE = 0.1
@@ -338,7 +340,8 @@ def _fit_all(current: Fitted, promises: Sequence[Promise]) -> list[Fitted]:
 
     def begin(promise: Promise) -> Fitted:
         likelihood = current.likelihood.like((*current.effects, promise.effect))
-        begins = [np.concatenate((current.x, start)) for start in (promise.start, promise.unscaled)]
+        tried = (promise.unscaled, *(_smaller(promise.effect, promise.start, share) for share in _SHARES))
+        begins = [np.concatenate((current.x, start)) for start in tried]
         return _climbed(likelihood, min(begins, key=likelihood.cost), _FIRST_ITERATIONS)
 
     fits = spread(begin, promises)
@@ -411,6 +414,16 @@ def _scaled(form: Effect, begin: FloatArray, share: float) -> FloatArray:
     scaled = begin.copy()
     scaled[0] = np.clip(size.null + bounded * (begin[0] - size.null), size.low, size.high)
     return scaled
+
+
+def _smaller(form: Effect, begin: FloatArray, share: float) -> FloatArray:
+    """``begin`` with so much of its effect: where slopes mislead, a step of theirs may be far too long."""
+    size = form.parameters[0]
+    if abs(size.null) > _ENDLESS:
+        return begin
+    smaller = begin.copy()
+    smaller[0] = size.null + share * (begin[0] - size.null)
+    return smaller
 
 
 def _ranked(promises: Sequence[Promise]) -> list[list[Promise]]:
