@@ -232,13 +232,12 @@ def test_the_disturbance_is_let_go_once_the_cause_is_in(tmp_path: Path, rovid: R
     assert not delayed["at_limit"]
 
 
-@pytest.mark.parametrize("limit", LIMITS[1:])
-def test_a_model_that_misses_much_is_fitted_to_the_end(limit: float, tmp_path: Path) -> None:
+def test_a_model_that_misses_much_is_fitted_to_the_end(tmp_path: Path) -> None:
     write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
     advanced_commands(tmp_path / "day", 32)
     runs = open_study([tmp_path / "day"]).runs
     assert runs is not None
-    likelihood = Likelihood(Records(runs.items, None, fit_free_run(runs.items)), limit)
+    likelihood = Likelihood(Records(runs.items, None, fit_free_run(runs.items)), LIMITS[-2])
     _, soon = likelihood.climb(likelihood.first(), iterations=25)
     _, late = likelihood.climb(likelihood.first(), iterations=300, tolerance=1e-6)
     # By scoring alone it would still be thousands away.
