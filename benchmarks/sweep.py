@@ -504,7 +504,9 @@ def counted(results: Sequence[Result], kind: Kind) -> list[str]:
 
 def share(count: int, whole: int) -> str:
     """Count with its share of ``whole``, short enough for a column."""
-    return f"{count} ({100 * count / whole:.0f} %)" if count else "0"
+    # What is not all of them is not called so.
+    percent = 100.0 if count == whole else min(max(round(100.0 * count / whole), 1), 99)
+    return f"{count} ({percent:.0f} %)" if count else "0"
 
 
 def several(results: Sequence[Result], kind: Kind) -> str:
