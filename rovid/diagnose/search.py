@@ -30,7 +30,7 @@ _MOST_WHITE, _MOST_COLOURED = 100.0, 300.0
 _BESIDE_SIGNAL = 0.1
 _ITERATIONS = 25
 _FIRST_ITERATIONS = 4
-# Sizes to begin with, as shares of what the slopes ask for.
+# Sizes to begin with, as shares of what the slopes ask for: where they mislead, that may be far too much.
 _SHARES = (1.0, 0.3, 0.1)
 # Then those go on, for so many steps, that have this share of the best one's worth.
 _STAGES = ((0.2, 8), (0.4, _ITERATIONS))
@@ -340,7 +340,7 @@ def _fit_all(current: Fitted, promises: Sequence[Promise]) -> list[Fitted]:
 
     def begin(promise: Promise) -> Fitted:
         likelihood = current.likelihood.like((*current.effects, promise.effect))
-        tried = (promise.unscaled, *(_smaller(promise.effect, promise.start, share) for share in _SHARES))
+        tried = (promise.unscaled, *(_sized(promise.effect, promise.start, share) for share in _SHARES))
         begins = [np.concatenate((current.x, start)) for start in tried]
         return _climbed(likelihood, min(begins, key=likelihood.cost), _FIRST_ITERATIONS)
 
@@ -401,29 +401,19 @@ def _promise(
         return Promise(form, 0.0, begins[best], unscaled, 0.5 * float(power.max()))
     information = directions.T @ directions
     together = 0.5 * float(pull @ np.linalg.pinv(information, rcond=1e-6) @ pull)
-    start = _scaled(form, begins[best], float(share[best]))
+    asked = float(share[best])
+    start = _sized(form, begins[best], math.copysign(min(max(abs(asked), 0.1), 5.0), asked))
     return Promise(form, max(together, float(gains[best])), start, unscaled, 0.5 * float(power.max()))
 
 
-def _scaled(form: Effect, begin: FloatArray, share: float) -> FloatArray:
-    """``begin`` with the size of the effect that the slopes ask for."""
+def _sized(form: Effect, begin: FloatArray, share: float) -> FloatArray:
+    """``begin`` with ``share`` times as much of the effect, within its bounds."""
     size = form.parameters[0]
     if abs(size.null) > _ENDLESS:
         return begin
-    bounded = math.copysign(min(max(abs(share), 0.1), 5.0), share)
-    scaled = begin.copy()
-    scaled[0] = np.clip(size.null + bounded * (begin[0] - size.null), size.low, size.high)
-    return scaled
-
-
-def _smaller(form: Effect, begin: FloatArray, share: float) -> FloatArray:
-    """``begin`` with so much of its effect: where slopes mislead, a step of theirs may be far too long."""
-    size = form.parameters[0]
-    if abs(size.null) > _ENDLESS:
-        return begin
-    smaller = begin.copy()
-    smaller[0] = size.null + share * (begin[0] - size.null)
-    return smaller
+    sized = begin.copy()
+    sized[0] = np.clip(size.null + share * (begin[0] - size.null), size.low, size.high)
+    return sized
 
 
 def _ranked(promises: Sequence[Promise]) -> list[list[Promise]]:

@@ -163,13 +163,15 @@ def with_effects(bare: Likelihood, x: FloatArray, effects: tuple[Effect, ...]) -
 
 def loosened(likelihood: Likelihood, x: FloatArray) -> tuple[Likelihood, FloatArray]:
     """``likelihood`` under the widest limit at which the free-running simulation stays as good, climbed from ``x``."""
+    limits = [limit for limit in LIMITS if limit > likelihood.limit]
+    if not limits:
+        return likelihood, x
     wanted = simulated_r2(likelihood, x) - _R2_LOSS
-    for limit in LIMITS:
-        if limit > likelihood.limit:
-            wider = Likelihood(likelihood.records, limit, likelihood.effects, likelihood.counted)
-            widest, _ = wider.climb(x)
-            if simulated_r2(wider, widest) >= wanted:
-                return wider, widest
+    for limit in limits:
+        wider = Likelihood(likelihood.records, limit, likelihood.effects, likelihood.counted)
+        widest, _ = wider.climb(x)
+        if simulated_r2(wider, widest) >= wanted:
+            return wider, widest
     return likelihood, x
 
 
