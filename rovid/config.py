@@ -39,6 +39,8 @@ _VEHICLE_KEYS = ("name", "mass", "length", "width", "height", "rigid_body_inerti
 _ARMS = tuple(axis.arm for axis in AXES.values())
 _THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside")
 _NOT_SOURCES = ("unit", "sign")
+# Keys of a signal that say where it stands: the formats of `rovid.readers`.
+FORMATS = ("csv", "mcap", "parquet", "bag", "bin", "tlog", "nmea", "ulg")
 
 _ATTITUDE = {"heading": "yaw", "roll": "roll", "pitch": "pitch"}
 # Format -> signal -> (source, unit): what every log of the format calls by one name, so that [signals] need not.
@@ -317,6 +319,7 @@ class _Reader:
         entry = {"csv": value} if isinstance(value, str) else value
         if not isinstance(entry, dict) or not entry:
             raise self.complain(place, f'is {value!r}; {{ csv = "<column>", mcap = "<topic.field>" }} was expected.')
+        self.known(entry, (*FORMATS, *_NOT_SOURCES), place)
         for key, text in entry.items():
             if key != "sign" and not isinstance(text, str):
                 raise self.complain(f"{place} {key}", f"is {text!r}; text was expected.")

@@ -30,6 +30,7 @@ _PULSE, _REST = (800.0, 2200.0), 1500.0
 # Of a regression of the rate's change on commands.
 _WINDOW, _SURE = 0.5, 4.0
 _FEWEST = 30
+_LONGEST = 3e6  # s from the middle of a log
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -196,7 +197,9 @@ def _yaw_rate(every: Mapping[str, Sequence[Seen]], logs: Sequence[Mapping[str, S
 
 def _radians(heading: Guess, seen: Seen) -> tuple[FloatArray, FloatArray]:
     """(n,) s and the unwrapped heading in rad."""
-    known = np.isfinite(seen.values) & np.isfinite(seen.time)
+    # A stamp of before the clock was set, or a damaged one, is years away.
+    near = np.abs(seen.time - np.nanmedian(seen.time)) < _LONGEST
+    known = np.isfinite(seen.values) & near
     scale = 2.0 * np.pi / _TURN[heading.unit]
     return seen.time[known], np.unwrap(seen.values[known] * scale)
 
@@ -304,6 +307,8 @@ def _ways(
 def _mean(seen: Seen, time: FloatArray) -> FloatArray:
     """(m,) means of the held values between (m + 1,) ``time`` in s."""
     known = np.isfinite(seen.values)
+    if not known.any():
+        return np.zeros(len(time) - 1)
     clock, values = seen.time[known], seen.values[known]
     ends = np.append(clock, max(clock[-1], time[-1]) + 1.0)
     integral = np.concatenate(([0.0], np.cumsum(values * np.diff(ends))))

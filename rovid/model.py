@@ -353,7 +353,7 @@ def initial_rate(trial: Trial, swing: float = 0.0) -> float:
     if trial.rate is not None and (read := np.isfinite(trial.rate[early])).any():
         if swing > 0.0 and read.sum() > 1:
             return float(np.polynomial.polynomial.polyfit(time[read], trial.rate[early][read], 1)[0])
-        return float(np.nanmean(trial.rate[early][:_START_SAMPLES]))
+        return float(np.mean(trial.rate[early][read][:_START_SAMPLES]))
     angle = body_position(trial)[early]
     if len(time) < _START_SAMPLES:
         return 0.0

@@ -25,6 +25,7 @@ from rovid.trial import Campaign
 
 SCHEMA = "rovid-parameters"
 SCHEMA_VERSION = 1
+_AGAIN = "Put it back, or delete it and run `rovid fit-drag LOGS` again."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,7 +215,7 @@ def read_parameters(path: Path) -> Parameters:
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigError(f"is not a readable TOML file ({error}).", where=path) from error
+        raise ConfigError(f"is not a readable TOML file ({error}).", where=path, mend=_AGAIN) from error
     _check_schema(path, document.get("schema"))
     try:
         return _parse(path, document)
@@ -222,20 +223,20 @@ def read_parameters(path: Path) -> Parameters:
         raise ConfigError(
             f"is damaged: it has no {error.args[0]!r}.",
             where=path,
-            mend="Put it back, or run `rovid fit-drag LOGS` again.",
+            mend=_AGAIN,
         ) from error
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise ConfigError(
             f"is damaged: {error}.",
             where=path,
-            mend="Delete it and run `rovid fit-drag LOGS` again.",
+            mend=_AGAIN,
         ) from error
 
 
 def _check_schema(path: Path, schema: object) -> None:
     name, _, version = str(schema).partition("/")
     if name != SCHEMA or not version.isdigit():
-        raise ConfigError(f"has schema {schema!r}; {SCHEMA}/{SCHEMA_VERSION} was expected.", where=path)
+        raise ConfigError(f"has schema {schema!r}; {SCHEMA}/{SCHEMA_VERSION} was expected.", where=path, mend=_AGAIN)
     if int(version) > SCHEMA_VERSION:
         raise ConfigError(
             f"has schema {schema}, newer than the {SCHEMA}/{SCHEMA_VERSION} that rovid {__version__} reads.",

@@ -171,7 +171,11 @@ def rates_of(trial: Trial, *, cutoff: float) -> Rates:
     if trial.rate is not None:
         gyro = on_grid(trial, trial.rate, grid)
         gyro_gain, gyro_offset = _against_position(kernel.smooth(gyro), rate)
-        rate, acceleration = kernel.smooth(gyro), kernel.rate(gyro)
+        # Where the instrument has no reading the position's own rate is as good as without it.
+        rate, acceleration = (
+            np.where(np.isfinite(read), read, known)
+            for read, known in ((kernel.smooth(gyro), rate), (kernel.rate(gyro), acceleration))
+        )
         white = white_noise(gyro)
         gain = np.linalg.norm([kernel.value, kernel.first], axis=1) * white
         rate_noise, acceleration_noise = float(gain[0]), float(gain[1])

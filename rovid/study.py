@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from rovid.diagnose.diagnosis import Diagnosis, diagnose
 from rovid.effects import Effect, forms_for
 from rovid.errors import ConfigError, DataError, nearest
 from rovid.identify.estimate import Estimate
-from rovid.identify.inertia import InertiaFit, fit_inertia, fit_inertia_table
+from rovid.identify.inertia import InertiaFit, fit_inertia, fit_inertia_table, unlike_rigid_body
 from rovid.identify.likelihood import LikelihoodFit, fit_likelihood
 from rovid.identify.steady import DragFit, fit_drag, points_from_table, steady_points
 from rovid.plan.design import Plan, belief_of, plan
@@ -131,7 +131,9 @@ class Study:
                     where=effect.key,
                     mend=f"Map {effect.needs} in [signals] of rovid.toml, or leave the effect out.",
                 )
-        return fit_likelihood(self.runs.items, self.vehicle, effects, gyro=gyro)
+        fit = fit_likelihood(self.runs.items, self.vehicle, effects, gyro=gyro)
+        odd = unlike_rigid_body(fit.estimate, self.vehicle.rigid_body_inertia)
+        return replace(fit, estimate=replace(fit.estimate, warnings=(*fit.estimate.warnings, *odd)))
 
     def plan(
         self,
@@ -204,7 +206,10 @@ class Study:
         if self.runs is None:
             amplitudes = self.amplitudes(drag)
             return Diagnosis(verdict="too_little_data", missing=amplitudes.missing, amplitudes=amplitudes)
-        return diagnose(self.runs, self.vehicle, report)
+        found = diagnose(self.runs, self.vehicle, report)
+        side = found.extended or found.base
+        odd = unlike_rigid_body(side.estimate, self.vehicle.rigid_body_inertia) if side else ()
+        return replace(found, warnings=(*found.warnings, *odd))
 
 
 def open_study(paths: Sequence[Path], *, cutoff: float | None = None, axis: Axis = YAW) -> Study:

@@ -74,7 +74,7 @@ def survey(paths: Sequence[Path]) -> Survey:
             continue
         try:
             clock, seen = _seen(path)
-        except RovidError as error:
+        except (OSError, RovidError) as error:
             problems.append(str(error))
             continue
         clocks.setdefault(kind, clock)
@@ -124,8 +124,8 @@ def _is_table(path: Path) -> bool:
     try:
         # Its head alone: a log beside it may be long.
         return set(CURVE_COLUMNS) <= set(read_layout(path, CURVE_COLUMNS).names)
-    except RovidError:
-        return False
+    except (OSError, RovidError):
+        return False  # reading it says what is wrong
 
 
 def _seen(path: Path) -> tuple[str, dict[str, Seen]]:

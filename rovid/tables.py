@@ -6,6 +6,7 @@ import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -136,14 +137,15 @@ def header(path: Path) -> tuple[str, ...]:
 
 
 def find_table(paths: Sequence[Path], columns: Sequence[str]) -> Path | None:
-    """First of ``paths`` that is a table with all ``columns``, or the first such table in a folder without logs."""
-    for path in paths:
-        inside = sorted(path.glob("*.csv")) if path.is_dir() else [path]
-        if path.is_dir() and any(map(_is_log, path.rglob("*.*"))):
-            continue
-        found = [one for one in inside if one.suffix.lower() == ".csv" and set(columns) <= set(header(one))]
-        if found and _is_table(found[0]):
-            return found[0]
+    """The first table with all ``columns`` among ``paths`` and in their folders; None where there is a log too."""
+    inside = {path: sorted(path.rglob("*.*")) if path.is_dir() else [path] for path in paths}
+    if any(map(_is_log, chain.from_iterable(inside.values()))):
+        return None
+    for path, files in inside.items():
+        for one in files:
+            near = path in (one, one.parent)
+            if near and one.suffix.lower() == ".csv" and set(columns) <= set(header(one)) and _is_table(one):
+                return one
     return None
 
 

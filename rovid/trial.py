@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Self
@@ -114,6 +114,24 @@ class Trial:
             rate=np.zeros(len(time)),
             extras={channel: np.full(len(time), value) for channel, value in channels.items()},
             reference=channels,
+        )
+
+    def part(self, where: slice, name: str) -> Self:
+        """The stretch ``where`` as a trial by itself, its time from 0."""
+
+        def cut(values: FloatArray | None) -> FloatArray | None:
+            return None if values is None else values[where]
+
+        return replace(
+            self,
+            name=name,
+            time=self.time[where] - self.time[where][0],
+            position=self.position[where],
+            commands=self.commands[where],
+            rate=cut(self.rate),
+            roll=cut(self.roll),
+            pitch=cut(self.pitch),
+            extras={channel: values[where] for channel, values in self.extras.items()},
         )
 
     @property

@@ -118,6 +118,14 @@ MISTAKES: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
         ("[[thrusters]]",),
     ),
     "unknown key": (change("yaw_arm", "yawarm"), ("rovid.toml", "yawarm", "'yaw_arm'")),
+    "unknown key of a signal": (
+        change('"heading_deg", unit', '"heading_deg", units'),
+        ("rovid.toml", "heading", "'units'", "'unit'"),
+    ),
+    "time that is never known": (
+        edit_log(lambda x: [x[0], *(f",{r.partition(',')[2]}" for r in x[1:])]),
+        ("hold_0.csv", "time_s", "no time"),
+    ),
     "wrong unit": (change('unit = "deg"', 'unit = "grad"'), ("rovid.toml", "heading", "grad", "deg, rad")),
     "not TOML": (change("[vehicle]", "[vehicle"), ("rovid.toml", "TOML")),
     "no heading mapped": (change("heading = {", "heeding = {"), ("rovid.toml", "heading")),
@@ -174,9 +182,9 @@ def test_unwritable_output_keeps_what_was_there(folder: Path, rovid: Rovid) -> N
     [
         ('schema = "rovid-parameters/99"\n', ("newer", "99")),
         ('schema = "something/1"\n', ("something/1", "rovid-parameters/1")),
-        ('schema = "rovid-parameters/1"\n', ("damaged",)),
-        ("not toml = = =", ("TOML",)),
-        ("", ("schema",)),
+        ('schema = "rovid-parameters/1"\n', ("damaged", "delete it")),
+        ("not toml = = =", ("TOML", "delete it")),
+        ("", ("schema", "delete it")),
     ],
 )
 def test_bad_parameter_files(content: str, words: tuple[str, ...], rovid: Rovid) -> None:
@@ -197,6 +205,27 @@ def test_logs_that_went_away_are_named(folder: Path, rovid: Rovid) -> None:
     rovid("fit-drag", folder)
     shutil.rmtree(folder)
     assert_one_message(rovid("fit-inertia"), "c")
+
+
+def test_tables_that_a_shell_names_among_logs_are_left_out(folder: Path, rovid: Rovid) -> None:
+    (folder / "turns.csv").write_text("command,yaw_rate_rad_s,torque_Nm\n1,0.1,60\n2,0.2,240\n")
+    done = rovid("fit-drag", *sorted(folder.glob("*.csv")), "--json")
+    alone = rovid("fit-drag", *sorted(folder.glob("hold*.csv")), "--json")
+    assert done.document["parameters"] == alone.document["parameters"]
+    for name in ("curve.csv", "turns.csv"):
+        assert any(name in text and "left out" in text for text in done.document["warnings"])
+
+
+def test_a_rate_that_is_dead_does_not_hide_the_heading(folder: Path, rovid: Rovid) -> None:
+    good = rovid("fit-drag", folder, "--json").document["parameters"]
+    for path in folder.glob("hold*.csv"):
+        first, *rows = path.read_text().splitlines()
+        path.write_text("\n".join([f"{first},rate_dps", *(f"{row},0.0" for row in rows)]) + "\n")
+    with (folder / "rovid.toml").open("a") as toml:
+        toml.write('yaw_rate = { csv = "rate_dps", unit = "deg/s" }\n')
+    document = rovid("fit-drag", folder, "--json").document
+    assert document["parameters"] == good
+    assert any("rate_dps" in text and "never changes" in text for text in document["warnings"])
 
 
 def test_a_changed_log_is_said(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:

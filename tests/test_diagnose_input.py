@@ -10,7 +10,9 @@ import pandas as pd
 import pytest
 from scipy import integrate
 
+from rovid.diagnose.parts import parts_of, recorded
 from rovid.trial import FloatArray
+from tests import synthetic
 from tests.conftest import SAMPLES, Rovid
 from tests.test_bad_input import TOML, assert_one_message
 from tools.programme import Hold, Run, Sine
@@ -132,6 +134,17 @@ def test_a_long_trial_with_a_long_gap(tmp_path: Path, rovid: Rovid) -> None:
     # Commands went on changing inside the gap; a part that begins there begins with its first heading.
     assert done.document["verdict"] == "nothing_found"
     assert any("too few trials (1)" in text for text in done.document["warnings"])
+
+
+def test_a_pause_does_not_make_a_trial_short() -> None:
+    time = synthetic.clock(400.0)
+    time = np.where(time > 200.0, time + 1500.0, time)
+    noise = np.random.default_rng(2).normal(0.0, 1e-4, len(time))
+    log = synthetic.run(time, 100.0 * np.sign(np.sin(0.1 * time)), noise=noise)
+    parts = parts_of([log], synthetic.LOGGED, 0.5)
+    assert parts is not None
+    assert len(parts.items) == 8
+    assert recorded(log.trial) == pytest.approx(400.0, abs=2.0)
 
 
 def test_a_log_cut_off_in_the_middle_of_a_line(tmp_path: Path, rovid: Rovid) -> None:

@@ -159,3 +159,20 @@ def test_first_rate_is_that_of_the_first_sample(source: str) -> None:
     log = trial(time, np.zeros(len(time)), heading, rate=gyro if source == "gyro" else None)
     # The gyro's first five samples are averaged: 0.1 s of 0.06 rad/s^2 on.
     assert initial_rate(log) == pytest.approx(0.2, abs=1e-9 if source == "heading" else 0.0061)
+
+
+def test_first_rate_is_the_first_that_was_read() -> None:
+    time = clock(20.0)
+    gyro = np.where(time < 0.8, np.nan, 0.3)
+    late = trial(time, np.zeros(len(time)), 0.3 * time, rate=gyro)
+    assert initial_rate(late) == pytest.approx(0.3)
+
+
+def test_a_gyro_that_falls_silent_leaves_the_rate_of_the_heading() -> None:
+    time = clock(60.0)
+    rate = 0.2 * np.sin(0.3 * time)
+    angle = 0.2 / 0.3 * (1.0 - np.cos(0.3 * time))
+    rates = rates_of(trial(time, np.zeros(len(time)), angle, rate=np.where(time < 20.0, rate, np.nan)), cutoff=1.0)
+    known = np.isfinite(rates.rate)
+    assert rates.time[known][-1] > 58.0
+    np.testing.assert_allclose(rates.rate[known], 0.2 * np.sin(0.3 * rates.time[known]), atol=2e-3)

@@ -10,7 +10,7 @@ import numpy as np
 
 from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, log_likelihood, simulate_folds
-from rovid.diagnose.parts import FEWEST_TRIALS, parts_of, shortest_part
+from rovid.diagnose.parts import FEWEST_TRIALS, parts_of, recorded, shortest_part
 from rovid.diagnose.search import Fitted, Found, Key, Promise, Rival, Search, worth
 from rovid.diagnose.signals import PREFIX, drivers, is_driver
 from rovid.effects import Effect, forms_for
@@ -330,7 +330,7 @@ class _Work:
 def _lack(runs: Sequence[Run], part: float) -> str:
     """What is missing for a diagnosis, and what to run; ``part`` in s is the shortest that a trial is cut into."""
     if len(runs) < FEWEST_TRIALS:
-        seconds = sum(run.trial.duration for run in runs)
+        seconds = sum(recorded(run.trial) for run in runs)
         return (
             f"there are too few trials ({len(runs)}, {seconds:.0f} s in all) to hold any out and test a cause on, and "
             f"they are too short to be cut into {FEWEST_TRIALS} parts of {part:.0f} s. Record more runs, of other "

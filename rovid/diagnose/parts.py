@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -18,6 +16,7 @@ _PARTS = 8
 _SHORTEST = 30.0  # s; a part
 _CUTOFF_PERIODS = 8.0  # the filter takes two and a half of them
 _FEWEST = 10  # in a part, as in a log
+_PAUSE = 10.0  # usual intervals between readings; of a longer one no more counts
 
 
 def parts_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> Runs | None:
@@ -29,7 +28,7 @@ def parts_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> Runs | Non
     """
     if len(runs) >= FEWEST_TRIALS:
         return None
-    total = sum(run.trial.duration for run in runs)
+    total = sum(recorded(run.trial) for run in runs)
     length = max(total / _PARTS, shortest_part(cutoff))
     trials = [part for run in runs for part in _cut(run.trial, length)]
     if len(trials) < FEWEST_TRIALS:
@@ -43,31 +42,24 @@ def shortest_part(cutoff: float) -> float:
     return max(_SHORTEST, _CUTOFF_PERIODS / cutoff)
 
 
+def recorded(trial: Trial) -> float:
+    """Time in s over which positions were measured, pauses left out."""
+    return float(_clock(trial)[-1])
+
+
+def _clock(trial: Trial) -> FloatArray:
+    """(m,) s at each measured position on a clock that stands still in a pause."""
+    steps = np.diff(trial.time[trial.measured])
+    return np.concatenate(([0.0], np.cumsum(np.minimum(steps, _PAUSE * trial.period))))
+
+
 def _cut(trial: Trial, length: float) -> list[Trial]:
-    """Parts that begin and end with a measured position, as logs do; those that fall into a gap are left out."""
-    count = max(round(trial.duration / length), 1)
-    edges = np.searchsorted(trial.time, np.linspace(0.0, trial.duration, count + 1)[1:-1])
-    bounds = [0, *(int(edge) for edge in edges), len(trial.time)]
-    pieces = [first + np.flatnonzero(trial.measured[first:last]) for first, last in pairwise(bounds)]
+    """Parts that begin and end with a measured position, as logs do."""
+    measured, clock = np.flatnonzero(trial.measured), _clock(trial)
+    count = max(round(float(clock[-1]) / length), 1)
+    pieces = np.split(measured, np.searchsorted(clock, np.linspace(0.0, clock[-1], count + 1)[1:-1]))
     return [
-        _part(trial, slice(int(piece[0]), int(piece[-1]) + 1), number)
+        trial.part(slice(int(piece[0]), int(piece[-1]) + 1), f"{trial.name} part {number}")
         for number, piece in enumerate(pieces, start=1)
         if len(piece) >= _FEWEST
     ]
-
-
-def _part(trial: Trial, where: slice, number: int) -> Trial:
-    def cut(values: FloatArray | None) -> FloatArray | None:
-        return None if values is None else values[where]
-
-    return replace(
-        trial,
-        name=f"{trial.name} part {number}",
-        time=trial.time[where] - trial.time[where.start],
-        position=trial.position[where],
-        commands=trial.commands[where],
-        rate=cut(trial.rate),
-        roll=cut(trial.roll),
-        pitch=cut(trial.pitch),
-        extras={name: values[where] for name, values in trial.extras.items()},
-    )

@@ -216,6 +216,9 @@ class Search:
             if not self.pays(better, current):
                 break
             added = self._pruned(better)
+            if worth(added) <= worth(current):
+                # What was dropped for it was worth more: adding and dropping would go round in a circle.
+                break
             current = self._opened(added)
             if current is not added:
                 break

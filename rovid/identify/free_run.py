@@ -29,9 +29,12 @@ def fit_free_run(runs: Sequence[Run]) -> Model:
     axis = runs[0].trial.axis
     # Where the model misses much the regression is uncertain, and good enough to start from.
     start = fit_regression(runs, certainty=2.0).estimate.values
-    # A drag at its bound still needs a scale to move by; so does what weight and buoyancy do.
-    rate = max(float(np.sqrt(np.nanmean(np.concatenate([run.rates.rate for run in runs]) ** 2))), 1e-9)
-    drag = start[1] * rate + start[2]
+    # A drag at its bound still needs a scale to move by, and so do both; so does what weight and buoyancy do.
+    rate, torque = (
+        max(float(np.sqrt(np.nanmean(np.concatenate(series) ** 2))), 1e-9)
+        for series in ([run.rates.rate for run in runs], [run.torque for run in runs])
+    )
+    drag = start[1] * rate + start[2] or torque
     scale = np.array([start[0], drag / rate, drag, *np.maximum(np.abs(start[3:]), _LEAST)])
 
     def misfit(x: FloatArray) -> FloatArray:

@@ -244,12 +244,20 @@ def _plausibility(estimate: Estimate, rigid_body: float | None) -> list[str]:
             "no vehicle has.",
             mend=f"Check in rovid.toml the unit of {axis.measures}, mass, {axis.arm} and the curve's newtons.",
         )
-    if _PLAUSIBLE_RATIO[0] < ratio < _PLAUSIBLE_RATIO[1]:
-        return []
+    return unlike_rigid_body(estimate, rigid_body)
+
+
+def unlike_rigid_body(estimate: Estimate, rigid_body: float | None) -> list[str]:
+    """What is odd about the inertia beside the ``rigid_body``'s in kg m^2 or kg; nothing where that is not known."""
     low, high = _PLAUSIBLE_RATIO
+    ratio = 1.0 if rigid_body is None else estimate.value("inertia") / rigid_body
+    if rigid_body is None or low < ratio < high:
+        return []
+    axis, unit = estimate.axis, estimate.unit("inertia")
     text = (
         f"The inertia is {ratio:.2g} times the rigid body's {rigid_body:.4g} {unit}, outside what vehicles show "
-        f"({low} to {high}): look at {axis.arm}, thrust curve, mass and size."
+        f"({low} to {high}): look at {axis.arm}, thrust curve, mass and size, and at the units of time and "
+        f"{axis.measures}."
     )
     return [text]
 

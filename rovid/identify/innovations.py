@@ -29,7 +29,7 @@ DISTURBANCE, MEMORY, NOISE = 3, 4, 5
 _RATE_ERROR = 0.2  # of the rate's root mean square: how well the first rate of a trial is known
 _ANGLE_NOISE_FLOOR = 1e-5  # rad; no heading is better, and one from an autopilot's filter would claim to be
 _RATE_NOISE_FLOOR = 1e-5  # rad/s; likewise
-_BLOCK_SECONDS = 40.0
+_BLOCK_SECONDS, _BLOCKS = 40.0, 12
 # Share of the position's noise.
 _LOST = 0.1
 # Innovations beyond so many standard deviations count in proportion, not squared (Huber 1964).
@@ -180,10 +180,9 @@ class Records:
 
     @cached_property
     def block(self) -> NDArray[np.intp]:
-        """(N,) number of the stretch of time, 40 s of a run, of each innovation."""
-        pieces = [
-            (time[at] / _BLOCK_SECONDS).astype(np.intp) for time, at in zip(self.times, self.looked_at, strict=True)
-        ]
+        """(N,) number of the stretch of time, 40 s of a run or less of short ones, of each innovation."""
+        length = min(_BLOCK_SECONDS, sum(float(np.ptp(time)) for time in self.times) / _BLOCKS)
+        pieces = [(time[at] / length).astype(np.intp) for time, at in zip(self.times, self.looked_at, strict=True)]
         offsets = np.cumsum([0, *(int(piece.max(initial=0)) + 1 for piece in pieces)])[:-1]
         return np.concatenate([piece + offset for piece, offset in zip(pieces, offsets, strict=True)])
 

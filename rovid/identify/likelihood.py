@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -151,12 +150,12 @@ def fit_simulated(records: Records) -> tuple[SimulatedLikelihood, FloatArray, fl
 
 def with_effects(bare: Likelihood, x: FloatArray, effects: tuple[Effect, ...]) -> tuple[Likelihood, FloatArray]:
     """Continue from the fit without effects: the likeliest of all starts, its disturbance then limited anew."""
-    likelihood = bare.like(effects, bare.counted)
-    begins = [
-        np.concatenate((x[: bare.base], *chosen)) for chosen in itertools.product(*(starts(one) for one in effects))
-    ]
+    likelihood, better = bare, [x[: bare.base]]
+    for count, effect in enumerate(effects, start=1):
+        likelihood = bare.like(effects[:count], bare.counted)
+        begins = [np.concatenate((begin, start)) for begin in better for start in starts(effect)]
+        better = sorted(begins, key=likelihood.cost)[:_TRIALS]
     # A few steps tell which of the better starts leads lowest.
-    better = sorted(begins, key=likelihood.cost)[:_TRIALS]
     best, _ = min((likelihood.climb(begin, iterations=_TRIAL_ITERATIONS) for begin in better), key=lambda pair: pair[1])
     return loosened(likelihood, likelihood.climb(best)[0])
 

@@ -102,7 +102,7 @@ def require_inertia(estimate: Estimate, certainty: float) -> None:
         It is.
     """
     value, error = estimate.value("inertia"), estimate.standard_error("inertia")
-    if value < certainty * error:
+    if not value >= certainty * error:  # nor one of which nothing is known
         raise _not_excited(f"the inertia is {value:.3g} ± {error:.2g} {estimate.unit('inertia')}")
 
 

@@ -96,7 +96,7 @@ def find_logs(paths: Sequence[Path], config: Config) -> tuple[list[tuple[str, Pa
     if config.maps("nmea"):  # the log beside such a text is read with it
         texts = {one.path.with_suffix("") for one in found if one.path.suffix.lower() == ".nmea"}
         found = [one for one in found if one.path.suffix.lower() == ".nmea" or one.path.with_suffix("") not in texts]
-    logs = [one for one in found if one.asked or _is_log(one, config, remarks)]
+    logs = [one for one in found if _is_log(one, config, remarks)]
     if not logs:
         raise _no_logs(paths, found)
     return [(one.name, one.path) for one in _without_copies(logs, remarks)], remarks
@@ -150,10 +150,11 @@ def _named(found: Sequence[_Found]) -> list[_Found]:
 
 
 def _is_log(one: _Found, config: Config, remarks: list[Remark]) -> bool:
-    """Whether a file in a folder is a log; other CSV tables, and files of any use, may stand beside them."""
-    kind = READERS[one.path.suffix.lower()].kind
+    """Whether a file is a log; tables may stand beside them, and in a folder files of any use."""
+    form = READERS.get(one.path.suffix.lower())
+    kind = form.kind if form else ""
     if kind != "csv":
-        known = kind == "mcap" or config.maps(kind)
+        known = one.asked or kind == "mcap" or config.maps(kind)
         if not known:
             text = f"{one.name} was left out: rovid.toml maps nothing for {kind} logs."
             remarks.append(Remark(kind="skipped", count=1, text=text))
@@ -167,8 +168,10 @@ def _is_log(one: _Found, config: Config, remarks: list[Remark]) -> bool:
     except (OSError, LogError):
         return True  # reading it says what is wrong
     if time not in names and any(columns <= names for columns in _TABLES):
+        if one.asked:
+            remarks.append(Remark(kind="skipped", count=1, text=f"{one.name} was left out: it is a table, no log."))
         return False
-    if names & (mapped | {time}):
+    if one.asked or names & (mapped | {time}):
         return True
     text = f"{one.name} was left out: it holds none of the columns that rovid.toml maps, so it is no log."
     remarks.append(Remark(kind="skipped", count=1, text=text))

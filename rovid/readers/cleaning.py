@@ -286,7 +286,12 @@ def _frozen(path: _Path) -> BoolArray | None:
     if not still.size or not (still[0] or (still[:-2] & still[1:-1] & still[2:]).any()):
         return None
     bad = np.zeros(len(path.angle), dtype=bool)
-    for first, last in _still_runs(path, np.flatnonzero(~still)):
+    moves = np.flatnonzero(~still)
+    end = int(moves[-1]) + 1 if moves.size else 0
+    around = _FROZEN_RATIO * _neighbours(path.short, end, len(path.short))
+    if end and len(path.angle) - end >= _STUCK_SAMPLES:
+        bad[end:] = abs(path.short[end - 1]) > max(path.kind.jump, path.jerk, around)
+    for first, last in _still_runs(path, moves):
         around = _FROZEN_RATIO * _neighbours(path.short, first, last)
         out = abs(path.short[last])
         into = out if first == 0 else abs(path.short[first - 1])
@@ -299,7 +304,7 @@ def _frozen(path: _Path) -> BoolArray | None:
 
 
 def _still_runs(path: _Path, moves: IntArray) -> Iterator[tuple[int, int]]:
-    """(first, last) index of each run of identical values that a jump ends; not one that ends the log."""
+    """(first, last) index of each run of identical values that a jump ends."""
     starts = np.concatenate(([0], moves + 1))[: len(moves)]
     lengths = moves - starts + 1
     jump = np.abs(path.short[moves]) > max(path.kind.spike, path.jerk, 3.0 * path.least)

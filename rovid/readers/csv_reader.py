@@ -116,7 +116,8 @@ class _Table:
 
     def _time_kind(self) -> str:
         at = self.columns["time"]
-        cell = next((row[at].strip() for row in self.layout.rows if at < len(row) and row[at].strip()), "0")
+        cells = (row[at].strip() for row in self.layout.rows if at < len(row))
+        cell = next((cell for cell in cells if cell not in _MISSING), "0")
         if self.signals["time"].unit == "iso8601" or not _is_number(cell, self.decimal):
             return "str"
         return "int64" if cell.isdigit() and len(cell) >= _LONG_INTEGER else "float64"

@@ -86,9 +86,13 @@ def stamps(column: pd.Series[Any], name: str, declared: str, where: Callable[[in
         time = np.full(len(column), np.nan)
         time[known] = seconds(column[known].to_numpy(dtype=np.int64), name, declared)
         return time
+    if column.dtype.kind == "m":
+        return np.asarray(column.dt.total_seconds(), dtype=np.float64)
     dates = pd.to_datetime(column, format="ISO8601", utc=True, errors="coerce")
     if dates.notna().sum() < column.notna().sum():
-        tidy = column.str.strip().str.replace(",", ".", regex=False)  # ISO 8601 allows a comma, pandas does not
+        tidy = (
+            column.astype("string").str.strip().str.replace(",", ".", regex=False)
+        )  # ISO 8601 allows a comma, pandas does not
         dates = pd.to_datetime(tidy, format="ISO8601", utc=True, errors="coerce")
     if dates.notna().sum() < column.notna().sum():
         row = int(np.argmax((dates.isna() & column.notna()).to_numpy()))

@@ -82,6 +82,12 @@ def _mend(
 ) -> tuple[FloatArray, Mapping[str, FloatArray], list[Remark]]:
     remarks: list[Remark] = []
     rows = np.flatnonzero(sensible(time))
+    if len(time) and not len(rows):
+        raise LogError(
+            f"{clock} holds no time in any of its {len(time)} samples.",
+            where=where,
+            mend="Map the column or field that holds the time in [signals] time.",
+        )
     if lost := len(time) - len(rows):
         remarks.append(_remark("missing", lost, f"{clock} is missing in {lost} samples; they were left out."))
     if sortable:
@@ -163,10 +169,11 @@ def _refuse_leap(time: FloatArray, steps: FloatArray, clock: str, where: str) ->
     if whole <= _LEAP:
         return
     at = int(np.argmax(steps))
-    if steps[at] > max(_LEAP, _LEAP_RATIO * (whole - steps[at])):
+    rest = float(steps[steps <= _LEAP].sum())
+    if steps[at] > max(_LEAP, _LEAP_RATIO * rest):
         raise LogError(
-            f"{clock} leaps by {steps[at]:.6g} s after sample {at + 1}, while the rest lasts "
-            f"{whole - steps[at]:.6g} s.",
+            f"{clock} leaps by {steps[at]:.6g} s after sample {at + 1}, while all between such leaps lasts "
+            f"{rest:.6g} s.",
             where=where,
             mend="Cut the log where its clock was set.",
         )

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.axis import YAW, Axis
+from rovid.axis import YAW
 from rovid.config import Config, Signal
 from rovid.errors import LogError
 from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED, TURNING, Kind, clean
@@ -88,11 +88,15 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
     if integrated:
         rate, position = position, _integral(base.time, position)
     elif fixes:
-        position = _along(axis, position, *(continuous[key] for key in fixes[1:]))
-    elif axis is YAW:
+        position = _along(work, position, {key: continuous[key] for key in fixes[1:]})
+    if not integrated and rate is not None and _is_dead(rate, position, work.kind):
+        source = raw.channels[axis.rate].source
+        work.remark("frozen", len(rate), f"{source} ({axis.rate}) never changes though the vehicle moves; left out.")
+        rate = None
+    if axis is YAW and not integrated:
         _check_units(work, base.time, position, rate)
     plain = [key for key in series if key in config.signals and key not in (config.measured, *beside)]
-    return Trial(
+    trial = Trial(
         name=name,
         path=path,
         time=base.time - base.time[0],
@@ -106,14 +110,28 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
         axis=axis,
         integrated=integrated,
     )
+    # A place on the map is none along the body before the heading is known too.
+    return trial.part(slice(int(np.argmax(trial.measured)), None), name) if fixes else trial
 
 
-def _along(axis: Axis, north: FloatArray, east: FloatArray | None, heading: FloatArray | None) -> FloatArray:
+def _is_dead(rate: FloatArray, position: FloatArray, kind: Kind) -> bool:
+    return bool(np.nanmin(rate) == np.nanmax(rate) and np.nanmax(position) - np.nanmin(position) > kind.jump)
+
+
+def _along(work: _Builder, north: FloatArray, others: Mapping[str, FloatArray | None]) -> FloatArray:
     """(n,) m gone along a body axis, of places on the map in m and the heading in rad; NaN where one is not known."""
-    position = np.full(len(north), np.nan)
-    if east is None or heading is None:
-        return position
+    nowhere = np.full(len(north), np.nan)
+    east, heading = (nowhere if values is None else values for values in others.values())
     known = np.flatnonzero(np.isfinite(north) & np.isfinite(east) & np.isfinite(heading))
+    if len(known) < _FEWEST:
+        empty = [name for name, values in others.items() if values is None or not np.isfinite(values).any()]
+        raise LogError(
+            f"{' and '.join(empty) or 'north, east and heading together'} cannot be read at {len(north) - len(known)} "
+            f"of {len(north)} places; all three were expected at {_FEWEST} at least.",
+            where=work.name,
+            mend="Leave this log out, or map the column or topic that holds them.",
+        )
+    position, axis = np.full(len(north), np.nan), work.config.axis
     steps = np.column_stack((np.diff(north[known]), np.diff(east[known])))
     course = 0.5 * (heading[known][1:] + heading[known][:-1])
     ahead = np.column_stack((np.cos(course), np.sin(course)))

@@ -206,3 +206,15 @@ def test_noise_at_the_wrap_makes_no_turn() -> None:
     done = cleaned(time, psi % 360.0)
     assert counts(done) == {}
     assert np.ptp(done.position) < 0.1
+
+
+def test_a_sensor_that_dies_is_left_out_to_the_end() -> None:
+    time, psi = course([(5, 0), (10, 8), (5, 0), (10, -5)], 0.1)
+    noisy = psi + RNG.normal(0.0, 0.02, len(psi))
+    dead = np.where(time < time[-1] - 4.0, noisy, 0.0)
+    done = cleaned(time, dead)
+    assert np.isnan(done.position[time > time[-1] - 3.95]).all()
+    assert np.isfinite(done.position[time < time[-1] - 4.05]).all()
+    assert counts(done) == {"frozen": int(np.sum(dead == 0.0))}
+    # A vehicle that stops is none.
+    assert counts(cleaned(*course([(10, 8), (5, 0)], 0.1))) == {}

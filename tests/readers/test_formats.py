@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from PIL import Image
 
+from rovid.config import FORMATS as KINDS
 from rovid.config import Config, load_config
 from rovid.errors import LogError, RovidError
 from rovid.readers import READERS, read_log
@@ -42,6 +43,7 @@ def configured(suffix: str, folder: Path) -> Config:
 def test_every_format_is_here_and_makes_a_folder_one_of_logs() -> None:
     assert {suffix.lower() for suffix in RECORDINGS} == set(READERS) - {".csv", ".mcap"}
     assert set(LOG_SUFFIXES) == set(READERS) - {".csv"}
+    assert tuple(dict.fromkeys(form.kind for form in READERS.values())) == KINDS
     page = (ROOT / "docs" / "logs.md").read_text()
     assert all(f"| `{suffix}` |" in page for suffix in READERS)
 
