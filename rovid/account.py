@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 
 from rich.console import Console
 from rich.markup import escape
@@ -10,7 +11,7 @@ from rich.markup import escape
 from rovid.axis import Axis
 from rovid.control.design import Control, RunResult
 from rovid.diagnose.amplitudes import Amplitudes
-from rovid.diagnose.diagnosis import Diagnosis, Finding, Side, not_identifiable
+from rovid.diagnose.diagnosis import INVISIBLE, Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.identify.inertia import METHODS
 from rovid.model import unit_of
@@ -23,11 +24,6 @@ _VERDICTS = {
     "nothing_found": "Nothing was found: the model explains these data.",
     "unexplained": "The simulation misses something that no effect of the catalogue explains.",
     "too_little_data": "There is too little data for a diagnosis.",
-}
-_INVISIBLE = {
-    "thrust_scale": "a common scale of all thrust",
-    "rate_scale": "a constant scale of the rate",
-    "thruster_imbalance": "an imbalance between thrusters",
 }
 
 
@@ -54,7 +50,7 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         console.print(f"left unexplained: {share:.2g} % of the {axis.push}'s variance", highlight=False)
     if diagnosis.verdict == "nothing_found":
         _show_detectable(console, diagnosis, axis)
-    invisible = " and ".join(_INVISIBLE[name] for name in not_identifiable(vehicle))
+    invisible = " and ".join(INVISIBLE[name] for name in not_identifiable(vehicle))
     console.print(f"never visible in {axis.name} data: {invisible}", highlight=False)
     run = next_experiment(diagnosis)
     console.print(f"[bold]Next:[/bold] {escape(run['run'])} ({escape(run['reason'])})", highlight=False)
@@ -104,17 +100,17 @@ def _show_finding(console: Console, finding: Finding, axis: Axis) -> None:
     rivals = ", ".join(f"{escape(axis.words(rival.effect.title))} {rival.gain:.0f}" for rival in finding.rivals[:3])
     console.print(
         f"  log-likelihood gain {finding.gain:.0f}, on trials not fitted {finding.held_out_gain:.0f}"
-        + (f"; in its place: {rivals}" if rivals else ""),
+        + (f"; with parameters paid for {finding.worth:.0f}, in its place: {rivals}" if rivals else ""),
         highlight=False,
     )
     decides = deciding_experiment(finding)
     if decides is not None:
-        console.print(f"  these data do not tell which; this run would: {escape(decides['run'])}", highlight=False)
+        which = "would" if "commands" in decides else "might"
+        console.print(f"  these data do not tell which; this run {which}: {escape(decides['run'])}", highlight=False)
         if "commands" in decides:
-            rivals = " ".join(f"--between {escape(key)}" for key in decides["separates"])
-            console.print(
-                f"  in {decides['minutes']:.1f} min; [bold]rovid plan {rivals}[/bold] writes it", highlight=False
-            )
+            between = " ".join(f"--between {shlex.quote(one.key)}" for one in (effect, finding.undecided[0]))
+            command = escape(f"rovid plan {between}")
+            console.print(f"  in {decides['minutes']:.1f} min; [bold]{command}[/bold] writes it", highlight=False)
 
 
 def _show_gain(console: Console, base: Side, extended: Side, floor: float, axis: Axis) -> None:

@@ -15,7 +15,7 @@ from rovid.control.design import Control, RunResult
 from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.diagnosis import Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
-from rovid.diagnose.signals import signal_of
+from rovid.diagnose.signals import is_driver, signal_of
 from rovid.export import Exported
 from rovid.export.manoeuvre import Mismatch
 from rovid.identify.bench import BenchFit
@@ -255,7 +255,7 @@ def _plain(name: str) -> str:
 
 
 def _finding(finding: Finding) -> Document:
-    effect, rivals = finding.effect, finding.rivals
+    effect, rivals = finding.effect, [rival for rival in finding.rivals if not is_driver(rival.effect)]
     return {
         "effect": effect.id,
         "form": effect.form or None,

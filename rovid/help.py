@@ -196,7 +196,7 @@ MANUAL: Mapping[str, Page] = {
         Reads the logs, fits the plain model, and tries every effect of the catalogue on what it misses. Prints what
         the simulation gets wrong; the cause by name, with its parameters, the evidence and its rivals; by how much
         runs that were not fitted are predicted better; what is left unexplained; what the data cannot determine; and
-        which run to do next. Writes the extended model to the parameter file where it names a cause.
+        which run to do next. Writes the model that it ends with to the parameter file.
 
         Use it after fit-drag and fit-inertia, or at once. It is the slowest command: ten seconds to minutes, by the
         length of the logs. Four trials or more let it test on whole trials.

@@ -129,10 +129,3 @@ def channels(runs: Sequence[Run]) -> set[str]:
     """Further channels that every run has, with readings in one of them at least."""
     shared = set.intersection(*(set(run.trial.extras) for run in runs))
     return {name for name in shared if any(np.isfinite(run.trial.extras[name]).any() for run in runs)}
-
-
-def stack(runs: Sequence[Run]) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.intp]]:
-    """Concatenate the valid rate, acceleration and torque of ``runs``, with the index of the run of each."""
-    parts = [(run.rates.rate[run.valid], run.rates.acceleration[run.valid], run.drive[run.valid]) for run in runs]
-    rate, acceleration, torque = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return rate, acceleration, torque, np.repeat(np.arange(len(runs)), [len(part[0]) for part in parts])

@@ -110,8 +110,9 @@ def _simulate(run: Run, model: Model, drive: Drive) -> TrialSimulation:
 
 def _position_error(run: Run, model: Model, drive: Drive, horizon: float) -> float | None:
     rates, trial = run.rates, run.trial
-    # About the body's own axis: the position itself, but for what a logged tilt adds to it.
-    angle = on_grid(trial, body_position(trial), rates.time)
+    # About the body's own axis: the position itself, but for what a logged tilt and the heading's deviation add to it.
+    true, gain = model.true_angle(trial, body_position(trial), np.arange(len(trial.time)))
+    angle, gain = (on_grid(trial, values, rates.time) for values in (true, gain))
     at_grid = np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1
     torque, race = drive.torque[at_grid], drive.race[at_grid]
     length = round(horizon / rates.kernel.period)
@@ -128,7 +129,7 @@ def _position_error(run: Run, model: Model, drive: Drive, horizon: float) -> flo
         if end >= len(angle) or not np.isfinite(angle[at : end + 1]).all():
             continue
         part = slice(at, end + 1)
-        begin = (float(rates.rate[at]), float(angle[at] - angle[np.isfinite(angle)][0]))
+        begin = (float(rates.rate[at] / gain[at]), float(angle[at] - angle[np.isfinite(angle)][0]))
         simulated = model.turned(trial, rates.time[part], Drive.held(torque[part], race[part]), begin)
         errors.append(simulated - (angle[end] - angle[at]))
     return float(np.sqrt(np.mean(np.square(errors)))) if errors else None

@@ -79,11 +79,15 @@ class Explanation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Amplitudes:
-    """Tables against the model; of each effect its best form stands, the nearest effect first."""
+    """Tables against the model; of each effect its best form stands, the nearest effect first.
+
+    ``inertias`` are the least and the largest that were allowed, kg m^2.
+    """
 
     predictions: tuple[Prediction, ...]
     plain: Explanation
     with_effect: tuple[Explanation, ...]
+    inertias: tuple[float, float]
 
     @property
     def causes(self) -> tuple[Explanation, ...]:
@@ -106,9 +110,9 @@ class Amplitudes:
                 "show no more, and nothing can be held out: record the runs as logs."
             )
         return (
-            f"no plain model agrees with the tables, with an inertia of {_RATIOS[0]:g} to {_RATIOS[1]:g} times the "
-            f"rigid body's; {len(self.causes)} effects would, each by itself. Amplitudes without a time series do not "
-            "tell which, and nothing can be held out: record the runs as logs."
+            f"no plain model agrees with the tables, with an inertia of {self.inertias[0]:.4g} to "
+            f"{self.inertias[1]:.4g} kg m^2; {len(self.causes)} effects would, each by itself. Amplitudes without a "
+            "time series do not tell which, and nothing can be held out: record the runs as logs."
         )
 
 
@@ -227,6 +231,7 @@ def explain(
         predictions=tuple(_predictions(sine, rows, own, inertia)),
         plain=plain,
         with_effect=tuple(best.values()),
+        inertias=rows.inertias,
     )
 
 

@@ -61,10 +61,13 @@ _CUT_SHORT = (
 )
 # No data along one axis show these: the same motion comes of other inertia and drag.
 NEVER_SHOWN = ("thrust_scale", "rate_scale")
+INVISIBLE = {
+    "thrust_scale": "a common scale of all thrust",
+    "rate_scale": "a constant scale of the rate",
+    "thruster_imbalance": "an imbalance between thrusters",
+}
 # A rate below so many times its noise is no motion.
 _MOTION = 2.0
-# A null so large stands for infinity.
-_ENDLESS = 1e5
 
 Report = Callable[[str], None]
 
@@ -79,6 +82,8 @@ class Finding:
         Of the parameters of ``effect`` alone.
     gain
         Log-likelihood that the effect gains.
+    worth
+        The same less the price of its parameters, as that of its rivals is.
     held_out_gain
         The same on trials that were not fitted.
     rivals
@@ -92,6 +97,7 @@ class Finding:
     effect: Effect
     estimate: Estimate
     gain: float
+    worth: float
     held_out_gain: float
     rivals: tuple[Rival, ...]
     undecided: tuple[Effect, ...]
@@ -258,7 +264,10 @@ class _Work:
         """Let every reading decide between an effect and a close rival: the quick look may have taken the wrong one."""
         for _ in range(_DECISIONS):
             found = (self.found(effect) for effect in self.final.effects)
-            better = next((r for one in found for r in one.rivals if r.gain > one.worth and r.fitted.plausible), None)
+            pairs = ((one, rival) for one in found for rival in one.rivals if rival.gain > one.worth)
+            # A mere signal that is little better takes no name's place.
+            named = (rival for one, rival in pairs if is_driver(one.effect) or not is_driver(rival.effect))
+            better = next((rival for rival in named if rival.fitted.plausible), None)
             if better is None:
                 return
             self.final = better.fitted
@@ -313,6 +322,8 @@ class _Work:
         following = self.search.best_extension(self.final)
         if following is None or worth(following) - worth(self.final) < self.search.threshold:
             return []
+        if self.search.pays(following, self.final):
+            return []  # the search was cut short, which is said
         effect, gain = following.effects[-1], self.final.cost - following.cost
         text = (
             f"{effect.title} would gain a log-likelihood of {gain:.0f}, little beside what was found: nature's form of "
@@ -374,7 +385,7 @@ def _significance(fitted: Fitted, effect: Effect) -> float:
     null = size.null * fitted.likelihood.records.scales.of(size)
     # The inverse of an endless null is the quantity that is nothing at nothing.
     error = math.sqrt(spread[at, at])
-    return float(abs(value if abs(size.null) > _ENDLESS else value - null) / error)
+    return float(abs(value if size.endless else value - null) / error)
 
 
 def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diagnosis:
@@ -466,6 +477,7 @@ def _finding(work: _Work, found: Found, estimate: Estimate, *, white: bool) -> F
             estimate, names=tuple(own), values=estimate.values[at], covariance=estimate.covariance[np.ix_(at, at)]
         ),
         gain=found.gain,
+        worth=found.worth,
         held_out_gain=work.held_out_gain(effect),
         rivals=found.rivals,
         undecided=tuple(
@@ -509,7 +521,7 @@ def _detectable(work: _Work) -> tuple[tuple[Effect, float], ...]:
     for promise in plain.values():
         size, start = promise.effect.parameters[0], promise.effect.parameters[0].starts[0]
         price = 0.5 * math.log(work.final.likelihood.count) * len(promise.effect.parameters)
-        if promise.power > 0.0 and abs(size.null) < _ENDLESS:
+        if promise.power > 0.0 and not size.endless:
             share = math.sqrt((work.search.threshold + price) / promise.power)
             seen = abs(share * (start - size.null))
             # What would have to be larger than there is would not be seen at all.

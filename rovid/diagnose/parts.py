@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rovid.rates import highest_cutoff
 from rovid.runs import Run, Runs, prepare
-from rovid.trial import Campaign, FloatArray, Trial
+from rovid.trial import Campaign, Trial
 from rovid.vehicle import Vehicle
 
 FEWEST_TRIALS = 4
@@ -16,11 +17,11 @@ _PARTS = 8
 _SHORTEST = 30.0  # s; a part
 _CUTOFF_PERIODS = 8.0  # the filter takes two and a half of them
 _FEWEST = 10  # in a part, as in a log
-_PAUSE = 10.0  # usual intervals between readings; of a longer one no more counts
+_PAUSE, _PAUSE_PERIODS = 10.0, 10.0  # s, and usual intervals between readings
 
 
 def parts_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> Runs | None:
-    """Runs of about an eighth of all time each, none shorter than half a minute or than the filter wants.
+    """Runs of about an eighth of all time each, or of half a minute or what the filter wants where that is longer.
 
     None where there are runs enough, or too little time.
 
@@ -44,20 +45,23 @@ def shortest_part(cutoff: float) -> float:
 
 def recorded(trial: Trial) -> float:
     """Time in s over which positions were measured, pauses left out."""
-    return float(_clock(trial)[-1])
+    return sum(float(np.ptp(trial.time[session])) for session in _sessions(trial))
 
 
-def _clock(trial: Trial) -> FloatArray:
-    """(m,) s at each measured position on a clock that stands still in a pause."""
-    steps = np.diff(trial.time[trial.measured])
-    return np.concatenate(([0.0], np.cumsum(np.minimum(steps, _PAUSE * trial.period))))
+def _sessions(trial: Trial) -> list[NDArray[np.intp]]:
+    """Indices of the measured positions between pauses."""
+    measured = np.flatnonzero(trial.measured)
+    pauses = np.diff(trial.time[measured]) > max(_PAUSE_PERIODS * trial.period, _PAUSE)
+    return np.split(measured, 1 + np.flatnonzero(pauses))
 
 
 def _cut(trial: Trial, length: float) -> list[Trial]:
-    """Parts that begin and end with a measured position, as logs do."""
-    measured, clock = np.flatnonzero(trial.measured), _clock(trial)
-    count = max(round(float(clock[-1]) / length), 1)
-    pieces = np.split(measured, np.searchsorted(clock, np.linspace(0.0, clock[-1], count + 1)[1:-1]))
+    """Parts that begin and end with a measured position, as logs do, none across a pause."""
+    pieces: list[NDArray[np.intp]] = []
+    for session in _sessions(trial):
+        time = trial.time[session]
+        ends = np.linspace(time[0], time[-1], max(round(float(np.ptp(time)) / length), 1) + 1)
+        pieces += np.split(session, np.searchsorted(time, ends[1:-1]))
     return [
         trial.part(slice(int(piece[0]), int(piece[-1]) + 1), f"{trial.name} part {number}")
         for number, piece in enumerate(pieces, start=1)

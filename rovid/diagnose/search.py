@@ -40,8 +40,6 @@ _MAX_EFFECTS = 6
 _MOST_LOOKS = 12
 # A logged signal is preferred to a named effect only if it gains so much more, in all and in proportion.
 _SIGNAL_HANDICAP = (6.0, 0.05)
-# A size that is null only at infinity cannot be scaled from its start.
-_ENDLESS = 1e5
 
 Report = Callable[[str], None]
 # What tells one model from another: how much disturbance it is allowed, and its effects.
@@ -110,7 +108,7 @@ class Promise:
     unscaled
         Those of its starts that gains most as it stands.
     power
-        Gain that the effect would have at its first start, were it there.
+        Gain that the effect would have, were it there with the size of its first start.
     """
 
     effect: Effect
@@ -163,20 +161,23 @@ class Search:
         Whether a model is so far from the truth that slopes do not tell what would help: then every cause is fitted.
     promises
         Key of a model -> what each further form promised there.
+    cut_short
+        Whether so many models were looked at that the search ended before it was done.
     """
 
     candidates: Sequence[Effect]
     report: Report = field(default=lambda _: None)
     thorough: Callable[[Fitted], bool] = field(default=lambda _: False)
     promises: dict[Key, list[Promise]] = field(default_factory=dict)
+    cut_short: bool = False
     _left: set[Key] = field(default_factory=set)
     _extensions: dict[Key, list[Fitted]] = field(default_factory=dict)
     _fits: dict[Key, Fitted] = field(default_factory=dict)
 
-    @property
-    def cut_short(self) -> bool:
-        """Whether so many models were looked at that the search ended before it was done."""
-        return len(self._extensions) >= _MOST_LOOKS
+    def _ends(self) -> bool:
+        """Whether to look at no more models."""
+        self.cut_short = self.cut_short or len(self._extensions) >= _MOST_LOOKS
+        return self.cut_short
 
     @property
     def threshold(self) -> float:
@@ -205,13 +206,14 @@ class Search:
         for _ in range(_MAX_EFFECTS):
             changed = self._grown(self._exchanged(current))
             if changed is current:
-                break
+                return current
             current = changed
+        self.cut_short = True
         return current
 
     def _grown(self, current: Fitted) -> Fitted:
         """With what pays added; where that lets the disturbance have more, only so far."""
-        while len(current.effects) < _MAX_EFFECTS and not self.cut_short:
+        while len(current.effects) < _MAX_EFFECTS and not self._ends():
             better = self._best(self.extensions(current, growing=True), current)
             if not self.pays(better, current):
                 break
@@ -248,7 +250,7 @@ class Search:
 
     def _exchanged(self, current: Fitted) -> Fitted:
         """The model with another form or another cause in the place of an effect, where that is better."""
-        for effect in () if self.cut_short else current.effects:
+        for effect in () if self._ends() else current.effects:
             rest = self.without(current, effect)
             other = self._best(self.extensions(rest), rest)
             if worth(other) > worth(current) + _WORTH_A_CHANGE and other.key not in self._left:
@@ -275,14 +277,14 @@ class Search:
             self.report(f"{_named(current.effects)}: trying {len(self.candidates)} forms of what else there may be …")
             promises = screen(current, [effect for effect in self.candidates if effect.id not in taken])
             self.promises[current.key] = promises
-            fits = _fit_all(
+            ahead, behind = _fit_all(
                 current,
                 _best_forms(promises)
                 if growing and self.thorough(current)
                 else _shortlist(promises, self.threshold * _NEGLIGIBLE),
             )
-            self._extensions[current.key] = fits
-            for fit in fits:
+            self._extensions[current.key] = [*ahead, *behind]
+            for fit in ahead:
                 self._fits.setdefault(fit.key, fit)
         return self._extensions[current.key]
 
@@ -338,8 +340,8 @@ def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
     return spread(lambda form: _promise(current, form, centre, here, past), forms)
 
 
-def _fit_all(current: Fitted, promises: Sequence[Promise]) -> list[Fitted]:
-    """Each promise kept: fitted together with all else. Those that fall behind stay where they are."""
+def _fit_all(current: Fitted, promises: Sequence[Promise]) -> tuple[list[Fitted], list[Fitted]]:
+    """Each promise kept: fitted together with all else; and those that fell behind, left where they were."""
 
     def begin(promise: Promise) -> Fitted:
         likelihood = current.likelihood.like((*current.effects, promise.effect))
@@ -347,13 +349,13 @@ def _fit_all(current: Fitted, promises: Sequence[Promise]) -> list[Fitted]:
         begins = [np.concatenate((current.x, start)) for start in tried]
         return _climbed(likelihood, min(begins, key=likelihood.cost), _FIRST_ITERATIONS)
 
-    fits = spread(begin, promises)
+    ahead, behind = spread(begin, promises), list[Fitted]()
     for share, iterations in _STAGES:
-        behind = share * max((worth(fit) - worth(current) for fit in fits), default=0.0)
-        ahead = [fit for fit in fits if worth(fit) - worth(current) >= max(behind, 0.0)]
-        rest = [fit for fit in fits if fit not in ahead]
-        fits = [*spread(lambda fit: _climbed(fit.likelihood, fit.x, iterations), ahead), *rest]  # noqa: B023 - used at once
-    return fits
+        least = max(share * max((worth(fit) - worth(current) for fit in ahead), default=0.0), 0.0)
+        behind += [fit for fit in ahead if worth(fit) - worth(current) < least]
+        ahead = [fit for fit in ahead if fit not in behind]
+        ahead = spread(lambda fit: _climbed(fit.likelihood, fit.x, iterations), ahead)  # noqa: B023 - used at once
+    return ahead, behind
 
 
 def _climbed(likelihood: Likelihood, x: FloatArray, iterations: int) -> Fitted:
@@ -391,28 +393,32 @@ def _promise(
     directions = past(raw)
     pull = -(directions.T @ here.residual)
     power = np.sum(directions**2, axis=0)
-    one_sided = form.parameters[0].low >= form.parameters[0].null or form.parameters[0].high <= form.parameters[0].null
+    size = form.parameters[0]
+    sizes = np.ones(len(begins)) if size.endless else np.array([begin[0] - size.null for begin in begins])
+    # Starts differ in what else there is to an effect, too: the one that shows best at a size tells.
+    shown = 0.5 * float(np.max(power * (sizes[0] / sizes) ** 2))
+    one_sided = size.low >= size.null or size.high <= size.null
     share = np.where(power > 1e-9, pull / np.maximum(power, 1e-9), 0.0)
     gains = np.where((share > 0.0) | (not one_sided), 0.5 * share * pull, 0.0)
     # Where slopes mislead, as at a threshold, what is gained there without any fit may tell more.
     outright = here.cost - np.array([likelihood.cost_of(*side) for side in sides])
     unscaled = begins[int(np.argmax(outright))]
     if outright.max() > gains.max():
-        return Promise(form, float(outright.max()), unscaled, unscaled, 0.5 * float(power.max()))
+        return Promise(form, float(outright.max()), unscaled, unscaled, shown)
     best = int(np.argmax(gains))
     if gains[best] <= 0.0:
-        return Promise(form, 0.0, begins[best], unscaled, 0.5 * float(power.max()))
+        return Promise(form, 0.0, begins[best], unscaled, shown)
     information = directions.T @ directions
     together = 0.5 * float(pull @ np.linalg.pinv(information, rcond=1e-6) @ pull)
     asked = float(share[best])
     start = _sized(form, begins[best], math.copysign(min(max(abs(asked), 0.1), 5.0), asked))
-    return Promise(form, max(together, float(gains[best])), start, unscaled, 0.5 * float(power.max()))
+    return Promise(form, max(together, float(gains[best])), start, unscaled, shown)
 
 
 def _sized(form: Effect, begin: FloatArray, share: float) -> FloatArray:
     """``begin`` with ``share`` times as much of the effect, within its bounds."""
     size = form.parameters[0]
-    if abs(size.null) > _ENDLESS:
+    if size.endless:
         return begin
     sized = begin.copy()
     sized[0] = np.clip(size.null + share * (begin[0] - size.null), size.low, size.high)

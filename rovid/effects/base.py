@@ -21,7 +21,7 @@ import numba
 import numpy as np
 
 from rovid.trial import FloatArray, Trial
-from rovid.vehicle import ThrustCurve, Vehicle
+from rovid.vehicle import ThrustCurve, Thruster, Vehicle
 
 # Compiled for the machine at first use; the result is kept on disk. Several may run at once.
 compiled = numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -34,6 +34,7 @@ TERM_STATES = 2
 REFERENCE_RATE = 0.3
 # Of the bench's largest thrust; the same for thrust. Trials seldom use much more in yaw, and away from the thrust in
 # use a change of shape would be one of scale, which inertia and drag would have to follow.
+_ENDLESS = 1e5
 _REFERENCE_SHARE = 0.1
 
 Values = Mapping[str, float]
@@ -69,6 +70,11 @@ class EffectParameter:
     scale: str = "one"
     step: float = 1e-4
 
+    @property
+    def endless(self) -> bool:
+        """Whether the effect is gone only at infinity, for which ``null`` stands."""
+        return abs(self.null) > _ENDLESS
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Actuation:
@@ -83,7 +89,7 @@ class Actuation:
     arms
         (k,) yaw arm of each actuator.
     full_thrust
-        (k,) N; largest thrust of each actuator's bench curve, 1 for a logged torque.
+        (k,) N; largest thrust of each actuator's bench curve, or largest torque or force of a campaign that logs it.
     names
         (k,) of the thrusters.
     dead_zone
@@ -262,8 +268,14 @@ def actuation(vehicle: Vehicle, trial: Trial, parts: int = 1) -> Actuation:
         parts=parts,
         neutral=neutral_commands(vehicle),
         arms=np.array([thruster.arm for thruster in vehicle.thrusters]),
-        full_thrust=np.array([1.0 if c is None else float(np.max(np.abs(c.thrust))) for c in curves]),
+        full_thrust=np.array([_full_thrust(thruster, trial) for thruster in vehicle.thrusters]),
     )
+
+
+def _full_thrust(thruster: Thruster, trial: Trial) -> float:
+    if thruster.curve is None:
+        return trial.reference.get(thruster.name, 0.0) or 1.0
+    return float(np.max(np.abs(thruster.curve.thrust)))
 
 
 def race(thrust: FloatArray, arms: FloatArray) -> FloatArray:

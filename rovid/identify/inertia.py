@@ -127,7 +127,7 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
     if trials and drag is not None:
         bias = peak_bias(trials, _model(estimate.value("inertia"), drag))
     return InertiaFit(
-        estimate=_with_warnings(estimate, warnings),
+        estimate=replace(estimate, warnings=warnings),
         chosen=chosen,
         methods=methods,
         peak_bias=bias,
@@ -197,10 +197,6 @@ def _single(reading: Inertia, trials: Sequence[SineTrial], axis: Axis) -> Estima
         method=METHODS["orbit_integral"],
         samples=sum(trial.cycles for trial in trials),
     )
-
-
-def _with_warnings(estimate: Estimate, warnings: tuple[str, ...]) -> Estimate:
-    return replace(estimate, warnings=warnings)
 
 
 def _method_warnings(methods: dict[str, Inertia], refused: dict[str, str], axis: Axis) -> list[str]:
@@ -318,7 +314,7 @@ def fit_inertia_table(table: Table, *, drag: Estimate | None, rigid_body: float 
     warnings += _plausibility(estimate, rigid_body)
     no_phase = "a table of amplitudes holds no phase"
     return InertiaFit(
-        estimate=_with_warnings(estimate, tuple(warnings)),
+        estimate=replace(estimate, warnings=tuple(warnings)),
         chosen="harmonic_balance",
         methods=methods,
         peak_bias=None,

@@ -412,10 +412,6 @@ class Likelihood:
         """How many independent innovations there are."""
         return self.weight * len(self.records.trial)
 
-    def pieces(self, x: FloatArray) -> FloatArray:
-        """(N,) contribution of each innovation to the cost."""
-        return self.weight * _pieces(*self.innovations(x))
-
     def cost(self, x: FloatArray) -> float:
         """Negative log-likelihood."""
         return self.cost_of(*self.innovations(x))

@@ -200,6 +200,9 @@ def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> Floa
         scores = likelihood.block_scores(here)
         scores = scores - scores.mean(axis=0)
         inverse = inverse @ (scores.T @ scores * len(scores) / (len(scores) - 1)) @ inverse
+        # What has no slope has no scatter of it either, which is no certainty.
+        flat = np.asarray(~here.matrix.any(axis=0))
+        inverse = np.where(flat | flat[:, np.newaxis], plain, inverse)
     inflated = float(np.median(np.sqrt(np.diag(inverse)[:3] / np.diag(plain)[:3])))
     for at, parameter in enumerate(likelihood.parameters, start=BASE):
         if parameter.step > _SMOOTH and (reach := _reach(likelihood, x, at)) is not None:

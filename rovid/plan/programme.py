@@ -132,7 +132,7 @@ def programme(pace: Pace, thrusters: Sequence[str]) -> list[Planned]:
     return runs
 
 
-# (seconds, share) pieces of held pushes, or (seconds, function of the time since the piece began).
+# Seconds and share of full thrust of a held push.
 _Piece = tuple[float, float]
 
 

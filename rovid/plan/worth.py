@@ -105,7 +105,7 @@ def ranked(
     found = [one for one in spread(lambda run: _worth(run, beliefs, vehicle, limits, narrow), runs) if one is not None]
     if not found:
         raise DataError("no run stays within these limits.", mend="Allow a longer run, more turns or a higher rate.")
-    # Of the runs that decide the one that does so fastest; where none does, the one that tells most for its time.
+    # Of the runs that decide the one that does so fastest; where none does, the one that tells most.
     if len(beliefs) > 1:
         return sorted(found, key=lambda one: (-min(one.gain, DECIDES) / DECIDES, -one.per_minute))
     return sorted(found, key=lambda one: -one.per_minute)

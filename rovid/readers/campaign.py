@@ -68,9 +68,12 @@ def read_campaign(paths: Sequence[Path], config: Config, progress: Progress | No
     from rovid.readers.twins import without_twins
 
     kept = without_twins(trials, remarks)
-    medians = _medians(kept)
+    reference = _medians(kept)
+    if config.vehicle.thrusters[0].curve is None:
+        # What is full thrust to a vehicle whose torque or force is logged.
+        reference[config.vehicle.thrusters[0].name] = max(float(np.max(np.abs(trial.commands))) for trial in kept)
     return Campaign(
-        trials=tuple(replace(trial, reference=medians) for trial in kept),
+        trials=tuple(replace(trial, reference=reference) for trial in kept),
         sources=tuple(paths),
         remarks=tuple(remarks),
     )
@@ -96,7 +99,8 @@ def find_logs(paths: Sequence[Path], config: Config) -> tuple[list[tuple[str, Pa
     if config.maps("nmea"):  # the log beside such a text is read with it
         texts = {one.path.with_suffix("") for one in found if one.path.suffix.lower() == ".nmea"}
         found = [one for one in found if one.path.suffix.lower() == ".nmea" or one.path.with_suffix("") not in texts]
-    logs = [one for one in found if _is_log(one, config, remarks)]
+    # A table alone is read as the log that it was given for, which says what it lacks.
+    logs = [one for one in found if _is_log(one, config, remarks)] or [one for one in found if one.asked]
     if not logs:
         raise _no_logs(paths, found)
     return [(one.name, one.path) for one in _without_copies(logs, remarks)], remarks

@@ -89,9 +89,9 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
         rate, position = position, _integral(base.time, position)
     elif fixes:
         position = _along(work, position, {key: continuous[key] for key in fixes[1:]})
-    if not integrated and rate is not None and _is_dead(rate, position, work.kind):
+    if not integrated and rate is not None and _is_dead(base.time, rate, position, work.kind):
         source = raw.channels[axis.rate].source
-        work.remark("frozen", len(rate), f"{source} ({axis.rate}) never changes though the vehicle moves; left out.")
+        work.remark("frozen", len(rate), f"{source} ({axis.rate}) stays the same while the vehicle moves; left out.")
         rate = None
     if axis is YAW and not integrated:
         _check_units(work, base.time, position, rate)
@@ -114,8 +114,10 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
     return trial.part(slice(int(np.argmax(trial.measured)), None), name) if fixes else trial
 
 
-def _is_dead(rate: FloatArray, position: FloatArray, kind: Kind) -> bool:
-    return bool(np.nanmin(rate) == np.nanmax(rate) and np.nanmax(position) - np.nanmin(position) > kind.jump)
+def _is_dead(time: FloatArray, rate: FloatArray, position: FloatArray, kind: Kind) -> bool:
+    """Whether a rate stays the same while the position goes another way."""
+    away = position - float(np.nanmean(rate)) * time
+    return bool(np.nanmin(rate) == np.nanmax(rate) and np.nanmax(away) - np.nanmin(away) > kind.jump)
 
 
 def _along(work: _Builder, north: FloatArray, others: Mapping[str, FloatArray | None]) -> FloatArray:

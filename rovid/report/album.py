@@ -22,7 +22,7 @@ from rovid.model import Model
 from rovid.output import plus_minus, write_atomic
 from rovid.report.courses import courses_of
 from rovid.report.evidence import Evidence
-from rovid.report.findings import RIVALS, name_of, worth
+from rovid.report.findings import RIVALS, name_of
 from rovid.report.plots import (
     canvas,
     closed_loop,
@@ -253,7 +253,7 @@ def _rivals(finding: Finding) -> Picture:
         findings.rival_gains(finding),
         caption="What was found and the best other causes in its place: the log-likelihood that each gains, less the "
         "price of its parameters.",
-        alt=f"Log-likelihood gained by {name_of(finding.effect, axis)}: {worth(finding):.0f}; in its place {rest}.",
+        alt=f"Log-likelihood gained by {name_of(finding.effect, axis)}: {finding.worth:.0f}; in its place {rest}.",
     )
 
 

@@ -10,6 +10,7 @@ from rovid.axis import YAW
 from rovid.control.design import Control, Options, control_of, setting_of
 from rovid.diagnose.diagnosis import Diagnosis
 from rovid.diagnose.parts import parts_of
+from rovid.diagnose.signals import is_driver
 from rovid.errors import DataError
 from rovid.export import EXPORTERS, Exported, export, subject_of
 from rovid.identify.estimate import Estimate
@@ -160,9 +161,11 @@ def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...
 
 
 def _extended(study: Study, diagnosis: Diagnosis | None) -> tuple[TrialSimulation, ...]:
-    """Every trial simulated with what was found; none where nothing was."""
+    """Every trial simulated with what was found; none where nothing was, or it follows a signal of trials in parts."""
     side = None if diagnosis is None else diagnosis.extended
     if study.runs is None or side is None or not side.model.effects:
+        return ()
+    if any(map(is_driver, side.model.effects)) and parts_of(study.runs.items, study.vehicle, study.runs.cutoff):
         return ()
     return tuple(simulate_runs(study.runs.items, side.model, study.vehicle))
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from rovid.axis import YAW, Axis
 from rovid.diagnose.amplitudes import Amplitudes, Explanation
-from rovid.diagnose.diagnosis import Diagnosis, Finding, Side, not_identifiable
+from rovid.diagnose.diagnosis import INVISIBLE, Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.search import Rival
 from rovid.diagnose.signals import is_driver
 from rovid.effects import Effect
@@ -20,11 +20,6 @@ from rovid.report.text import NOTHING, column, number, title, unit
 from rovid.vehicle import Vehicle
 
 RIVALS = 8  # that are shown
-_INVISIBLE = {
-    "thrust_scale": "a common scale of all thrust",
-    "rate_scale": "a constant scale of the rate",
-    "thruster_imbalance": "an imbalance between thrusters",
-}
 
 
 def verdict(diagnosis: Diagnosis) -> str:
@@ -54,7 +49,7 @@ def gained(diagnosis: Diagnosis) -> str:
 
 def never_visible(vehicle: Vehicle) -> str:
     """What data of the vehicle's axis cannot show at all."""
-    return _listed([_INVISIBLE[name] for name in not_identifiable(vehicle)])
+    return _listed([INVISIBLE[name] for name in not_identifiable(vehicle)])
 
 
 def others(finding: Finding) -> str:
@@ -73,14 +68,6 @@ def spaced(name: str) -> str:
     return name.replace("_", " ")
 
 
-def worth(finding: Finding) -> float:
-    """Gain less the price of the effect's parameters, as that of its rivals is."""
-    if not finding.rivals:
-        return finding.gain
-    samples = len(finding.rivals[0].fitted.likelihood.records.trial)
-    return finding.gain - 0.5 * math.log(samples) * len(finding.effect.parameters)
-
-
 def standing(finding: Finding, rival: Rival) -> str:
     """What the data say of a rival."""
     if is_driver(rival.effect):
@@ -92,7 +79,7 @@ def standing(finding: Finding, rival: Rival) -> str:
 def rivals_grid(finding: Finding) -> Grid:
     """What was found beside the best other causes in its place."""
     rivals, axis = finding.rivals[:RIVALS], finding.estimate.axis
-    gains = [worth(finding), *(rival.gain for rival in rivals)]
+    gains = [finding.worth, *(rival.gain for rival in rivals)]
     return Grid(
         caption="What it may be confused with: each cause in its place",
         columns=(

@@ -139,14 +139,14 @@ def test_rivals_that_are_not_ruled_out_stand_out(lagged: Evidence, finding: Find
     labels = [label.get_text() for label in figure.legends[0].get_texts()]
     assert labels == ["found", "not ruled out", "ruled out"]
     assert figure.axes[0].get_yticklabels()[0].get_text() == "thruster lag"
-    assert findings.worth(finding) > finding.rivals[0].gain
+    assert finding.worth > finding.rivals[0].gain
     canvas.png(figure)
     box = figure.get_tightbbox()
     assert box.x0 >= 0.0
     assert box.x1 <= figure.get_figwidth()
     shown = text(section(with_diagnosis(lagged, findings=(unsure,))))
     assert f"The simulation misses thruster lag or {rival.title}." in shown
-    assert f"cannot tell it from {rival.title}. This run decides: " in shown
+    assert f"cannot tell it from {rival.title}. The likeliest to tell: " in shown
 
 
 def test_rivals_stand_in_a_table_with_what_the_data_say_of_them(lagged: Evidence, finding: Finding) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from rovid.diagnose.diagnosis import Finding
-from rovid.report.findings import RIVALS, name_of, standing, worth
+from rovid.report.findings import RIVALS, name_of, standing
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, PALE, extremes, sheet, shortened, styled
 from rovid.simulation import TrialSimulation
 
@@ -24,7 +24,7 @@ def rival_gains(finding: Finding) -> Figure:
     """Gain of what was found and of the best causes in its place; those not ruled out are hatched."""
     rivals, axis = finding.rivals[:RIVALS], finding.estimate.axis
     names = [name_of(finding.effect, axis), *(name_of(rival.effect, axis) for rival in rivals)]
-    gains = [worth(finding), *(rival.gain for rival in rivals)]
+    gains = [finding.worth, *(rival.gain for rival in rivals)]
     labels = ["found", *(standing(finding, rival) for rival in rivals)]
     figure, ((panel,),) = sheet([(0.3 * len(gains) + 0.15, 1)], left=3.2, right=0.55)
     for label, (colour, hatch) in _LOOKS.items():
