@@ -92,6 +92,20 @@ def test_a_hidden_effect_is_named_alone(vehicle: str, name: str, tmp_path: Path,
     assert rovid("simulate", "--json").document["effects"]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("vehicle", ["rosub", "observation"])
+@pytest.mark.parametrize("gain", [0.0, 0.3])
+def test_a_thruster_that_is_all_but_gone_is_named(vehicle: str, gain: float, tmp_path: Path, rovid: Rovid) -> None:
+    case = case_of(vehicle, "thruster_imbalance-gain-strong")
+    hidden = tuple(replace(one, parameters=dict.fromkeys(one.parameters, gain)) for one in case.hidden)
+    write_trial_day(tmp_path / "day", seed=SEED, truth=replace(case, hidden=hidden).of(VEHICLE[vehicle]))
+    print(f"ROVID_SEED={SEED}")
+    document = rovid("diagnose", "day", "--json").document
+    assert named(document) == [{"thruster_imbalance"}]
+    found = document["findings"][0]["parameters"]["gain"]
+    assert abs(found["value"] - gain) < SIGMAS * found["standard_error"]
+
+
 @pytest.mark.parametrize("number", [0, slow(1), slow(2)])
 def test_a_new_campaign_gives_its_cause(number: int, tmp_path: Path, rovid: Rovid) -> None:
     rng = np.random.default_rng((SEED, number))
@@ -118,7 +132,10 @@ def test_nothing_is_found_where_nothing_is(decoys: bool, tmp_path: Path, rovid: 
     assert document["findings"] == []
     assert document["unexplained"]["depends_on"] == []
     lag = document["detectable"]["thruster_lag.time_constant"]
-    assert 0.0 < lag["value"] < vehicle.dynamics.inertia / vehicle.dynamics.linear_drag
+    assert lag["value"] < vehicle.dynamics.inertia / vehicle.dynamics.linear_drag
+    # It is as large as the lag's own fit is sure of it, and not much larger.
+    fitted = rovid("fit", "day", "--effect", "thruster_lag", "--json").document["parameters"]
+    assert 3.0 < lag["value"] / fitted["thruster_lag.time_constant"]["standard_error"] < 20.0
 
 
 @pytest.mark.parametrize(("vehicle", "name"), OUTSIDE)

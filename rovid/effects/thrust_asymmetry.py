@@ -22,7 +22,7 @@ def _growing(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray
 EFFECT: Effect = Effect(
     id="thrust_asymmetry",
     title="asymmetric thrust",
-    parameters=(EffectParameter(name="reverse_gain", unit="1", null=1.0, low=0.2, high=3.0, starts=(0.9, 1.1)),),
+    parameters=(EffectParameter(name="reverse_gain", unit="1", null=1.0, low=-0.2, high=3.0, starts=(0.9, 1.1)),),
     equation="T' = g·T where T < 0",
     fingerprint="residual torque in proportion to thrust, in reverse only; a symmetric sine has a mean rate",
     experiment="holds both ways at several levels, and a coast-down from each",

@@ -13,8 +13,8 @@ EFFECT: Effect = Effect(
     id="thruster_imbalance",
     title="one weak thruster",
     # Two thrusters alone cannot tell one that lost thrust from another that gained it: weakness is the likelier.
-    # A dead one is in sight of noise on both sides of zero.
-    parameters=(EffectParameter(name="gain", unit="1", null=1.0, low=-0.2, high=1.0, starts=(0.9,)),),
+    # A dead one gives nothing, to within noise on either side; one wired the wrong way round -1.
+    parameters=(EffectParameter(name="gain", unit="1", null=1.0, low=-1.5, high=1.0, starts=(0.9,)),),
     equation="F' = g·F of the named thruster",
     fingerprint="residual torque in proportion to one thruster's share of the thrust",
     experiment="each thruster alone, at the same levels",
