@@ -99,10 +99,10 @@ def _show_finding(console: Console, finding: Finding, axis: Axis) -> None:
         console.print(f"  {parameter.name} {value} {unit if unit != '1' else ''}", highlight=False)
     rivals = ", ".join(f"{escape(axis.words(rival.effect.title))} {rival.gain:.0f}" for rival in finding.rivals[:3])
     console.print(
-        f"  log-likelihood gain {finding.gain:.0f}, on trials not fitted {finding.held_out_gain:.0f}"
-        + (f"; with parameters paid for {finding.worth:.0f}, in its place: {rivals}" if rivals else ""),
-        highlight=False,
+        f"  log-likelihood gain {finding.gain:.0f}, on trials not fitted {finding.held_out_gain:.0f}", highlight=False
     )
+    if rivals:
+        console.print(f"  parameters paid for, {finding.worth:.0f}; in its place {rivals}", highlight=False)
     decides = deciding_experiment(finding)
     if decides is not None:
         which = "would" if "commands" in decides else "might"
