@@ -31,7 +31,7 @@ def slow(*values: Any) -> Any:
 SINGLE = [
     ("rosub", "thruster_lag-quadratic-strong"),
     slow("observation", "thruster_deadband-shift-weak"),
-    ("small", "bias_torque-constant-strong"),
+    slow("small", "bias_torque-constant-strong"),
     slow("rosub", "entrained_swirl-annulus-weak"),
     slow("rosub", "coulomb_resistance-smooth-weak"),
     slow("observation", "oscillatory_drag-exponential-strong"),
@@ -109,7 +109,7 @@ def test_a_thruster_that_is_all_but_gone_is_named(vehicle: str, gain: float, tmp
 @pytest.mark.parametrize("number", [0, slow(1), slow(2)])
 def test_a_new_campaign_gives_its_cause(number: int, tmp_path: Path, rovid: Rovid) -> None:
     rng = np.random.default_rng((SEED, number))
-    vehicle = list(VEHICLE)[number]
+    vehicle = list(VEHICLE)[(SEED + number) % len(VEHICLE)]
     cases = [case for case in all_cases(VEHICLE[vehicle]) if case.expected_effect and case.name.endswith("strong")]
     # A dead zone at either thruster's side of a pair, and a drive that polls, are told from others only as a class.
     known = [case for case in cases if not any(form in case.name for form in ("interaction", "polled", "open_water"))]

@@ -36,7 +36,7 @@ TRUTH = {
 }
 
 
-@pytest.mark.parametrize("day", ["fixed", "fresh"])
+@pytest.mark.parametrize("day", [pytest.param("fixed", marks=pytest.mark.slow), "fresh"])
 def test_everything_about_the_day_comes_back(day: str, tmp_path: Path, rovid: Rovid) -> None:
     seed = 3 if day == "fixed" else secrets.randbelow(10**6)
     print(f"seed {seed}")

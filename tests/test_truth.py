@@ -14,13 +14,13 @@ from tools.trial_day import write_trial_day
 from tools.truth import ROSUB
 
 # A fixed seed to compare changes by, and fresh ones so that nothing is tuned to it; ROVID_SEED repeats one.
-DAYS = ["fixed", "fresh 1", "fresh 2", "fresh 3"]
+DAYS = ["fixed", "fresh 1", *(pytest.param(day, marks=pytest.mark.slow) for day in ("fresh 2", "fresh 3"))]
 TRUTH = {
     "inertia": ROSUB.dynamics.inertia,
     "quadratic_drag": ROSUB.dynamics.quadratic_drag,
     "linear_drag": ROSUB.dynamics.linear_drag,
 }
-# Twenty comparisons a run of the tests, of drags with some sixteen degrees of freedom: one in 400 runs passes five
+# Twenty comparisons a run of all tests, of drags with some sixteen degrees of freedom: one in 400 runs passes five
 # standard errors by chance. That two of them hold 95 % of the time is what benchmarks/uncertainty.py shows.
 SIGMAS = 5.0
 

@@ -79,7 +79,7 @@ class Explanation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Amplitudes:
-    """Tables against the model; of each effect its best form stands, the nearest effect first.
+    """Tables against the model; where that misses them, of each effect its best form, the nearest effect first.
 
     ``inertias`` are the least and the largest that were allowed, kg m^2.
     """
@@ -92,13 +92,11 @@ class Amplitudes:
     @property
     def causes(self) -> tuple[Explanation, ...]:
         """Those that would explain the tables; none where nothing asks for one."""
-        return () if self.plain.explains else tuple(each for each in self.with_effect if each.explains)
+        return tuple(each for each in self.with_effect if each.explains)
 
     @property
     def ruled_out(self) -> tuple[Effect, ...]:
         """Those that would not, by themselves."""
-        if self.plain.explains:
-            return ()
         return tuple(each.model.effects[0] for each in self.with_effect if not each.explains)
 
     @property
@@ -222,7 +220,8 @@ def explain(
     )
     rows = _rows(sine, steady, start, rigid_body)
     plain = rows.nearest(rows.start)
-    tried = [effect for effect in forms_for(rows.vehicle) if not effect.wave and effect.on_heading is None]
+    forms = () if plain.explains else forms_for(rows.vehicle)
+    tried = [effect for effect in forms if not effect.wave and effect.on_heading is None]
     best: dict[str, Explanation] = {}
     for fit in sorted(spread(lambda effect: rows.nearest(plain.model, effect), tried), key=_unlikely):
         best.setdefault(fit.model.effects[0].id, fit)
