@@ -154,7 +154,7 @@ def test_nothing_is_found_where_nothing_is(vehicle: Vehicle, axis: Axis, tmp_pat
 @pytest.mark.parametrize(
     ("axis", "expected"),
     [
-        ("surge", {"thruster_lag": 0.35, "thrust_asymmetry": 0.88}),
+        slow("surge", {"thruster_lag": 0.35, "thrust_asymmetry": 0.88}),
         slow("pitch", {"thruster_deadband": 0.15}),
     ],
 )
