@@ -34,8 +34,9 @@ TERM_STATES = 2
 REFERENCE_RATE = 0.3
 # Of the bench's largest thrust; the same for thrust. Trials seldom use much more in yaw, and away from the thrust in
 # use a change of shape would be one of scale, which inertia and drag would have to follow.
-_ENDLESS = 1e5
 _REFERENCE_SHARE = 0.1
+# A null so large stands for infinity.
+_ENDLESS = 1e5
 
 Values = Mapping[str, float]
 
