@@ -231,5 +231,6 @@ def open_study(paths: Sequence[Path], *, cutoff: float | None = None, axis: Axis
         return Study(paths=tuple(paths), vehicle=vehicle_of_tables(paths), steady=steady, sine=sine)
     config = load_config(find_config(paths), axis)
     campaign = read_campaign(paths, config)
-    runs = prepare(campaign, config.vehicle, cutoff=cutoff)
-    return Study(paths=tuple(paths), vehicle=config.vehicle, campaign=campaign, runs=runs)
+    vehicle = config.vehicle.used(campaign.trials)
+    runs = prepare(campaign, vehicle, cutoff=cutoff)
+    return Study(paths=tuple(paths), vehicle=vehicle, campaign=campaign, runs=runs)

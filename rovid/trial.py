@@ -64,7 +64,7 @@ class Trial:
     extras
         Any further mapped channel, (n,), held, in the unit of the log.
     reference
-        Median of each further channel over the whole campaign; the largest size of a logged torque or force.
+        Median of each further channel over the whole campaign.
     remarks
         What the reader noticed.
     integrated

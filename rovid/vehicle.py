@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,13 +61,20 @@ class Thruster:
     Along an axis that is no angle the arm is the share of the thrust, and a torque is a force.
 
     A logged torque is an actuator whose ``curve`` is None: its command is the torque in N m, its arm 1.
-    ``clamp`` allows commands outside the curve, at the curve's end values.
+    ``clamp`` allows commands outside the curve, at the curve's end values; ``most`` is the largest size of a logged
+    torque.
     """
 
     name: str
     arm: float
     curve: ThrustCurve | None
     clamp: bool = False
+    most: float = 1.0
+
+    @property
+    def full_thrust(self) -> float:
+        """N; the largest that the curve gives, or N m that a log of the torque holds."""
+        return self.most if self.curve is None else float(np.max(np.abs(self.curve.thrust)))
 
     def torque(self, command: FloatArray) -> FloatArray:
         """(n,) N m for (n,) commands."""
@@ -111,6 +120,12 @@ class Vehicle:
         across = {"yaw": (self.length, self.width), "pitch": (self.length, self.height)}
         first, second = across.get(self.axis.name, (self.width, self.height))
         return None if first is None or second is None else box_inertia(self.mass, first, second)
+
+    def used(self, trials: Sequence[Trial]) -> Self:
+        """With what a logged torque comes to in ``trials``."""
+        most = np.max([np.max(np.abs(trial.commands), axis=0) for trial in trials], axis=0)
+        pairs = zip(self.thrusters, most.tolist(), strict=True)
+        return replace(self, thrusters=tuple(replace(one, most=size or 1.0) for one, size in pairs))
 
     def thrust(self, commands: FloatArray) -> FloatArray:
         """(n, k) thrust in N for (n, k) commands; the torque itself for a logged torque."""

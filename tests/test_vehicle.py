@@ -87,3 +87,10 @@ def test_arrays_are_read_only() -> None:
     for array in (record.time, record.position, record.commands, CURVE.thrust):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
+
+
+def test_full_thrust_is_the_curves_or_the_largest_that_was_logged() -> None:
+    trials = [log(np.array([0.0, 30.0])), log(np.array([-70.0, 5.0]))]
+    assert LOGGED.used(trials).thrusters[0].full_thrust == 70.0
+    assert LOGGED.used([log(np.zeros(2))]).thrusters[0].full_thrust == 1.0
+    assert vehicle(1.0).used(trials).thrusters[0].full_thrust == 60.0

@@ -21,7 +21,7 @@ import numba
 import numpy as np
 
 from rovid.trial import FloatArray, Trial
-from rovid.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.vehicle import ThrustCurve, Vehicle
 
 # Compiled for the machine at first use; the result is kept on disk. Several may run at once.
 compiled = numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -269,14 +269,8 @@ def actuation(vehicle: Vehicle, trial: Trial, parts: int = 1) -> Actuation:
         parts=parts,
         neutral=neutral_commands(vehicle),
         arms=np.array([thruster.arm for thruster in vehicle.thrusters]),
-        full_thrust=np.array([_full_thrust(thruster, trial) for thruster in vehicle.thrusters]),
+        full_thrust=np.array([thruster.full_thrust for thruster in vehicle.thrusters]),
     )
-
-
-def _full_thrust(thruster: Thruster, trial: Trial) -> float:
-    if thruster.curve is None:
-        return trial.reference.get(thruster.name, 0.0) or 1.0
-    return float(np.max(np.abs(thruster.curve.thrust)))
 
 
 def race(thrust: FloatArray, arms: FloatArray) -> FloatArray:

@@ -102,7 +102,7 @@ def subject_of(stored: Parameters, study: Study | None) -> Subject:
         )
     if used is None:
         largest = float(model.drag(np.array(rate)))
-        vehicle = replace(vehicle, thrusters=(Thruster(name="yaw_torque", arm=1.0, curve=None),))
+        vehicle = replace(vehicle, thrusters=(Thruster(name="yaw_torque", arm=1.0, curve=None, most=largest),))
         used = np.array([[-largest, largest]])
     needed = {effect.needs for effect in model.effects if effect.needs}
     return Subject(

@@ -68,12 +68,9 @@ def read_campaign(paths: Sequence[Path], config: Config, progress: Progress | No
     from rovid.readers.twins import without_twins
 
     kept = without_twins(trials, remarks)
-    reference = _medians(kept)
-    if config.vehicle.thrusters[0].curve is None:
-        # What is full thrust to a vehicle whose torque or force is logged.
-        reference[config.vehicle.thrusters[0].name] = max(float(np.max(np.abs(trial.commands))) for trial in kept)
+    medians = _medians(kept)
     return Campaign(
-        trials=tuple(replace(trial, reference=reference) for trial in kept),
+        trials=tuple(replace(trial, reference=medians) for trial in kept),
         sources=tuple(paths),
         remarks=tuple(remarks),
     )
