@@ -1,7 +1,8 @@
 """Does the diagnosis name what is hidden? Simulated campaigns, of which `rovid diagnose` sees the files and no more.
 
 Run ``python -m benchmarks.sweep --seed N --jobs 2``. Every campaign's answer goes to ``--results`` as soon as it is
-there; ``--resume`` takes a sweep up where it ended; ``--page-only`` scores what there is and writes the page.
+there; ``--resume`` takes a sweep up where it ended; ``--page-only`` scores what there is, of all seeds, and writes the
+page.
 """
 
 from __future__ import annotations
@@ -406,7 +407,8 @@ def page(results: Sequence[Result], today: str) -> str:
 
 
 def introduction(results: Sequence[Result], today: str) -> str:
-    seeds = ", ".join(str(seed) for seed in sorted({result.seed for result in results}))
+    numbers = sorted({result.seed for result in results})
+    seeds = f"seed{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"
     vehicles = "\n".join(
         f"- {name}: {truth.name}, {truth.dynamics.inertia:g} kg m², time constant {truth.time_constant:.2g} s;"
         for name, truth in NAMED.items()
@@ -415,7 +417,7 @@ def introduction(results: Sequence[Result], today: str) -> str:
     return f"""\
 # What the diagnosis names, and what it gets wrong
 
-{len(results)} campaigns, seed {seeds}, {today}. Each is a day of {len(CAMPAIGN)} runs (holds, sines, steps, coasting,
+{len(results)} campaigns, {seeds}, {today}. Each is a day of {len(CAMPAIGN)} runs (holds, sines, steps, coasting,
 each thruster alone) of a simulated vehicle with something hidden in it, a random disturbance torque of about 2 % of
 the middling torque, and the noise and rounding of real instruments. The simulator shares no code with rovid.
 `rovid diagnose` was given the logs and the thrust curves, and its JSON was scored against what had been hidden. The
@@ -603,9 +605,11 @@ def case_table(results: Sequence[Result]) -> str:
     """What was said of each case, a column a vehicle."""
     names = [case.name for case in all_cases(VEHICLES[0])]
     order = sorted({r.name for r in results}, key=lambda name: (names.index(name) if name in names else -1, name))
-    by_key = {(result.vehicle, result.name): answer_in_words(result) for result in results}
+    by_key: dict[tuple[str, str], list[str]] = {}
+    for result in results:
+        by_key.setdefault((result.vehicle, result.name), []).append(answer_in_words(result))
     vehicles = [name for name in NAMED if any(result.vehicle == name for result in results)]
-    rows = [[name, *(by_key.get((vehicle, name), "") for vehicle in vehicles)] for name in order]
+    rows = [[name, *("; ".join(dict.fromkeys(by_key.get((one, name), []))) for one in vehicles)] for name in order]
     return table(["hidden", *vehicles], rows, left=1 + len(vehicles))
 
 
@@ -728,7 +732,7 @@ def main() -> None:
         arguments.seed = earlier[-1].seed if earlier else secrets.randbelow(10**6)
     arguments.results = arguments.results or arguments.resume or Path(f"sweep-{arguments.seed}.jsonl")
     print(f"seed {arguments.seed}, results in {arguments.results}", file=sys.stderr)
-    results = {result.key: result for result in earlier if result.seed == arguments.seed}
+    results = {result.key: result for result in earlier if arguments.page_only or result.seed == arguments.seed}
     # What gave no answer is tried again.
     done = {key for key, result in results.items() if result.answer is not None}
     jobs = [] if arguments.page_only else planned(arguments)
