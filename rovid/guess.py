@@ -197,9 +197,10 @@ def _yaw_rate(every: Mapping[str, Sequence[Seen]], logs: Sequence[Mapping[str, S
 
 def _radians(heading: Guess, seen: Seen) -> tuple[FloatArray, FloatArray]:
     """(n,) s and the unwrapped heading in rad."""
-    # A stamp of before the clock was set, or a damaged one, is years away.
-    near = np.abs(seen.time - np.nanmedian(seen.time)) < _LONGEST
-    known = np.isfinite(seen.values) & near
+    known = np.flatnonzero(np.isfinite(seen.values) & np.isfinite(seen.time))
+    if known.size:
+        # A stamp of before the clock was set, or a damaged one, is years away.
+        known = known[np.abs(seen.time[known] - np.median(seen.time[known])) < _LONGEST]
     scale = 2.0 * np.pi / _TURN[heading.unit]
     return seen.time[known], np.unwrap(seen.values[known] * scale)
 

@@ -125,7 +125,8 @@ class Vehicle:
         """With what a logged torque comes to in ``trials``."""
         most = np.max([np.max(np.abs(trial.commands), axis=0) for trial in trials], axis=0)
         pairs = zip(self.thrusters, most.tolist(), strict=True)
-        return replace(self, thrusters=tuple(replace(one, most=size or 1.0) for one, size in pairs))
+        used = (replace(one, most=size or 1.0) if one.curve is None else one for one, size in pairs)
+        return replace(self, thrusters=tuple(used))
 
     def thrust(self, commands: FloatArray) -> FloatArray:
         """(n, k) thrust in N for (n, k) commands; the torque itself for a logged torque."""

@@ -322,14 +322,14 @@ class _Work:
         following = self.search.best_extension(self.final)
         if following is None or worth(following) - worth(self.final) < self.search.threshold:
             return []
-        if self.search.pays(following, self.final):
-            return []  # the search was cut short, which is said
         effect, gain = following.effects[-1], self.final.cost - following.cost
-        text = (
-            f"{effect.title} would gain a log-likelihood of {gain:.0f}, little beside what was found: nature's form of "
-            "that is never quite the equation's, and this may be no more than the difference. It is not claimed."
+        why = (
+            "enough for a cause; but the search ended before it was taken up"
+            if self.search.pays(following, self.final)
+            else "little beside what was found: nature's form of that is never quite the equation's, and this may be "
+            "no more than the difference"
         )
-        return [text]
+        return [f"{effect.title} would gain a log-likelihood of {gain:.0f}, {why}. It is not claimed."]
 
     def _doubt(self, effect: Effect) -> str:
         gain, size = self.held_out_gain(effect), _significance(self.final, effect)

@@ -29,9 +29,9 @@ _REMAINDER = 0.04
 _MOST_WHITE, _MOST_COLOURED = 100.0, 300.0
 _BESIDE_SIGNAL = 0.1
 _ITERATIONS = 25
-_FIRST_ITERATIONS = 4
 # Sizes to begin with, as shares of what the slopes ask for: where they mislead, that may be far too much.
 _SHARES = (1.0, 0.3, 0.1)
+_FIRST_ITERATIONS = 4
 # Then those go on, for so many steps, that have this share of the best one's worth.
 _STAGES = ((0.2, 8), (0.4, _ITERATIONS))
 _TOLERANCE = 0.1

@@ -288,8 +288,8 @@ def _frozen(path: _Path) -> BoolArray | None:
     bad = np.zeros(len(path.angle), dtype=bool)
     moves = np.flatnonzero(~still)
     end = int(moves[-1]) + 1 if moves.size else 0
-    around = _FROZEN_RATIO * _neighbours(path.short, end, len(path.short))
     if end and len(path.angle) - end >= _STUCK_SAMPLES:
+        around = _FROZEN_RATIO * _neighbours(path.short, end, len(path.short))
         bad[end:] = abs(path.short[end - 1]) > max(path.kind.jump, path.jerk, around)
     for first, last in _still_runs(path, moves):
         around = _FROZEN_RATIO * _neighbours(path.short, first, last)

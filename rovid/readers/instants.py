@@ -90,9 +90,8 @@ def stamps(column: pd.Series[Any], name: str, declared: str, where: Callable[[in
         return np.asarray(column.dt.total_seconds(), dtype=np.float64)
     dates = pd.to_datetime(column, format="ISO8601", utc=True, errors="coerce")
     if dates.notna().sum() < column.notna().sum():
-        tidy = (
-            column.astype("string").str.strip().str.replace(",", ".", regex=False)
-        )  # ISO 8601 allows a comma, pandas does not
+        # ISO 8601 allows a comma, pandas does not.
+        tidy = column.astype("string").str.strip().str.replace(",", ".", regex=False)
         dates = pd.to_datetime(tidy, format="ISO8601", utc=True, errors="coerce")
     if dates.notna().sum() < column.notna().sum():
         row = int(np.argmax((dates.isna() & column.notna()).to_numpy()))

@@ -116,8 +116,11 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
 
 def _is_dead(time: FloatArray, rate: FloatArray, position: FloatArray, kind: Kind) -> bool:
     """Whether a rate stays the same while the position goes another way."""
-    away = position - float(np.nanmean(rate)) * time
-    return bool(np.nanmin(rate) == np.nanmax(rate) and np.nanmax(away) - np.nanmin(away) > kind.jump)
+    known = rate[np.isfinite(rate)]
+    if not known.size or np.ptp(known) > 0.0:
+        return False
+    away = position - known[0] * time
+    return bool(np.nanmax(away) - np.nanmin(away) > kind.jump)
 
 
 def _along(work: _Builder, north: FloatArray, others: Mapping[str, FloatArray | None]) -> FloatArray:
