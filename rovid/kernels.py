@@ -142,30 +142,46 @@ def _bare_substep(r: float, a: float, push: float, inertia: float, quadratic: fl
 
 @_compiled
 def _substep(
-    r: float, a: float, push: float, base: Any, terms: Any, kinds: Any, state: Any, middle: Any, change: Any, h: float
+    r: float, a: float, push: float, other: float, base: Any, terms: Any, kinds: Any, state: Any, work: Any, h: float
 ) -> Any:
-    """One Runge-Kutta step of rate and angle with effects; their states by the midpoint rule.
+    """One Runge-Kutta step of rate and angle, and of the states of effects.
 
-    Returns the new rate and angle, and the damping -d(rdot)/dr in 1/s, of drag half way, of effects at the start.
+    Parameters
+    ----------
+    push, other
+        What the thrusters give, on which effects depend, and what else there is.
+    state, work
+        (m, TERM_STATES), moved on; (3, m, TERM_STATES) room.
+
+    Returns
+    -------
+    rate, angle, damping
+        The damping -d(rdot)/dr in 1/s is that of drag half way, of effects at the start.
     """
     if len(kinds) == 0:
-        return _bare_substep(r, a, push, base[0], base[1], base[2], h)
+        return _bare_substep(r, a, push + other, base[0], base[1], base[2], h)
     inertia, quadratic, linear = base[0], base[1], base[2]
+    all_push, change, there, reached = push + other, work[0], work[1], work[2]
     extra = _sum_terms(r, a, push, base, terms, kinds, state, change)
-    k1 = _acceleration(r, push + extra, inertia, quadratic, linear)
-    _advance(state, change, 0.5 * h, middle)
     nudge = 1e-6 + 1e-4 * abs(r)
-    given = (_sum_terms(r + nudge, a, push, base, terms, kinds, state, change) - extra) / (nudge * inertia)
+    given = (_sum_terms(r + nudge, a, push, base, terms, kinds, state, there) - extra) / (nudge * inertia)
+    k1 = _acceleration(r, all_push + extra, inertia, quadratic, linear)
+    _advance(state, change, h / 6.0, reached)
+    _advance(state, change, 0.5 * h, there)
     r2 = r + 0.5 * h * k1
-    extra = _sum_terms(r2, a + 0.5 * h * r, push, base, terms, kinds, middle, change)
-    k2 = _acceleration(r2, push + extra, inertia, quadratic, linear)
-    _advance(state, change, h, state)
+    extra = _sum_terms(r2, a + 0.5 * h * r, push, base, terms, kinds, there, change)
+    k2 = _acceleration(r2, all_push + extra, inertia, quadratic, linear)
+    _advance(reached, change, h / 3.0, reached)
+    _advance(state, change, 0.5 * h, there)
     r3 = r + 0.5 * h * k2
-    extra = _sum_terms(r3, a + 0.5 * h * r2, push, base, terms, kinds, middle, change)
-    k3 = _acceleration(r3, push + extra, inertia, quadratic, linear)
+    extra = _sum_terms(r3, a + 0.5 * h * r2, push, base, terms, kinds, there, change)
+    k3 = _acceleration(r3, all_push + extra, inertia, quadratic, linear)
+    _advance(reached, change, h / 3.0, reached)
+    _advance(state, change, h, there)
     r4 = r + h * k3
-    extra = _sum_terms(r4, a + h * r3, push, base, terms, kinds, state, change)
-    k4 = _acceleration(r4, push + extra, inertia, quadratic, linear)
+    extra = _sum_terms(r4, a + h * r3, push, base, terms, kinds, there, change)
+    k4 = _acceleration(r4, all_push + extra, inertia, quadratic, linear)
+    _advance(reached, change, h / 6.0, state)
     a += h * (r + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
     r += h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
     return r, a, max((2.0 * quadratic * abs(r2) + linear) / inertia - given, 0.0)
@@ -184,6 +200,7 @@ def advance(
     r: float,
     a: float,
     push: float,
+    other: float,
     moment: float,
     race: float,
     interval: float,
@@ -198,8 +215,10 @@ def advance(
 
     Parameters
     ----------
+    push, other
+        N m of the thrusters, on which effects depend, and of what else there is.
     state, work
-        (m, 2) states of the effects, moved on; (2, m, 2) room.
+        (m, TERM_STATES) states of the effects, moved on; (3, m, TERM_STATES) room.
     stiffness
         1/s, as the interval before returned it; 0 at the start.
 
@@ -209,16 +228,17 @@ def advance(
         At the interval's end.
     """
     base[5] = race
-    balance = math.sqrt(abs(push) / base[1]) if base[1] > 0.0 else 0.0
+    total = abs(push + other)
+    balance = math.sqrt(total / base[1]) if base[1] > 0.0 else 0.0
     if base[2] > 0.0:
-        balance = min(balance, abs(push) / base[2]) if base[1] > 0.0 else 0.0
+        balance = min(balance, total / base[2]) if base[1] > 0.0 else 0.0
     stiffness = max(stiffness, base[4], (2.0 * base[1] * max(abs(r), balance) + base[2]) / base[0])
     wanted = interval * stiffness / _EFFECTS_STEP_SHARE
     steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
     h = interval / steps
     stiffness = base[4]
     for _ in range(steps):
-        r, a, damping = _substep(r, a, push, base, terms, kinds, state, work[0], work[1], h)
+        r, a, damping = _substep(r, a, push, other, base, terms, kinds, state, work, h)
         stiffness = max(stiffness, damping)
     # What came late in the interval has turned the vehicle less, and drag has taken less of it.
     a += moment / base[0]
@@ -257,11 +277,11 @@ def simulate_effects(
     rate, angle = np.empty(n), np.empty(n)
     r, a = start
     rate[0], angle[0] = r, a
-    state, work = np.zeros((len(terms), TERM_STATES)), np.zeros((2, len(terms), TERM_STATES))
+    state, work = np.zeros((len(terms), TERM_STATES)), np.zeros((3, len(terms), TERM_STATES))
     stiffness = 0.0
     for k in range(n - 1):
         r, a, stiffness = advance(
-            r, a, torque[k], moment[k], race[k], time[k + 1] - time[k], base, terms, kinds, state, work, stiffness
+            r, a, torque[k], 0.0, moment[k], race[k], time[k + 1] - time[k], base, terms, kinds, state, work, stiffness
         )
         rate[k + 1], angle[k + 1] = r, a
     return rate, angle
@@ -352,8 +372,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
     n = len(time)
     inertia = base[0]
     sigma, tau = noise[0], noise[1]
-    state = np.zeros((len(terms), TERM_STATES))
-    middle, change = np.zeros_like(state), np.zeros_like(state)
+    state, work = np.zeros((len(terms), TERM_STATES)), np.zeros((3, len(terms), TERM_STATES))
     origin, damping = angle[0], base[2] / inertia
     innovation = np.full((n, 2), np.nan)
     variance = np.full((n, 2), np.nan)
@@ -387,9 +406,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
                 a -= origin
                 for _ in range(shares):
                     # Over a step the disturbance acts by its mean.
-                    r, a, damping = _substep(
-                        r, a, push + d * mean, base, terms, kinds, state, middle, change, h / shares
-                    )
+                    r, a, damping = _substep(r, a, push, d * mean, base, terms, kinds, state, work, h / shares)
                 a += origin
                 d *= fade
                 # What brings the vehicle back, as half an impulse at each end of the step (Strang 1968).
@@ -500,8 +517,7 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
     """
     n, size = len(time), 5
     inertia, sigma, tau = base[0], noise[0], noise[1]
-    state = np.zeros((len(terms), TERM_STATES))
-    middle, change = np.zeros_like(state), np.zeros_like(state)
+    state, work = np.zeros((len(terms), TERM_STATES)), np.zeros((3, len(terms), TERM_STATES))
     innovation, variance = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
     origin, drag = angle[0], base[2] / inertia
     # Angle, rate, disturbance, wave and its slope.
@@ -533,8 +549,8 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
                     for j in range(i):
                         q[i, j] = q[j, i]
             for _ in range(steps):
-                push = torque[k - 1] + d * (1.0 - 0.5 * h / tau) + w + 0.5 * h * v
-                r, a, damping = _substep(r, a - origin, push, base, terms, kinds, state, middle, change, h)
+                other = d * (1.0 - 0.5 * h / tau) + w + 0.5 * h * v
+                r, a, damping = _substep(r, a - origin, torque[k - 1], other, base, terms, kinds, state, work, h)
                 a += origin
                 d *= fade
                 w, v = f33 * w + f34 * v, f43 * w + f44 * v

@@ -144,7 +144,7 @@ def _run(
 
     model, m, n = plant.model, ticks(law.period), len(time)
     base, (terms, kinds) = model.base_from(start), model.terms()
-    states, work = np.zeros((len(terms), TERM_STATES)), np.zeros((2, len(terms), TERM_STATES))
+    states, work = np.zeros((len(terms), TERM_STATES)), np.zeros((3, len(terms), TERM_STATES))
     deviates = any(effect.on_heading for effect in model.effects)
     heading, rate, asked = np.full(n, start), np.zeros(n), np.zeros(n)
     commands = np.zeros((n, len(plant.vehicle.thrusters)))
@@ -169,7 +169,8 @@ def _run(
             turning, angle, stiffness = advance(
                 turning,
                 angle,
-                torque[j] + outside[j],
+                torque[j],
+                outside[j],
                 moment[j],
                 race[j],
                 tick,
