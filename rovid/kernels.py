@@ -13,7 +13,7 @@ from numba import literal_unroll
 from numba.core.errors import NumbaExperimentalFeatureWarning
 
 from rovid import effects
-from rovid.effects import TERMS
+from rovid.effects import MOTION, TERMS
 from rovid.effects.base import TERM_STATES
 from rovid.effects.base import compiled as _compiled
 from rovid.trial import FloatArray
@@ -33,6 +33,7 @@ _WAVE_STEP_SHARE = 0.1
 _NODES = (0.1127016653792583, 0.5, 0.8872983346207417)
 _WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
 _MAX_SUBSTEPS = 1000
+_LEARNS = np.array([effect.learns for effect in MOTION])
 _SETTLED = 1e-9
 _TINY = 1e-12
 # With effects a gap is stepped through to its end, however long.
@@ -193,6 +194,14 @@ def _advance(state: Any, change: Any, h: float, out: Any) -> None:
     for j in range(state.shape[0]):
         for i in range(state.shape[1]):
             out[j, i] = state[j, i] + h * change[j, i]
+
+
+@_compiled
+def _learn(state: Any, kinds: Any, correction: float) -> None:
+    """Correct the states of the effects for what was learnt of the angle."""
+    for j in range(len(kinds)):
+        for i in range(TERM_STATES):
+            state[j, i] += _LEARNS[kinds[j], i] * correction
 
 
 @_compiled
@@ -455,6 +464,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
             variance[k, 0] = s
             g0, g1, g2 = p00 / s, p01 / s, p02 / s
             a += g0 * e
+            _learn(state, kinds, g0 * e)
             r += g1 * e
             d += g2 * e
             p11 -= g1 * p01
@@ -470,6 +480,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
             variance[k, 1] = s
             g0, g1, g2 = p01 / s, p11 / s, p12 / s
             a += g0 * e
+            _learn(state, kinds, g0 * e)
             r += g1 * e
             d += g2 * e
             p00 -= g0 * p01
@@ -578,6 +589,7 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
                 e = reading - known
                 innovation[k, m], variance[k, m] = e, s
                 a += p[0, m] / s * e
+                _learn(state, kinds, p[0, m] / s * e)
                 r += p[1, m] / s * e
                 d += p[2, m] / s * e
                 w += p[3, m] / s * e

@@ -162,6 +162,8 @@ class Effect:
         parameters in their order, ``x`` its states and ``dx`` their rates of change to be filled in.
     fastest
         (parameters) -> the fastest rate of the term's states in 1/s, for the step of the integration.
+    learns
+        Change of each of the term's states with a correction of the angle, as of states that are integrals of the rate.
     on_heading
         (n,) true headings in rad -> deviation of the measured heading in rad.
     wave
@@ -196,6 +198,7 @@ class Effect:
     scatter: OnSeries | None = None
     term: Callable[..., float] | None = None
     fastest: Callable[[Values], float] | None = None
+    learns: tuple[float, ...] = (0.0,) * TERM_STATES
     on_heading: Callable[[FloatArray, Values], FloatArray] | None = None
     wave: bool = False
     races: bool = False

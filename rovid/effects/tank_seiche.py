@@ -10,7 +10,7 @@ from rovid.effects.base import Effect, EffectParameter, Values, compiled
 
 @compiled
 def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    # The mode's equation integrated once, as rdot is not known here: q = y', and y is driven by the rate.
+    # The mode's equation integrated once, as rdot is not known here: x[1] is q, which the rate drives, and x[0] ∫q.
     dx[0] = x[1]
     dx[1] = rate - 2.0 * p[2] * p[1] * x[1] - p[1] * p[1] * x[0]
     return -p[0] * base[0] * p[1] * dx[1]
@@ -46,6 +46,7 @@ EFFECT: Effect = Effect(
     rivals=("wave_torque", "added_mass_memory"),
     term=_term,
     fastest=_fastest,
+    learns=(0.0, 1.0),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -54,5 +55,6 @@ FORMS: tuple[Effect, ...] = (
         form="thrust",
         equation="− g·I·ω·dq/dt, d²q/dt² + 2ζω·dq/dt + ω²·q = T/I: set off by the jets",
         term=_by_thrust,
+        learns=(0.0, 0.0),
     ),
 )
