@@ -265,6 +265,7 @@ def simulate_effects(
     terms: FloatArray,
     kinds: Any,
     start: tuple[float, float],
+    states: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """As ``simulate``, with effects in the equation of motion.
 
@@ -281,12 +282,14 @@ def simulate_effects(
         (m, 4) parameters of each effect in the equation of motion; (m,) its index in ``rovid.effects.MOTION``.
     start
         Rate in rad/s and angle in rad, since the start of the trial, at the first instant.
+    states
+        (m, TERM_STATES) of the effects there.
     """
     n = len(time)
     rate, angle = np.empty(n), np.empty(n)
     r, a = start
     rate[0], angle[0] = r, a
-    state, work = np.zeros((len(terms), TERM_STATES)), np.zeros((3, len(terms), TERM_STATES))
+    state, work = states.copy(), np.zeros((3, len(terms), TERM_STATES))
     stiffness = 0.0
     for k in range(n - 1):
         r, a, stiffness = advance(
@@ -294,6 +297,44 @@ def simulate_effects(
         )
         rate[k + 1], angle[k + 1] = r, a
     return rate, angle
+
+
+@_compiled
+def effects_along(
+    period: float, course: FloatArray, base: FloatArray, terms: FloatArray, kinds: Any
+) -> tuple[FloatArray, FloatArray]:
+    """(n,) torque in N m of all effects, and their (n, m, TERM_STATES) states, on a measured course.
+
+    Parameters
+    ----------
+    period
+        s between its instants.
+    course
+        (n, 4) rate, angle since the start of the trial, thrusters' torque and race; the last two held.
+    base, terms, kinds
+        As for ``simulate_effects``.
+    """
+    n = len(course)
+    torque, states = np.zeros(n), np.zeros((n, len(terms), TERM_STATES))
+    steps = max(math.ceil(period * base[4] / _EFFECTS_STEP_SHARE), 1)
+    h = period / steps
+    change, there = np.zeros((2, len(terms), TERM_STATES))
+    for k in range(n):
+        state = states[k]
+        rate, angle, push, base[5] = course[k]
+        torque[k] = _sum_terms(rate, angle, push, base, terms, kinds, state, change)
+        if k == n - 1:
+            break
+        faster, farther = (course[k + 1, :2] - course[k, :2]) / steps
+        following = states[k + 1]
+        following[:] = state
+        for step in range(steps):
+            r, a = rate + step * faster, angle + step * farther
+            _sum_terms(r, a, push, base, terms, kinds, following, change)
+            _advance(following, change, 0.5 * h, there)
+            _sum_terms(r + 0.5 * faster, a + 0.5 * farther, push, base, terms, kinds, there, change)
+            _advance(following, change, h, following)
+    return torque, states
 
 
 @_compiled

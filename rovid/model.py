@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rovid.axis import YAW, Axis
 from rovid.effects import MOTION, Actuation, Effect, effect_named, restoring_of
-from rovid.effects.base import TERM_PARAMETERS, actuation, finer, race
+from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, actuation, finer, race
 from rovid.rates import body_position, on_grid, uniform_grid
 from rovid.trial import FloatArray, Trial
 from rovid.vehicle import Vehicle
@@ -297,21 +297,42 @@ class Model:
         """Drag torque in N m at ``rate`` in rad/s."""
         return self.quadratic_drag * np.abs(rate) * rate + self.linear_drag * rate
 
-    def turned(self, trial: Trial, time: FloatArray, drive: Drive, start: tuple[float, float]) -> float:
+    def along(self, trial: Trial, period: float, course: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """(n,) torque in N m of all terms and their (n, m, 2) states, on a measured ``course``.
+
+        That is (n,) rate, angle since the start of the trial, thrusters' torque and race, a ``period`` in s apart;
+        what is not known of them is bridged by straight lines.
+        """
+        from rovid.kernels import effects_along
+
+        bridged = np.column_stack([_bridged(values) for values in course])
+        torque, states = effects_along(period, bridged, self.base(trial), *self.terms())
+        return torque, states
+
+    def turned(
+        self, trial: Trial, time: FloatArray, drive: Drive, start: tuple[float, float], states: FloatArray
+    ) -> float:
         """Angle in rad turned over the (n,) instants ``time``.
 
-        ``start`` is the rate in rad/s and the angle since the start of the trial in rad at the first of them.
+        ``start`` is the rate in rad/s and the angle since the start of the trial in rad at the first of them;
+        ``states`` of the terms there are as `along` gives them.
         """
-        return float(self._integrate(trial, time, drive, start)[1][-1] - start[1])
+        return float(self._integrate(trial, time, drive, start, states)[1][-1] - start[1])
 
     def _integrate(
-        self, trial: Trial, time: FloatArray, drive: Drive, start: tuple[float, float]
+        self,
+        trial: Trial,
+        time: FloatArray,
+        drive: Drive,
+        start: tuple[float, float],
+        states: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         from rovid.kernels import simulate, simulate_effects
 
         if any(effect.term is not None for effect, _ in self._each()) or drive.moment.any():
-            series = drive.torque, drive.moment, drive.race
-            rate, angle = simulate_effects(time, *series, self.base(trial), *self.terms(), start)
+            series, (terms, kinds) = (drive.torque, drive.moment, drive.race), self.terms()
+            states = np.zeros((len(terms), TERM_STATES)) if states is None else states
+            rate, angle = simulate_effects(time, *series, self.base(trial), terms, kinds, start, states)
             return rate, angle
         rate, angle = simulate(time, drive.torque, self.inertia, self.quadratic_drag, self.linear_drag, start[0])
         return rate, angle + start[1]
@@ -359,6 +380,12 @@ def initial_rate(trial: Trial, swing: float = 0.0) -> float:
         return 0.0
     bent = len(time) > _START_SAMPLES or swing > 0.0
     return float(np.polynomial.polynomial.polyfit(time, angle - angle[0], 2 if bent else 1)[1])
+
+
+def _bridged(values: FloatArray) -> FloatArray:
+    """``values`` with straight lines through their gaps."""
+    known = np.flatnonzero(np.isfinite(values))
+    return np.interp(np.arange(len(values)), known, values[known]) if known.size else np.zeros(len(values))
 
 
 def _euler_heading(trial: Trial, rate: FloatArray) -> FloatArray:

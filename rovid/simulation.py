@@ -49,8 +49,9 @@ class TrialSimulation:
     position
         (n,) simulated position in rad or m at the trial's own instants.
     position_errors
-        Horizon in s -> RMS position error that far after a restart from the measured position and rate,
-        restarts one horizon apart; None where no stretch without a gap is as long.
+        Horizon in s -> RMS position error that far after a restart from the measured position and rate, and from what
+        the water did by then on the measured course; restarts one horizon apart; None where no stretch without a gap
+        is as long.
     """
 
     run: Run
@@ -115,6 +116,8 @@ def _position_error(run: Run, model: Model, drive: Drive, horizon: float) -> flo
     angle, gain = (on_grid(trial, values, rates.time) for values in (true, gain))
     at_grid = np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1
     torque, race = drive.torque[at_grid], drive.race[at_grid]
+    rate, turned = rates.rate / gain, angle - angle[np.isfinite(angle)][0]
+    _, states = model.along(trial, rates.kernel.period, (rate, turned, torque, race))
     length = round(horizon / rates.kernel.period)
     errors = []
     for start in range(0, len(rates.time) - length, length):
@@ -129,7 +132,7 @@ def _position_error(run: Run, model: Model, drive: Drive, horizon: float) -> flo
         if end >= len(angle) or not np.isfinite(angle[at : end + 1]).all():
             continue
         part = slice(at, end + 1)
-        begin = (float(rates.rate[at] / gain[at]), float(angle[at] - angle[np.isfinite(angle)][0]))
-        simulated = model.turned(trial, rates.time[part], Drive.held(torque[part], race[part]), begin)
+        begin = (float(rate[at]), float(turned[at]))
+        simulated = model.turned(trial, rates.time[part], Drive.held(torque[part], race[part]), begin, states[at])
         errors.append(simulated - (angle[end] - angle[at]))
     return float(np.sqrt(np.mean(np.square(errors)))) if errors else None

@@ -102,7 +102,8 @@ def simulated(effect: Effect, values: FloatArray, torque: FloatArray, time: Floa
     fastest = 0.0 if effect.fastest is None else effect.fastest(effect.values(values))
     base = np.array([*BASE, fastest, 0.0])
     kinds, race = np.array([MOTION.index(effect)]), np.sqrt(np.abs(torque))
-    rate, _ = simulate_effects(time, torque, np.zeros(len(time)), race, base, terms, kinds, (0.0, 0.0))
+    rest = np.zeros((1, TERM_STATES))
+    rate, _ = simulate_effects(time, torque, np.zeros(len(time)), race, base, terms, kinds, (0.0, 0.0), rest)
     return np.asarray(rate)
 
 

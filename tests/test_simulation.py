@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from rovid.effects import effect_named
 from rovid.kernels import simulate
-from rovid.model import Model, initial_rate
+from rovid.model import Drive, Model, initial_rate
 from rovid.rates import body_position, rates_of
 from rovid.runs import Run
 from rovid.simulation import compare, overall, simulate_runs
@@ -176,3 +178,23 @@ def test_a_gyro_that_falls_silent_leaves_the_rate_of_the_heading() -> None:
     known = np.isfinite(rates.rate)
     assert rates.time[known][-1] > 58.0
     np.testing.assert_allclose(rates.rate[known], 0.2 * np.sin(0.3 * rates.time[known]), atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [("entrained_swirl", (0.3, 60.0)), ("tank_seiche", (0.3, 1.3, 0.03)), ("added_mass_memory", (2000.0, 20.0))],
+)
+def test_the_water_does_not_stand_still_at_a_restart(key: str, values: tuple[float, ...]) -> None:
+    moving = replace(ROSUB, effects=(effect_named(key),), effect_values=values)
+    time = clock(400.0)
+    plain = run(time, 200.0 * np.sin(2.0 * np.pi * time / 80.0) + 200.0 * np.sin(2.0 * np.pi * time / 5.0))
+    heading = moving.simulate(plain.trial, Drive.held(plain.torque))[1]
+    log = trial(time, plain.torque, heading)
+    rates = rates_of(log, cutoff=1.0)
+    made = Run(trial=log, torque=plain.torque, rates=rates, drive=plain.drive)
+    (own,), (without,) = (simulate_runs([made], model, LOGGED) for model in (moving, ROSUB))
+    for horizon in (10.0, 60.0):
+        error, worse = own.position_errors[horizon], without.position_errors[horizon]
+        assert error is not None
+        assert worse is not None
+        assert error < 0.1 * worse

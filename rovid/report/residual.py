@@ -9,8 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import signal
 
-from rovid.effects import MOTION, Effect
-from rovid.effects.base import TERM_STATES
 from rovid.model import Model
 from rovid.rates import finite_stretches
 from rovid.runs import Run, Runs, prepare
@@ -20,8 +18,6 @@ from rovid.vehicle import Vehicle
 _SEGMENT = 1024
 _SHORTEST = 64
 _BINS = 16
-# The states of effects are stepped by this share of their shortest time constant, in so many steps a sample at most.
-_STEP_SHARE, _MOST_STEPS = 0.25, 50
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,34 +91,9 @@ def _as_turned(runs: Runs, model: Model, vehicle: Vehicle) -> Sequence[Run]:
 
 def _terms_torque(item: Residual, model: Model) -> FloatArray:
     """(m,) torque in N m of the terms in the equation of motion, along the measured rate and angle."""
-    rates, base, total = item.run.rates, model.base(item.run.trial), np.zeros(len(item.left))
-    angle = _bridged(rates.position) - base[3]
-    course = np.column_stack([_bridged(rates.rate), angle, _bridged(item.drive), item.race])
-    for numbers, kind in zip(*model.terms(), strict=True):
-        total += _term_torque(MOTION[kind], numbers, base, course, rates.kernel.period)
-    return total
-
-
-def _term_torque(
-    effect: Effect, numbers: FloatArray, base: FloatArray, course: FloatArray, period: float
-) -> FloatArray:
-    """(m,) torque in N m of one effect along the (m, 4) ``course`` of rate, angle, torque and race."""
-    assert effect.term is not None  # noqa: S101 - that is what MOTION holds
-    torque, state, change = np.zeros(len(course)), np.zeros(TERM_STATES), np.zeros(TERM_STATES)
-    steps = min(max(math.ceil(period * base[4] / _STEP_SHARE), 1), _MOST_STEPS)
-    for k, (rate, angle, drive, base[5]) in enumerate(course):
-        torque[k] = effect.term(rate, angle, drive, base, numbers, state, change)
-        for _ in range(steps):
-            effect.term(rate, angle, drive, base, numbers, state, change)
-            effect.term(rate, angle, drive, base, numbers, state + 0.5 * period / steps * change, change)
-            state += period / steps * change
-    return torque
-
-
-def _bridged(values: FloatArray) -> FloatArray:
-    """``values`` with straight lines through their gaps."""
-    known = np.flatnonzero(np.isfinite(values))
-    return np.interp(np.arange(len(values)), known, values[known]) if known.size else np.zeros(len(values))
+    trial, rates = item.run.trial, item.run.rates
+    turned = rates.position - model.base(trial)[3]
+    return model.along(trial, rates.kernel.period, (rates.rate, turned, item.drive, item.race))[0]
 
 
 def sizes(items: Sequence[Residual]) -> tuple[float, float, float]:
