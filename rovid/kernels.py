@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import math
-import warnings
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
-from numba import literal_unroll
-from numba.core.errors import NumbaExperimentalFeatureWarning
 
 from rovid import effects
 from rovid.effects import MOTION, TERMS
@@ -18,22 +16,18 @@ from rovid.effects.base import TERM_STATES
 from rovid.effects.base import compiled as _compiled
 from rovid.trial import FloatArray
 
-# The loop over the effects' terms hands functions to numba, which calls that new; it works and is tested.
-warnings.filterwarnings("ignore", category=NumbaExperimentalFeatureWarning)
-
 # A step of this share of the shortest time constant leaves fourth-order Runge-Kutta exact to about 1e-6.
 _STEP_SHARE = 0.2
 # With effects, whose equations are not known so well, 1e-4 will do.
 _EFFECTS_STEP_SHARE = 0.5
 # The covariance is stepped by a transition of fourth order: good to a percent of a percent with such steps.
 _FILTER_STEP_SHARE = 0.3
-# With a wave it is of second order only.
-_WAVE_STEP_SHARE = 0.1
 # Gauss-Legendre nodes and weights on 0..1.
 _NODES = (0.1127016653792583, 0.5, 0.8872983346207417)
 _WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
 _MAX_SUBSTEPS = 1000
 _LEARNS = np.array([effect.learns for effect in MOTION])
+_ORDER = 4
 _SETTLED = 1e-9
 _TINY = 1e-12
 # With effects a gap is stepped through to its end, however long.
@@ -111,6 +105,21 @@ def simulate(
     return rate, angle
 
 
+def _any_term() -> Any:
+    """Compiled; the term of a ``kind``, which is its index in ``rovid.effects.MOTION``, before what it takes itself.
+
+    As a chain of comparisons, which compiles to one jump: numba's own loop over functions takes ten times as long.
+    """
+    takes = "rate, angle, push, base, p, x, dx, j"
+    lines = [f"    if kind == {kind}: return term_{kind}({takes})" for kind in range(len(TERMS))]
+    namespace: dict[str, Any] = {f"term_{kind}": term for kind, term in enumerate(TERMS)}
+    exec("\n".join((f"def term(kind, {takes}):", *lines, "    return 0.0")), namespace)  # noqa: S102 - all of it is above
+    return numba.njit(error_model="numpy", nogil=True)(namespace["term"])
+
+
+_term = _any_term()
+
+
 @_compiled
 def _sum_terms(
     rate: float, angle: float, push: float, base: Any, terms: Any, kinds: Any, state: Any, change: Any
@@ -118,11 +127,7 @@ def _sum_terms(
     """Torque of all effects; fills in the rates of change of their states."""
     total = 0.0
     for j in range(len(kinds)):
-        k = 0
-        for term in literal_unroll(TERMS):
-            if kinds[j] == k:
-                total += term(rate, angle, push, base, terms[j], state[j], change[j])
-            k += 1  # noqa: SIM113 - numba unrolls the bare loop only
+        total += _term(kinds[j], rate, angle, push, base, terms, state, change, j)
     return total
 
 
@@ -380,6 +385,17 @@ def _pushed(t: float, a: float, b: float, inertia: float) -> tuple[float, float]
 
 
 @_compiled
+def _filter_steps(interval: float, rate: float, push: float, damping: float, fastest: float, base: Any) -> int:
+    """How many steps a filter takes through ``interval``; ``fastest`` in 1/s is the rate of what disturbs."""
+    inertia = base[0]
+    # How fast it may turn before the interval is over, or where drag balances the torque.
+    soon = min(abs(rate) + interval * abs(push) / inertia, max(abs(rate), math.sqrt(abs(push) / (base[1] + _TINY))))
+    stiffness = max(damping, (2.0 * base[1] * soon + base[2]) / inertia) + fastest + math.sqrt(base[6] / inertia)
+    wanted = interval * stiffness / _FILTER_STEP_SHARE
+    return 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
+
+
+@_compiled
 def innovations(  # noqa: PLR0915 - the covariance is written out term by term, without arrays
     time: FloatArray,
     torque: FloatArray,
@@ -435,12 +451,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
             interval = time[k] - time[k - 1]
             push = torque[k - 1]
             base[5] = race[k - 1]
-            # How fast it may turn before the interval is over, or where drag balances the torque.
-            soon = min(abs(r) + interval * abs(push) / inertia, max(abs(r), math.sqrt(abs(push) / (base[1] + _TINY))))
-            stiffness = max(damping, (2.0 * base[1] * soon + base[2]) / inertia) + 1.0 / tau
-            stiffness += math.sqrt(base[6] / inertia)
-            wanted = interval * stiffness / _FILTER_STEP_SHARE
-            steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
+            steps = _filter_steps(interval, r, push, damping, 1.0 / tau, base)
             # Most logs are sampled evenly: what depends on the step alone is kept.
             if interval / steps != h:
                 h = interval / steps
@@ -571,7 +582,7 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
     inertia, sigma, tau = base[0], noise[0], noise[1]
     state, work = np.zeros((len(terms), TERM_STATES)), np.zeros((3, len(terms), TERM_STATES))
     innovation, variance = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
-    origin, drag = angle[0], base[2] / inertia
+    origin, damping = angle[0], base[2] / inertia
     # Angle, rate, disturbance, wave and its slope.
     a, r, d, w, v = angle[0], start[0], 0.0, 0.0, 0.0
     p, moved, f, q = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, size))
@@ -582,42 +593,37 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
     for k in range(n):
         if k > 0:
             base[5] = race[k - 1]
-            interval = time[k] - time[k - 1]
-            stiffness = max(drag, (2.0 * base[1] * abs(r) + base[2]) / inertia, base[4]) + 1.0 / tau + wave[1]
-            wanted = interval * stiffness / _WAVE_STEP_SHARE
-            steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
+            push, interval = torque[k - 1], time[k] - time[k - 1]
+            steps = _filter_steps(interval, r, push, damping, 1.0 / tau + wave[1], base)
             if interval / steps != h:
                 h = interval / steps
-                fade, gain, grown = math.exp(-h / tau), h / inertia, 2.0 * sigma**2 / tau * h
+                fade = math.exp(-h / tau)
+                mean = (1.0 - fade) * tau / h
                 f33, f34, f43, f44 = _wave_transition(wave[1], wave[2], h)
-                f[0, 0], f[2, 2], f[3, 3], f[3, 4], f[4, 3], f[4, 4] = 1.0, fade, f33, f34, f43, f44
-                q[0, 0], q[1, 1], q[2, 2] = grown * (gain * h) ** 2 / 20.0, grown * gain**2 / 3.0, sigma**2
-                q[2, 2] *= 1.0 - fade**2
-                q[0, 1], q[0, 2], q[1, 2] = grown * gain**2 * h / 8.0, grown * gain * h / 6.0, grown * gain / 2.0
+                f[2, 2], f[3, 3], f[3, 4], f[4, 3], f[4, 4] = fade, f33, f34, f43, f44
+                q[2, 2] = sigma**2 * (1.0 - fade**2)
                 q[3, 3] = stationary[0] - f33**2 * stationary[0] - f34**2 * stationary[1]
                 q[4, 4] = stationary[1] - f43**2 * stationary[0] - f44**2 * stationary[1]
                 q[3, 4] = -f33 * f43 * stationary[0] - f34 * f44 * stationary[1]
-                for i in range(size):
-                    for j in range(i):
-                        q[i, j] = q[j, i]
+            shares = max(math.ceil(h * base[4] / _FILTER_STEP_SHARE), 1)
             for _ in range(steps):
-                other = d * (1.0 - 0.5 * h / tau) + w + 0.5 * h * v
-                r, a, damping = _substep(r, a - origin, torque[k - 1], other, base, terms, kinds, state, work, h)
-                a += origin
-                d *= fade
-                w, v = f33 * w + f34 * v, f43 * w + f44 * v
-                drag, part = damping, damping * h
-                f[0, 1], f[0, 2], f[0, 3] = h * (1.0 - 0.5 * part), 0.5 * h * gain, 0.5 * h * gain
-                f[1, 1] = 1.0 - part * (1.0 - 0.5 * part * (1.0 - part / 3.0))
-                f[1, 2], f[1, 3] = gain * (1.0 - 0.5 * h / tau - 0.5 * part), gain * (1.0 - 0.5 * part)
-                f[1, 4] = 0.5 * h * gain
-                pull = base[6] * gain
-                f[1, 0] = -pull * (1.0 - 0.5 * part)
-                f[0, 0] = 1.0 - 0.5 * h * pull
-                f[1, 1] -= 0.5 * h * pull
+                faded, swung, slope = d * fade, f33 * w + f34 * v, f43 * w + f44 * v
+                # The wave's mean over the step is what its own equation says.
+                crest = (v - slope + 2.0 * wave[2] * wave[1] * (w - swung)) / (wave[1] ** 2 * h)
+                for _ in range(shares):
+                    r, a, damping = _substep(
+                        r, a - origin, push, d * mean + crest, base, terms, kinds, state, work, h / shares
+                    )
+                    a += origin
+                # What of it comes late in the step turns the vehicle less.
+                late = -(swung - w + faded - d) * h**2 / (12.0 * inertia)
+                a += late
+                r -= damping * late
+                d, w, v = faded, swung, slope
+                _couple(f, q, h, damping, tau, sigma, wave, base)
                 _congruence(f, p, q, moved)
             a += moment[k - 1] / inertia
-            r -= drag * moment[k - 1] / inertia
+            r -= damping * moment[k - 1] / inertia
             kick = scatter[k - 1] / inertia**2
             p[0, 0] += kick * interval**2 / 3.0
             p[0, 1] += kick * interval / 2.0
@@ -644,21 +650,63 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
 
 
 @_compiled
+def _couple(
+    f: Any, q: Any, h: float, damping: float, tau: float, sigma: float, wave: FloatArray, base: FloatArray
+) -> None:
+    """Fill in how angle and rate follow from all five states over ``h`` s, and the noise in them.
+
+    Rows of exp(A h) by its series: the derivative of the angle's row is the rate's.
+    """
+    inertia, pull = base[0], base[6] / base[0]
+    fade, swing, leak = 1.0 / tau, wave[1] ** 2, 2.0 * wave[2] * wave[1]
+    # The row of A that is the rate's, and with it the first terms of both series.
+    y0, y1, y2, y3, y4 = 0.0, 1.0, 0.0, 0.0, 0.0
+    a0, a1, a2, a3, a4 = 1.0, h, 0.0, 0.0, 0.0
+    r0, r1, r2, r3, r4 = 0.0, 1.0, 0.0, 0.0, 0.0
+    factor = h
+    for order in range(2, _ORDER + 2):
+        y0, y1, y2, y3, y4 = (
+            -pull * y1,
+            y0 - damping * y1,
+            y1 / inertia - fade * y2,
+            y1 / inertia - swing * y4,
+            y3 - leak * y4,
+        )
+        r0, r1, r2, r3, r4 = r0 + factor * y0, r1 + factor * y1, r2 + factor * y2, r3 + factor * y3, r4 + factor * y4
+        factor *= h / order
+        a0, a1, a2, a3, a4 = a0 + factor * y0, a1 + factor * y1, a2 + factor * y2, a3 + factor * y3, a4 + factor * y4
+    f[0, 0], f[0, 1], f[0, 2], f[0, 3], f[0, 4] = a0, a1, a2, a3, a4
+    f[1, 0], f[1, 1], f[1, 2], f[1, 3], f[1, 4] = r0, r1, r2, r3, r4
+    # White noise into the disturbance and into the wave's slope, to the second order and the first.
+    grown, whipped = 2.0 * sigma**2 * fade, wave[0] ** 2 * leak * swing
+    both, one = damping + fade, 1.0 / inertia
+    q[0, 0] = grown * one**2 * h**5 * (1.0 / 20.0 - both * h / 36.0) + whipped * one**2 * h**7 / 252.0
+    q[0, 1] = grown * one**2 * h**4 * (1.0 / 8.0 - both * h / 12.0) + whipped * one**2 * h**6 / 72.0
+    q[1, 1] = grown * one**2 * h**3 * (1.0 / 3.0 - both * h / 4.0) + whipped * one**2 * h**5 / 20.0
+    q[0, 2] = grown * one * h**3 * (1.0 / 6.0 - (both / 3.0 + fade) * h / 8.0)
+    q[1, 2] = grown * one * h**2 * (1.0 / 2.0 - (both / 2.0 + fade) * h / 3.0)
+    q[0, 3], q[0, 4] = whipped * one * h**5 / 30.0, whipped * one * h**4 / 24.0
+    q[1, 3], q[1, 4] = whipped * one * h**4 / 8.0, whipped * one * h**3 / 6.0
+
+
+@_compiled
 def _congruence(f: Any, p: Any, q: Any, work: Any) -> None:
-    """Write f p f^T + q into ``p``."""
-    size = len(p)
-    for i in range(size):
-        for j in range(size):
-            total = 0.0
-            for m in range(size):
-                total += f[i, m] * p[m, j]
-            work[i, j] = total
-    for i in range(size):
-        for j in range(size):
-            total = q[i, j]
-            for m in range(size):
-                total += work[i, m] * f[j, m]
-            p[i, j] = total
+    """Write f p f^T + q into ``p``, all (5, 5); of ``q`` no more than what is not below the diagonal is read."""
+    # Of a size that is known where it is compiled, the loops are unrolled.
+    for i in range(5):
+        for j in range(5):
+            work[i, j] = (
+                f[i, 0] * p[0, j] + f[i, 1] * p[1, j] + f[i, 2] * p[2, j] + f[i, 3] * p[3, j] + f[i, 4] * p[4, j]
+            )
+    for i in range(5):
+        for j in range(i, 5):
+            p[i, j] = p[j, i] = q[i, j] + (
+                work[i, 0] * f[j, 0]
+                + work[i, 1] * f[j, 1]
+                + work[i, 2] * f[j, 2]
+                + work[i, 3] * f[j, 3]
+                + work[i, 4] * f[j, 4]
+            )
 
 
 def _forget_stale() -> None:

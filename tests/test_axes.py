@@ -265,7 +265,9 @@ def exact(angle: FloatArray, time: FloatArray, wave: FloatArray | None = None) -
     return errors, variances
 
 
-@pytest.mark.parametrize("wave", [None, np.array([40.0, 0.9, 0.1])])
+@pytest.mark.parametrize(
+    "wave", [None, *(np.array(wave) for wave in ((40.0, 0.9, 0.1), (40.0, 4.0, 0.02), (20.0, 2.0, 0.3)))]
+)
 @pytest.mark.parametrize("blind", [False, True])
 def test_the_filter_of_a_stiff_vehicle_is_exact(wave: FloatArray | None, blind: bool) -> None:
     time = np.arange(0.0, 40.0, 0.2)

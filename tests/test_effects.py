@@ -91,7 +91,7 @@ def term(effect: Effect, values: FloatArray, rate: float, push: float, state: Fl
     assert effect.term is not None
     change = np.zeros(TERM_STATES)
     base = np.array([*BASE, 0.0, math.sqrt(abs(push))])
-    return float(effect.term(rate, 3.0, push, base, values, state, change)), change
+    return float(effect.term(rate, 3.0, push, base, values[None], state[None], change[None], 0)), change
 
 
 def simulated(effect: Effect, values: FloatArray, torque: FloatArray, time: FloatArray = TIME) -> FloatArray:
@@ -206,7 +206,8 @@ def test_a_term_needs_no_drag(effect: Effect) -> None:
     for quadratic, linear in ((0.0, 100.0), (3000.0, 0.0), (0.0, 0.0)):
         change = np.zeros(TERM_STATES)
         base = np.array([5057.0, quadratic, linear, 0.0])
-        found = effect.term(0.1, 3.0, 100.0, base, numbers(effect, start=True), np.zeros(TERM_STATES), change)
+        rest = np.zeros((1, TERM_STATES))
+        found = effect.term(0.1, 3.0, 100.0, base, numbers(effect, start=True)[None], rest, change[None], 0)
         assert np.isfinite([found, *change]).all()
 
 

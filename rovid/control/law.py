@@ -135,9 +135,7 @@ def total_of_terms(model: Model) -> TermTorque | None:
         base = model.base_from(heading)
         own = np.zeros((len(acting), TERM_STATES)) if states is None else states.copy()
         change = np.zeros_like(own)
-        each = [
-            term(rate, angle, push, base, p, x, dx) for term, p, x, dx in zip(acting, values, own, change, strict=True)
-        ]
+        each = (term(rate, angle, push, base, values, own, change, j) for j, term in enumerate(acting))
         return float(sum(each)), change
 
     return torque

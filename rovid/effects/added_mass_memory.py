@@ -16,16 +16,16 @@ _FASTEST = 0.1
 
 
 @compiled
-def _linear(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    dx[0] = (rate - x[0]) / p[1]
-    return -p[0] * dx[0]
+def _linear(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    dx[j, 0] = (rate - x[j, 0]) / p[j, 1]
+    return -p[j, 0] * dx[j, 0]
 
 
 @compiled
-def _porous(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    slip = rate - x[0]
-    dx[0] = abs(slip) * slip / (REFERENCE_RATE * p[1] + _FASTEST * abs(slip))
-    return -p[0] * dx[0]
+def _porous(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    slip = rate - x[j, 0]
+    dx[j, 0] = abs(slip) * slip / (REFERENCE_RATE * p[j, 1] + _FASTEST * abs(slip))
+    return -p[j, 0] * dx[j, 0]
 
 
 def _fastest(values: Values) -> float:

@@ -12,16 +12,16 @@ _AGAINST = -0.5
 
 
 @compiled
-def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
     # Of each thruster as rotor speed times speed of advance; the rotor's speed as the root of thrust.
-    return -p[0] * base[5] * rate
+    return -p[j, 0] * base[5] * rate
 
 
 @compiled
-def _open_water(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+def _open_water(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
     along = rate if push >= 0.0 else -rate
     # The mean of the thrusters, each at its speed over the root of its thrust.
-    advance = max(p[0] * along * base[5] / (abs(push) + 1e-9), _AGAINST)
+    advance = max(p[j, 0] * along * base[5] / (abs(push) + 1e-9), _AGAINST)
     if advance <= 0.0:
         return -push * advance
     # Minerva's KT = 0.24 − 0.25 J − 0.66 J² + 0.5 J³ over its value at J = 0, with j = 1.04 J; no thrust from J = 0.53.

@@ -157,9 +157,10 @@ class Effect:
         (n,) torque in N m, before ``on_torque`` -> variance of its impulse until the next instant in N^2 m^2 s^2, where
         the equation leaves open when the torque acts.
     term
-        Compiled; torque in N m from (rate, angle since the start, push, base, p, x, dx), with ``base`` the inertia,
-        quadratic and linear drag, the first position, the fastest state and the thrusters' race, ``p`` the effect's
-        parameters in their order, ``x`` its states and ``dx`` their rates of change to be filled in.
+        Compiled; torque in N m from (rate, angle since the start, push, base, p, x, dx, j), with ``base`` the inertia,
+        quadratic and linear drag, the first position, the fastest state and the thrusters' race. Row ``j`` of ``p``
+        holds the effect's parameters in their order, of ``x`` its states, and of ``dx`` their rates of change, to be
+        filled in.
     fastest
         (parameters) -> the fastest rate of the term's states in 1/s, for the step of the integration.
     learns

@@ -8,8 +8,8 @@ from rovid.effects.base import Effect, EffectParameter, compiled
 
 
 @compiled
-def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    return p[0]
+def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    return p[j, 0]
 
 
 EFFECT: Effect = Effect(

@@ -10,15 +10,15 @@ from rovid.effects.base import Effect, EffectParameter, compiled
 
 
 @compiled
-def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    return -p[0] * math.tanh(rate / (p[1] + 1e-9))
+def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    return -p[j, 0] * math.tanh(rate / (p[j, 1] + 1e-9))
 
 
 @compiled
-def _stiction(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    share = rate / (p[1] + 1e-9)
+def _stiction(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    share = rate / (p[j, 1] + 1e-9)
     # Half as much again near rest (Stribeck).
-    return -p[0] * math.tanh(5.0 * share) * (1.0 + 0.5 * math.exp(-share * share))
+    return -p[j, 0] * math.tanh(5.0 * share) * (1.0 + 0.5 * math.exp(-share * share))
 
 
 EFFECT: Effect = Effect(

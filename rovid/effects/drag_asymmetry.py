@@ -9,17 +9,17 @@ from rovid.effects.base import Effect, EffectParameter, compiled
 
 
 @compiled
-def _whole(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+def _whole(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
     if rate >= 0.0:
         return 0.0
-    return -(p[0] - 1.0) * (base[1] * abs(rate) + base[2]) * rate
+    return -(p[j, 0] - 1.0) * (base[1] * abs(rate) + base[2]) * rate
 
 
 @compiled
-def _quadratic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+def _quadratic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
     if rate >= 0.0:
         return 0.0
-    return -(p[0] - 1.0) * base[1] * abs(rate) * rate
+    return -(p[j, 0] - 1.0) * base[1] * abs(rate) * rate
 
 
 EFFECT: Effect = Effect(

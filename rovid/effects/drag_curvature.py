@@ -9,14 +9,14 @@ from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, compiled
 
 
 @compiled
-def _cubic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    return -p[0] * rate * rate * rate
+def _cubic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    return -p[j, 0] * rate * rate * rate
 
 
 @compiled
-def _exponent(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+def _exponent(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
     share = abs(rate) / REFERENCE_RATE
-    change = base[1] * REFERENCE_RATE * REFERENCE_RATE * (share * share - share ** p[0])
+    change = base[1] * REFERENCE_RATE * REFERENCE_RATE * (share * share - share ** p[j, 0])
     return change if rate >= 0.0 else -change
 
 

@@ -9,24 +9,24 @@ from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Values, 
 
 
 @compiled
-def _linear(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    dx[0] = (rate - x[0]) / p[1]
-    slip = rate - p[0] * x[0]
+def _linear(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    dx[j, 0] = (rate - x[j, 0]) / p[j, 1]
+    slip = rate - p[j, 0] * x[j, 0]
     return (base[1] * abs(rate) + base[2]) * rate - (base[1] * abs(slip) + base[2]) * slip
 
 
 @compiled
-def _annulus(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    dx[0] = 0.0
-    if p[0] <= 0.0:
+def _annulus(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    dx[j, 0] = 0.0
+    if p[j, 0] <= 0.0:
         return 0.0
     # The walls' friction that balances the drag when the hull turns at the reference rate and the water at its share.
-    water, slip = p[0] * REFERENCE_RATE, (1.0 - p[0]) * REFERENCE_RATE
+    water, slip = p[j, 0] * REFERENCE_RATE, (1.0 - p[j, 0]) * REFERENCE_RATE
     friction = (base[1] * slip + base[2]) * slip / (water * water)
-    inertia = p[1] * (2.0 * base[1] * slip + base[2] + 2.0 * friction * water)
-    slip = rate - x[0]
+    inertia = p[j, 1] * (2.0 * base[1] * slip + base[2] + 2.0 * friction * water)
+    slip = rate - x[j, 0]
     drag = (base[1] * abs(slip) + base[2]) * slip
-    dx[0] = (drag - friction * abs(x[0]) * x[0]) / (inertia + 1e-12)
+    dx[j, 0] = (drag - friction * abs(x[j, 0]) * x[j, 0]) / (inertia + 1e-12)
     return (base[1] * abs(rate) + base[2]) * rate - drag
 
 

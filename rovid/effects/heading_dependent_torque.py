@@ -12,19 +12,19 @@ from rovid.effects.harmonics import canonical
 
 # base[3] is the heading at the start of the trial.
 @compiled
-def _once(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    return p[0] * math.sin(angle + base[3] + p[1])
+def _once(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    return p[j, 0] * math.sin(angle + base[3] + p[j, 1])
 
 
 @compiled
-def _twice(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    return p[0] * math.sin(2.0 * (angle + base[3]) + p[1])
+def _twice(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    return p[j, 0] * math.sin(2.0 * (angle + base[3]) + p[j, 1])
 
 
 @compiled
-def _mixed(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
+def _mixed(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
     heading = angle + base[3]
-    return p[0] * math.sin(heading + p[1]) + p[2] * math.sin(2.0 * heading + p[3])
+    return p[j, 0] * math.sin(heading + p[j, 1]) + p[j, 2] * math.sin(2.0 * heading + p[j, 3])
 
 
 def _pair(prefix: str, phases: tuple[float, ...]) -> tuple[EffectParameter, EffectParameter]:

@@ -10,30 +10,30 @@ from rovid.effects.base import Effect, EffectParameter, compiled
 
 
 @compiled
-def _swept(rate: float, x: Any, dx: Any) -> Any:
-    """Angle swept since the last reversal; x[0] holds it with the sign of the turn."""
-    if rate * x[0] < 0.0:
-        x[0] = 0.0
-    dx[0] = rate
-    return abs(x[0])
+def _swept(rate: float, x: Any, dx: Any, j: int) -> Any:
+    """Angle swept since the last reversal; x[j, 0] holds it with the sign of the turn."""
+    if rate * x[j, 0] < 0.0:
+        x[j, 0] = 0.0
+    dx[j, 0] = rate
+    return abs(x[j, 0])
 
 
 @compiled
-def _exponential(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    return -p[0] * math.exp(-_swept(rate, x, dx) / p[1]) * base[1] * abs(rate) * rate
+def _exponential(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    return -p[j, 0] * math.exp(-_swept(rate, x, dx, j) / p[j, 1]) * base[1] * abs(rate) * rate
 
 
 @compiled
-def _algebraic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    return -p[0] / (1.0 + _swept(rate, x, dx) / p[1]) * base[1] * abs(rate) * rate
+def _algebraic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    return -p[j, 0] / (1.0 + _swept(rate, x, dx, j) / p[j, 1]) * base[1] * abs(rate) * rate
 
 
 @compiled
-def _fading(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    # x[0] follows the direction of turning over the swept angle: opposite to it just after a reversal.
+def _fading(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    # x[j, 0] follows the direction of turning over the swept angle: opposite to it just after a reversal.
     way = 1.0 if rate > 0.0 else -1.0
-    dx[0] = abs(rate) * (way - x[0]) / p[1]
-    return -p[0] * 0.5 * (1.0 - way * x[0]) * base[1] * abs(rate) * rate
+    dx[j, 0] = abs(rate) * (way - x[j, 0]) / p[j, 1]
+    return -p[j, 0] * 0.5 * (1.0 - way * x[j, 0]) * base[1] * abs(rate) * rate
 
 
 EFFECT: Effect = Effect(

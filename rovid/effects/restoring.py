@@ -12,14 +12,14 @@ from rovid.trial import FloatArray
 
 
 @compiled
-def _lift(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    return -p[0]
+def _lift(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    return -p[j, 0]
 
 
 # base[3] is the angle at the start of the trial.
 @compiled
-def _righting(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    return -p[0] * math.sin(angle + base[3] - p[1])
+def _righting(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    return -p[j, 0] * math.sin(angle + base[3] - p[j, 1])
 
 
 # Fossen 2011, eq. 4.6: (W - B) along z, and z_G W sin(theta) about y, where buoyancy acts at the origin.

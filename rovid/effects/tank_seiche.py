@@ -9,18 +9,18 @@ from rovid.effects.base import Effect, EffectParameter, Values, compiled
 
 
 @compiled
-def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    # The mode's equation integrated once, as rdot is not known here: x[1] is q, which the rate drives, and x[0] ∫q.
-    dx[0] = x[1]
-    dx[1] = rate - 2.0 * p[2] * p[1] * x[1] - p[1] * p[1] * x[0]
-    return -p[0] * base[0] * p[1] * dx[1]
+def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    # The mode's equation integrated once, as rdot is not known here: the states are ∫q and q, which the rate drives.
+    dx[j, 0] = x[j, 1]
+    dx[j, 1] = rate - 2.0 * p[j, 2] * p[j, 1] * x[j, 1] - p[j, 1] * p[j, 1] * x[j, 0]
+    return -p[j, 0] * base[0] * p[j, 1] * dx[j, 1]
 
 
 @compiled
-def _by_thrust(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    dx[0] = x[1]
-    dx[1] = push / base[0] - 2.0 * p[2] * p[1] * x[1] - p[1] * p[1] * x[0]
-    return -p[0] * base[0] * p[1] * x[1]
+def _by_thrust(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    dx[j, 0] = x[j, 1]
+    dx[j, 1] = push / base[0] - 2.0 * p[j, 2] * p[j, 1] * x[j, 1] - p[j, 1] * p[j, 1] * x[j, 0]
+    return -p[j, 0] * base[0] * p[j, 1] * x[j, 1]
 
 
 def _fastest(values: Values) -> float:

@@ -9,14 +9,14 @@ from rovid.effects.base import Effect, EffectParameter, compiled
 
 
 @compiled
-def _linear(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    return -p[0] * angle
+def _linear(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    return -p[j, 0] * angle
 
 
 @compiled
-def _stiffening(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any) -> Any:
-    share = angle / p[1]
-    return -p[0] * angle * (1.0 + share * share)
+def _stiffening(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    share = angle / p[j, 1]
+    return -p[j, 0] * angle * (1.0 + share * share)
 
 
 _STIFFNESS = EffectParameter(
