@@ -16,7 +16,7 @@ from rovid.workers import spread
 
 # An addition has to gain so much log-likelihood beyond what its parameters and the number of causes tried would.
 MARGIN = 6.0
-# Of the best candidate's promise: who promises less is not fitted.
+# Of the best candidate's promise, as far as its fit begins by keeping it: who promises less is not fitted.
 _PROMISE = 0.1
 # Nor is one that promises less than this share of what an effect has to gain: small promises are kept to the letter.
 _NEGLIGIBLE = 0.4
@@ -281,7 +281,7 @@ class Search:
                 current,
                 _best_forms(promises)
                 if growing and self.thorough(current)
-                else _shortlist(promises, self.threshold * _NEGLIGIBLE),
+                else _shortlist(current, promises, self.threshold * _NEGLIGIBLE),
             )
             self._extensions[current.key] = [*ahead, *behind]
             for fit in ahead:
@@ -438,18 +438,25 @@ def _best_forms(promises: Sequence[Promise]) -> list[Promise]:
     return [promise for group in _ranked(promises) for promise in group[:_FORMS_FITTED] if promise.gain > 0.0]
 
 
-def _shortlist(promises: Sequence[Promise], least: float) -> list[Promise]:
+def _shortlist(current: Fitted, promises: Sequence[Promise], least: float) -> list[Promise]:
     """The forms worth fitting: of the causes that promise most, the best forms of each, and simpler ones.
 
     Slopes promise too much of some forms, and one with fewer parameters may gain as much.
     """
-    ranked = _ranked(promises)[:_FITTED]
-    top = ranked[0][0].gain if ranked else 0.0
+    ranked = [group for group in _ranked(promises)[:_FITTED] if group[0].gain >= least]
+    top = max(spread(lambda group: min(group[0].gain, _outright(current, group[0])), ranked), default=0.0)
     return [
         promise
         for first, *others in ranked
-        if first.gain >= max(_PROMISE * top, least)
+        if first.gain >= _PROMISE * top
         for promise in (first, *others)[:_FORMS_FITTED]
         if promise.gain >= _PROMISE * first.gain
         or (promise.gain > 0.0 and len(promise.effect.parameters) < len(first.effect.parameters))
     ]
+
+
+def _outright(current: Fitted, promise: Promise) -> float:
+    """What a form gains where its fit would start, before any."""
+    likelihood = current.likelihood.like((*current.effects, promise.effect))
+    begins = (np.concatenate((current.x, start)) for start in (promise.start, promise.unscaled))
+    return current.cost - min(map(likelihood.cost, begins))
