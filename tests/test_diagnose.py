@@ -30,6 +30,7 @@ def slow(*values: Any) -> Any:
 # Weak and strong, on vehicles of all three sizes, in the catalogue's own form and in others.
 SINGLE = [
     ("rosub", "thruster_lag-quadratic-strong"),
+    ("small", "tank_seiche-thrust-strong"),
     slow("observation", "thruster_deadband-shift-weak"),
     slow("small", "bias_torque-constant-strong"),
     slow("rosub", "entrained_swirl-annulus-weak"),

@@ -404,3 +404,29 @@ def test_water_in_a_frame_follows_slower_the_smaller_the_slip() -> None:
     _, slow = term(effect, np.array([100.0, 20.0]), 0.1 * REFERENCE_RATE, 0.0, np.zeros(2))
     assert fast[0] == pytest.approx(REFERENCE_RATE / 20.0, rel=0.02)
     assert slow[0] == pytest.approx(fast[0] / 100.0, rel=0.02)
+
+
+@pytest.mark.parametrize("key", ["tank_seiche:thrust", "advance_speed_loss:open_water"])
+def test_what_thrusters_set_off_no_disturbance_sets_off(key: str) -> None:
+    from rovid.kernels import advance
+
+    effect = effect_named(key)
+    values = numbers(effect, start=True)
+    terms = np.zeros((1, TERM_PARAMETERS))
+    terms[0, : len(values)] = values
+    base = np.array([*BASE, 1.0, 0.0])
+
+    def rates(push: float, other: float, terms: FloatArray, kinds: FloatArray) -> list[float]:
+        r, a, stiffness, found = 0.0, 0.0, 0.0, []
+        state, work = np.zeros((len(terms), TERM_STATES)), np.zeros((3, len(terms), TERM_STATES))
+        for _ in range(200):
+            r, a, stiffness = advance(
+                r, a, push, other, 0.0, math.sqrt(push), 0.1, base, terms, kinds, state, work, stiffness
+            )
+            found.append(r)
+        return found
+
+    none, kinds = (np.zeros((0, TERM_PARAMETERS)), np.zeros(0, dtype=int)), (terms, np.array([MOTION.index(effect)]))
+    plain = rates(0.0, 150.0, *none)
+    assert rates(0.0, 150.0, *kinds) == pytest.approx(plain, abs=1e-6)
+    assert rates(150.0, 0.0, *kinds) != pytest.approx(plain, abs=1e-3)

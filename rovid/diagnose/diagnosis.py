@@ -43,7 +43,7 @@ from rovid.vehicle import Vehicle
 _BEATEN = (6.0, 0.03, 40.0)
 # An effect that differs from nothing by fewer standard errors, as printed, is not claimed.
 _SIGNIFICANT = 3.5
-# A rival with this share of an effect's gain is compared with it over every reading, as another form of it with that.
+# Rivals and forms of an effect that gain such shares of what it does are compared with it over every reading.
 _CLOSE, _CLOSE_FORM = 0.8, 0.9
 _DECISIONS = 3
 # The search looks at readings this share of the vehicle's time constant apart, and no farther than so many seconds.
@@ -262,7 +262,7 @@ class _Work:
         )
 
     def decide(self) -> None:
-        """Let every reading decide between an effect and what comes close: the quick look may have taken the wrong."""
+        """Let every reading decide between an effect and what comes close to it, where a quick look may be wrong."""
         for _ in range(_DECISIONS):
             found = (self.found(effect) for effect in self.final.effects)
             pairs = ((one, rival) for one in found for rival in one.rivals if rival.gain > one.worth)
