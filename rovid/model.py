@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -158,14 +159,14 @@ class Model:
 
     def base_from(self, position: float) -> FloatArray:
         """As ``base``, with the first ``position``."""
-        fastest = max((e.fastest(e.values(numbers)) for e, numbers in self._each() if e.fastest), default=0.0)
+        fastest = max((e.fastest(e.values(numbers)) for e, numbers in self._each if e.fastest), default=0.0)
         fastest = max(fastest, self.swing)
         drags = self.quadratic_drag, self.linear_drag
         return np.array([self.inertia, *drags, position, fastest, 0.0, self.stiffness])
 
     def terms(self) -> tuple[FloatArray, NDArray[np.int64]]:
         """(m, 4) parameters of each term of the equation of motion; (m,) its index in ``MOTION``."""
-        acting = [(effect, numbers) for effect, numbers in self._each() if effect.term is not None]
+        acting = [(effect, numbers) for effect, numbers in self._each if effect.term is not None]
         values = np.zeros((len(acting), TERM_PARAMETERS))
         for row, (_, numbers) in zip(values, acting, strict=True):
             row[: len(numbers)] = numbers
@@ -173,7 +174,7 @@ class Model:
 
     def wave(self) -> FloatArray | None:
         """(3,) amplitude in N m, frequency in rad/s and damping of the wave torque; None where there is none."""
-        return next((numbers for effect, numbers in self._each() if effect.wave), None)
+        return next((numbers for effect, numbers in self._each if effect.wave), None)
 
     def true_angle(self, trial: Trial, angle: FloatArray, at: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         """What the (n,) ``angle`` in rad, measured at the instants ``at``, is without the deviation of the heading.
@@ -184,7 +185,7 @@ class Model:
             (n,) rad and d(measured)/d(true).
         """
         gain = np.ones(len(angle))
-        for effect, numbers in self._each():
+        for effect, numbers in self._each:
             if effect.on_heading is None:
                 continue
             values, measured = effect.values(numbers), trial.position[at]
@@ -200,7 +201,7 @@ class Model:
     def deviation(self, heading: FloatArray) -> FloatArray:
         """(n,) rad by which the instrument's heading is off at the (n,) true headings in rad."""
         off = np.zeros(len(heading))
-        for effect, numbers in self._each():
+        for effect, numbers in self._each:
             if effect.on_heading is not None:
                 off += effect.on_heading(heading, effect.values(numbers))
         return off
@@ -208,13 +209,14 @@ class Model:
     def _as_measured(self, heading: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Heading and rate as an instrument with these deviations would give them."""
         gain = np.ones(len(heading))
-        for effect, numbers in self._each():
+        for effect, numbers in self._each:
             if effect.on_heading is not None:
                 values = effect.values(numbers)
                 ahead, behind = (effect.on_heading(heading + side, values) for side in (_NUDGE, -_NUDGE))
                 gain += (ahead - behind) / (2.0 * _NUDGE)
         return heading + self.deviation(heading), rate * gain
 
+    @cached_property
     def _each(self) -> list[tuple[Effect, FloatArray]]:
         restoring = restoring_of(self.axis)
         effects = self.effects if restoring is None else (restoring, *self.effects)
@@ -230,7 +232,7 @@ class Model:
     @property
     def drive_values(self) -> tuple[float, ...]:
         """Parameters on which the drive depends."""
-        return tuple(float(value) for effect, numbers in self._each() if effect.actuates for value in numbers)
+        return tuple(float(value) for effect, numbers in self._each if effect.actuates for value in numbers)
 
     def drive(
         self, vehicle: Vehicle, trial: Trial, at: NDArray[np.intp] | None = None, *, parts: int = MOST_PARTS
@@ -262,7 +264,7 @@ class Model:
         thrust = self.thrust(vehicle, where, command)
         torque = np.asarray(thrust @ where.arms)
         scatter = np.zeros(len(torque))
-        for effect, numbers in self._each():
+        for effect, numbers in self._each:
             if effect.scatter is not None:
                 scatter += effect.scatter(where, torque, effect.values(numbers))
             if effect.on_torque is not None:
@@ -275,11 +277,11 @@ class Model:
 
     def thrust(self, vehicle: Vehicle, where: Actuation, command: FloatArray) -> FloatArray:
         """(n, k) thrust in N of (n, k) commands, after every effect up to it."""
-        for effect, numbers in self._each():
+        for effect, numbers in self._each:
             if effect.on_command is not None:
                 command = effect.on_command(where, command, effect.values(numbers))
         thrust = vehicle.thrust(command)
-        for effect, numbers in self._each():
+        for effect, numbers in self._each:
             if effect.on_thrust is not None:
                 thrust = effect.on_thrust(where, thrust, effect.values(numbers))
         return thrust
@@ -329,7 +331,7 @@ class Model:
     ) -> tuple[FloatArray, FloatArray]:
         from rovid.kernels import simulate, simulate_effects
 
-        if any(effect.term is not None for effect, _ in self._each()) or drive.moment.any():
+        if any(effect.term is not None for effect, _ in self._each) or drive.moment.any():
             series, (terms, kinds) = (drive.torque, drive.moment, drive.race), self.terms()
             states = np.zeros((len(terms), TERM_STATES)) if states is None else states
             rate, angle = simulate_effects(time, *series, self.base(trial), terms, kinds, start, states)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Self
@@ -139,7 +140,7 @@ class Trial:
         """Length of the record in s."""
         return float(self.time[-1] - self.time[0])
 
-    @property
+    @cached_property
     def measured(self) -> NDArray[np.bool_]:
         """(n,) where the position was measured."""
         return np.isfinite(self.position)
