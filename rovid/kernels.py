@@ -26,8 +26,8 @@ _FILTER_STEP_SHARE = 0.3
 _NODES = (0.1127016653792583, 0.5, 0.8872983346207417)
 _WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
 _MAX_SUBSTEPS = 1000
-_LEARNS = np.array([effect.learns for effect in MOTION])
-# Of the series for angle and rate in the filter with a wave: good to 1e-4 at such steps.
+_CARRIED = np.array([effect.carried for effect in MOTION])
+# Of the series for the transition of the filter with more states: good to 1e-4 at such steps.
 _ORDER = 4
 _SETTLED = 1e-9
 _TINY = 1e-12
@@ -203,14 +203,6 @@ def _advance(state: Any, change: Any, h: float, out: Any) -> None:
 
 
 @_compiled
-def _learn(state: Any, kinds: Any, correction: float) -> None:
-    """Correct the states of the effects for what was learnt of the angle."""
-    for j in range(len(kinds)):
-        for i in range(TERM_STATES):
-            state[j, i] += _LEARNS[kinds[j], i] * correction
-
-
-@_compiled
 def advance(
     r: float,
     a: float,
@@ -324,22 +316,29 @@ def effects_along(
     torque, states = np.zeros(n), np.zeros((n, len(terms), TERM_STATES))
     steps = max(math.ceil(period * base[4] / _EFFECTS_STEP_SHARE), 1)
     h = period / steps
-    change, there = np.zeros((2, len(terms), TERM_STATES))
+    change, there, reached = np.zeros((3, len(terms), TERM_STATES))
     for k in range(n):
         state = states[k]
         rate, angle, push, base[5] = course[k]
         torque[k] = _sum_terms(rate, angle, push, base, terms, kinds, state, change)
         if k == n - 1:
             break
-        faster, farther = (course[k + 1, :2] - course[k, :2]) / steps
+        faster, farther = (course[k + 1, 0] - rate) / steps, (course[k + 1, 1] - angle) / steps
         following = states[k + 1]
         following[:] = state
         for step in range(steps):
             r, a = rate + step * faster, angle + step * farther
             _sum_terms(r, a, push, base, terms, kinds, following, change)
+            _advance(following, change, h / 6.0, reached)
             _advance(following, change, 0.5 * h, there)
             _sum_terms(r + 0.5 * faster, a + 0.5 * farther, push, base, terms, kinds, there, change)
-            _advance(following, change, h, following)
+            _advance(reached, change, h / 3.0, reached)
+            _advance(following, change, 0.5 * h, there)
+            _sum_terms(r + 0.5 * faster, a + 0.5 * farther, push, base, terms, kinds, there, change)
+            _advance(reached, change, h / 3.0, reached)
+            _advance(following, change, h, there)
+            _sum_terms(r + faster, a + farther, push, base, terms, kinds, there, change)
+            _advance(reached, change, h / 6.0, following)
     return torque, states
 
 
@@ -414,8 +413,8 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
     """Innovations of an extended Kalman filter with a coloured disturbance torque.
 
     State: angle, rate r, disturbance d. ``inertia*rdot = torque + d - quadratic*|r|*r - linear*r``, angle_dot = r,
-    d a first-order Gauss-Markov process. The mean is stepped by Runge-Kutta, the covariance by the exact
-    transition of the linearised motion (Maybeck 1979, chapter 6), both sub-stepped like ``simulate``.
+    d a first-order Gauss-Markov process. The mean is stepped by Runge-Kutta, the covariance by the transition of the
+    linearised motion (Maybeck 1979, chapter 6), in steps short beside its time constants.
 
     Parameters
     ----------
@@ -470,6 +469,10 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
                     # Over a step the disturbance acts by its mean.
                     r, a, damping = _substep(r, a, push, d * mean, base, terms, kinds, state, work, h / shares)
                 a += origin
+                # What of it comes early in the step turns the vehicle more.
+                early = (1.0 - fade) * d * h**2 / (12.0 * inertia)
+                a += early
+                r -= damping * early
                 d *= fade
                 # What brings the vehicle back, as half an impulse at each end of the step (Strang 1968).
                 if base[6] > 0.0:
@@ -517,7 +520,6 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
             variance[k, 0] = s
             g0, g1, g2 = p00 / s, p01 / s, p02 / s
             a += g0 * e
-            _learn(state, kinds, g0 * e)
             r += g1 * e
             d += g2 * e
             p11 -= g1 * p01
@@ -533,7 +535,6 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
             variance[k, 1] = s
             g0, g1, g2 = p01 / s, p11 / s, p12 / s
             a += g0 * e
-            _learn(state, kinds, g0 * e)
             r += g1 * e
             d += g2 * e
             p00 -= g0 * p01
@@ -546,16 +547,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
 
 
 @_compiled
-def _wave_transition(frequency: float, damping: float, h: float) -> tuple[float, float, float, float]:
-    """Exact transition over ``h`` s of w'' + 2*damping*frequency*w' + frequency^2*w = 0, damping < 1."""
-    swing = frequency * math.sqrt(1.0 - damping**2)
-    fade, sine, cosine = math.exp(-damping * frequency * h), math.sin(swing * h), math.cos(swing * h)
-    lean = damping * frequency / swing * sine
-    return fade * (cosine + lean), fade * sine / swing, -fade * frequency**2 / swing * sine, fade * (cosine - lean)
-
-
-@_compiled
-def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
+def innovations_wide(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
     time: FloatArray,
     torque: FloatArray,
     race: FloatArray,
@@ -570,59 +562,75 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
     wave: FloatArray,
     start: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """As ``innovations``, with a narrow-band torque of random phase besides.
+    """As ``innovations``, with two states more: a narrow-band torque of random phase, or those of a carried effect.
 
-    The wave w is a second-order shaping filter driven by white noise (Fossen 2011, section 8.2.6).
+    The wave is a second-order shaping filter driven by white noise (Fossen 2011, section 8.2.6). The states of an
+    effect that is ``carried`` are no better known than the motion that sets them off. Beside a wave they have no
+    variance of their own.
 
     Parameters
     ----------
     wave
-        Root 2 times the standard deviation of w in N m, its frequency in rad/s and the damping of its filter.
+        Root 2 times the standard deviation of the wave in N m, its frequency in rad/s and the damping of its filter;
+        empty where there is none.
     """
-    n, size = len(time), 5
-    inertia, sigma, tau = base[0], noise[0], noise[1]
+    n, inertia, sigma, tau, waves = len(time), base[0], noise[0], noise[1], len(wave) > 0
     state, work = np.zeros((len(terms), TERM_STATES)), np.zeros((3, len(terms), TERM_STATES))
     innovation, variance = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
-    origin, damping = angle[0], base[2] / inertia
-    # Angle, rate, disturbance, wave and its slope.
+    carried = 0
+    for j in range(len(kinds)):
+        if _CARRIED[kinds[j]]:
+            carried = j
+    # Angle, rate, disturbance, and the two.
     a, r, d, w, v = angle[0], start[0], 0.0, 0.0, 0.0
-    p, moved, f, q = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, size))
-    power = 0.5 * wave[0] ** 2
-    stationary = (power, power * wave[1] ** 2)
-    p[0, 0], p[1, 1], p[2, 2], p[3, 3], p[4, 4] = noise[2] ** 2, start[1] ** 2, sigma**2, stationary[0], stationary[1]
-    h = 0.0
+    p, f, q = np.zeros((5, 5)), np.zeros((5, 5)), np.zeros((5, 5))
+    slopes, room, drive = np.zeros((5, 5)), np.zeros((5, 5)), np.zeros(5)
+    origin, damping = angle[0], base[2] / inertia
+    p[0, 0], p[1, 1], p[2, 2] = noise[2] ** 2, start[1] ** 2, sigma**2
+    slopes[0, 1], slopes[1, 0], slopes[1, 2], slopes[2, 2] = 1.0, -base[6] / inertia, 1.0 / inertia, -1.0 / tau
+    frequency, leak, power = base[4], 0.0, 0.0
+    if waves:
+        frequency, leak, power = wave[1], 2.0 * wave[2] * wave[1], 0.5 * wave[0] ** 2
+        p[3, 3], p[4, 4] = power, power * frequency**2
+        slopes[1, 3], slopes[3, 4], slopes[4, 3], slopes[4, 4] = 1.0 / inertia, 1.0, -(frequency**2), -leak
     for k in range(n):
         if k > 0:
             base[5] = race[k - 1]
             push, interval = torque[k - 1], time[k] - time[k - 1]
-            steps = _filter_steps(interval, r, push, damping, 1.0 / tau + wave[1], base)
-            if interval / steps != h:
-                h = interval / steps
-                fade = math.exp(-h / tau)
-                mean = (1.0 - fade) * tau / h
-                f33, f34, f43, f44 = _wave_transition(wave[1], wave[2], h)
-                f[2, 2], f[3, 3], f[3, 4], f[4, 3], f[4, 4] = fade, f33, f34, f43, f44
-                q[2, 2] = sigma**2 * (1.0 - fade**2)
-                q[3, 3] = stationary[0] - f33**2 * stationary[0] - f34**2 * stationary[1]
-                q[4, 4] = stationary[1] - f43**2 * stationary[0] - f44**2 * stationary[1]
-                q[3, 4] = -f33 * f43 * stationary[0] - f34 * f44 * stationary[1]
+            steps = _filter_steps(interval, r, push, damping, 1.0 / tau + frequency, base)
+            h = interval / steps
+            fade = math.exp(-h / tau)
+            mean = (1.0 - fade) * tau / h
             shares = max(math.ceil(h * base[4] / _FILTER_STEP_SHARE), 1)
             for _ in range(steps):
-                faded, swung, slope = d * fade, f33 * w + f34 * v, f43 * w + f44 * v
-                # The wave's mean over the step is what its own equation says.
-                crest = (v - slope + 2.0 * wave[2] * wave[1] * (w - swung)) / (wave[1] ** 2 * h)
+                faded, swung, slope, other = d * fade, 0.0, 0.0, d * mean
+                if waves:
+                    bend = -leak * v - frequency**2 * w
+                    jerk = -leak * bend - frequency**2 * v
+                    jolt = -leak * jerk - frequency**2 * bend
+                    swung = w + h * (v + h / 2.0 * (bend + h / 3.0 * (jerk + h / 4.0 * jolt)))
+                    slope = v + h * (bend + h / 2.0 * (jerk + h / 3.0 * jolt))
+                    # Its mean over the step.
+                    other += w + h / 2.0 * (v + h / 3.0 * (bend + h / 4.0 * (jerk + h / 5.0 * jolt)))
+                else:
+                    _carry(slopes, carried, r, a - origin, push, base, terms, kinds, state, work)
                 for _ in range(shares):
-                    r, a, damping = _substep(
-                        r, a - origin, push, d * mean + crest, base, terms, kinds, state, work, h / shares
-                    )
+                    r, a, damping = _substep(r, a - origin, push, other, base, terms, kinds, state, work, h / shares)
                     a += origin
                 # What of it comes late in the step turns the vehicle less.
                 late = -(swung - w + faded - d) * h**2 / (12.0 * inertia)
                 a += late
                 r -= damping * late
                 d, w, v = faded, swung, slope
-                _couple(f, q, h, damping, tau, sigma, wave, base)
-                _congruence(f, p, q, moved)
+                slopes[1, 1] = -damping
+                _transition(slopes, h, f, room)
+                q[:] = 0.0
+                drive[2], drive[4] = sigma * math.sqrt(2.0 / tau), 0.0
+                _add_noise(slopes, drive, h, q, room)
+                if waves:
+                    drive[2], drive[4] = 0.0, frequency * math.sqrt(2.0 * leak * power)
+                    _add_noise(slopes, drive, h, q, room)
+                _congruence(f, p, q, room)
             a += moment[k - 1] / inertia
             r -= damping * moment[k - 1] / inertia
             kick = scatter[k - 1] / inertia**2
@@ -636,78 +644,114 @@ def innovations_wave(  # noqa: PLR0915 - one filter, from top to bottom
                 s = p[m, m] + noise[2 + m] ** 2
                 e = reading - known
                 innovation[k, m], variance[k, m] = e, s
-                a += p[0, m] / s * e
-                _learn(state, kinds, p[0, m] / s * e)
-                r += p[1, m] / s * e
-                d += p[2, m] / s * e
-                w += p[3, m] / s * e
-                v += p[4, m] / s * e
-                for i in range(size):
-                    moved[0, i] = p[m, i]
-                for i in range(size):
-                    for j in range(size):
-                        p[i, j] -= moved[0, i] * moved[0, j] / s
+                a += p[m, 0] / s * e
+                r += p[m, 1] / s * e
+                d += p[m, 2] / s * e
+                if waves:
+                    w += p[m, 3] / s * e
+                    v += p[m, 4] / s * e
+                else:
+                    state[carried, 0] += p[m, 3] / s * e
+                    state[carried, 1] += p[m, 4] / s * e
+                for i in range(5):
+                    room[0, i] = p[m, i]
+                for i in range(5):
+                    for j in range(5):
+                        p[i, j] -= room[0, i] * room[0, j] / s
     return innovation, variance
 
 
 @_compiled
-def _couple(
-    f: Any, q: Any, h: float, damping: float, tau: float, sigma: float, wave: FloatArray, base: FloatArray
+def _carry(
+    slopes: Any, carried: int, r: float, a: float, push: float, base: Any, terms: Any, kinds: Any, state: Any, work: Any
 ) -> None:
-    """Fill in how angle and rate follow from all five states over ``h`` s, and the noise in them.
-
-    Rows of exp(A h) by its series: the derivative of the angle's row is the rate's.
-    """
-    inertia, pull = base[0], base[6] / base[0]
-    fade, swing, leak = 1.0 / tau, wave[1] ** 2, 2.0 * wave[2] * wave[1]
-    # The row of A that is the rate's, and with it the first terms of both series.
-    y0, y1, y2, y3, y4 = 0.0, 1.0, 0.0, 0.0, 0.0
-    a0, a1, a2, a3, a4 = 1.0, h, 0.0, 0.0, 0.0
-    r0, r1, r2, r3, r4 = 0.0, 1.0, 0.0, 0.0, 0.0
-    factor = h
-    for order in range(2, _ORDER + 2):
-        y0, y1, y2, y3, y4 = (
-            -pull * y1,
-            y0 - damping * y1,
-            y1 / inertia - fade * y2,
-            y1 / inertia - swing * y4,
-            y3 - leak * y4,
-        )
-        r0, r1, r2, r3, r4 = r0 + factor * y0, r1 + factor * y1, r2 + factor * y2, r3 + factor * y3, r4 + factor * y4
-        factor *= h / order
-        a0, a1, a2, a3, a4 = a0 + factor * y0, a1 + factor * y1, a2 + factor * y2, a3 + factor * y3, a4 + factor * y4
-    f[0, 0], f[0, 1], f[0, 2], f[0, 3], f[0, 4] = a0, a1, a2, a3, a4
-    f[1, 0], f[1, 1], f[1, 2], f[1, 3], f[1, 4] = r0, r1, r2, r3, r4
-    # White noise into the disturbance and into the wave's slope, to the second order and the first.
-    grown, whipped = 2.0 * sigma**2 * fade, wave[0] ** 2 * leak * swing
-    both, one = damping + fade, 1.0 / inertia
-    q[0, 0] = grown * one**2 * h**5 * (1.0 / 20.0 - both * h / 36.0) + whipped * one**2 * h**7 / 252.0
-    q[0, 1] = grown * one**2 * h**4 * (1.0 / 8.0 - both * h / 12.0) + whipped * one**2 * h**6 / 72.0
-    q[1, 1] = grown * one**2 * h**3 * (1.0 / 3.0 - both * h / 4.0) + whipped * one**2 * h**5 / 20.0
-    q[0, 2] = grown * one * h**3 * (1.0 / 6.0 - (both / 3.0 + fade) * h / 8.0)
-    q[1, 2] = grown * one * h**2 * (1.0 / 2.0 - (both / 2.0 + fade) * h / 3.0)
-    q[0, 3], q[0, 4] = whipped * one * h**5 / 30.0, whipped * one * h**4 / 24.0
-    q[1, 3], q[1, 4] = whipped * one * h**4 / 8.0, whipped * one * h**3 / 6.0
+    """Fill in how the two states of an effect act on the rate, and how they follow from it and from themselves."""
+    change, aside = work[0], work[1]
+    total = _sum_terms(r, a, push, base, terms, kinds, state, change)
+    nudge = 1e-6 + 1e-4 * abs(r)
+    _sum_terms(r + nudge, a, push, base, terms, kinds, state, aside)
+    for i in range(2):
+        slopes[3 + i, 1] = (aside[carried, i] - change[carried, i]) / nudge
+    for j in range(2):
+        kept = state[carried, j]
+        state[carried, j] = kept + nudge
+        moved = _sum_terms(r, a, push, base, terms, kinds, state, aside)
+        state[carried, j] = kept
+        slopes[1, 3 + j] = (moved - total) / (nudge * base[0])
+        for i in range(2):
+            slopes[3 + i, 3 + j] = (aside[carried, i] - change[carried, i]) / nudge
 
 
 @_compiled
-def _congruence(f: Any, p: Any, q: Any, work: Any) -> None:
-    """Write f p f^T + q into ``p``, all (5, 5); of ``q`` no more than what is not below the diagonal is read."""
-    # Of a size that is known where it is compiled, the loops are unrolled.
+def _transition(slopes: Any, h: float, f: Any, room: Any) -> None:
+    """Write exp(slopes h) into ``f``, by its series in Horner's form."""
     for i in range(5):
         for j in range(5):
-            work[i, j] = (
-                f[i, 0] * p[0, j] + f[i, 1] * p[1, j] + f[i, 2] * p[2, j] + f[i, 3] * p[3, j] + f[i, 4] * p[4, j]
-            )
+            f[i, j] = h / _ORDER * slopes[i, j]
+        f[i, i] += 1.0
+    for order in range(_ORDER - 1, 0, -1):
+        for i in range(5):
+            for j in range(5):
+                room[i, j] = f[i, j] * h / order
+        for i in range(5):
+            for j in range(5):
+                f[i, j] = _dot(slopes, i, room, j)
+            f[i, i] += 1.0
+
+
+@_compiled
+def _dot(one: Any, i: int, other: Any, j: int) -> Any:
+    """Row ``i`` of ``one`` times column ``j`` of ``other``, both (5, 5)."""
+    first = one[i, 0] * other[0, j] + one[i, 1] * other[1, j] + one[i, 2] * other[2, j]
+    return first + one[i, 3] * other[3, j] + one[i, 4] * other[4, j]
+
+
+@_compiled
+def _add_noise(slopes: Any, drive: Any, h: float, q: Any, room: Any) -> None:
+    """Add to ``q``, on and above its diagonal, the covariance that white noise through ``drive`` grows in ``h`` s.
+
+    By Gauss and Legendre, with its path to each node as a series: no covariance comes out of that negative.
+    """
+    for i in range(5):
+        room[0, i] = drive[i]
+    for order in range(1, 5):
+        for i in range(5):
+            total = 0.0
+            for m in range(5):
+                total += slopes[i, m] * room[order - 1, m]
+            room[order, i] = total / order
+    for node in range(3):
+        t, weight = _NODES[node] * h, _WEIGHTS[node] * h
+        path = (
+            _at(room, 0, t),
+            _at(room, 1, t),
+            _at(room, 2, t),
+            _at(room, 3, t),
+            _at(room, 4, t),
+        )
+        for i in range(5):
+            for j in range(i, 5):
+                q[i, j] += weight * path[i] * path[j]
+
+
+@_compiled
+def _at(room: Any, i: int, t: float) -> Any:
+    """Series in ``t`` whose coefficients are in column ``i``."""
+    return room[0, i] + t * (room[1, i] + t * (room[2, i] + t * (room[3, i] + t * room[4, i])))
+
+
+@_compiled
+def _congruence(f: Any, p: Any, q: Any, room: Any) -> None:
+    """Write f p f^T + q into ``p``."""
+    for i in range(5):
+        for j in range(5):
+            room[i, j] = _dot(f, i, p, j)
     for i in range(5):
         for j in range(i, 5):
-            p[i, j] = p[j, i] = q[i, j] + (
-                work[i, 0] * f[j, 0]
-                + work[i, 1] * f[j, 1]
-                + work[i, 2] * f[j, 2]
-                + work[i, 3] * f[j, 3]
-                + work[i, 4] * f[j, 4]
-            )
+            total = q[i, j]
+            for m in range(5):
+                total += room[i, m] * f[j, m]
+            p[i, j] = p[j, i] = total
 
 
 def _forget_stale() -> None:

@@ -172,9 +172,9 @@ class Model:
             row[: len(numbers)] = numbers
         return values, np.array([MOTION.index(effect) for effect, _ in acting], dtype=np.int64)
 
-    def wave(self) -> FloatArray | None:
-        """(3,) amplitude in N m, frequency in rad/s and damping of the wave torque; None where there is none."""
-        return next((numbers for effect, numbers in self._each if effect.wave), None)
+    def wave(self) -> FloatArray:
+        """(3,) amplitude in N m, frequency in rad/s and damping of the wave torque; empty where there is none."""
+        return next((numbers for effect, numbers in self._each if effect.wave), np.zeros(0))
 
     def true_angle(self, trial: Trial, angle: FloatArray, at: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         """What the (n,) ``angle`` in rad, measured at the instants ``at``, is without the deviation of the heading.
@@ -300,7 +300,7 @@ class Model:
         return self.quadratic_drag * np.abs(rate) * rate + self.linear_drag * rate
 
     def along(self, trial: Trial, period: float, course: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-        """(n,) torque in N m of all terms and their (n, m, 2) states, on a measured ``course``.
+        """(n,) torque in N m of all terms and their (n, m, TERM_STATES) states, on a measured ``course``.
 
         That is (n,) rate, angle since the start of the trial, thrusters' torque and race, a ``period`` in s apart;
         what is not known of them is bridged by straight lines.

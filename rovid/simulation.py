@@ -105,11 +105,11 @@ def _simulate(run: Run, model: Model, drive: Drive) -> TrialSimulation:
         measured=run.rates.rate,
         simulated=simulated,
         position=position,
-        position_errors={horizon: _position_error(run, model, drive, horizon) for horizon in HORIZONS},
+        position_errors=_position_errors(run, model, drive),
     )
 
 
-def _position_error(run: Run, model: Model, drive: Drive, horizon: float) -> float | None:
+def _position_errors(run: Run, model: Model, drive: Drive) -> dict[float, float | None]:
     rates, trial = run.rates, run.trial
     # About the body's own axis: the position itself, but for what a logged tilt and the heading's deviation add to it.
     true, gain = model.true_angle(trial, body_position(trial), np.arange(len(trial.time)))
@@ -117,22 +117,28 @@ def _position_error(run: Run, model: Model, drive: Drive, horizon: float) -> flo
     at_grid = np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1
     torque, race = drive.torque[at_grid], drive.race[at_grid]
     rate, turned = rates.rate / gain, angle - angle[np.isfinite(angle)][0]
-    _, states = model.along(trial, rates.kernel.period, (rate, turned, torque, race))
-    length = round(horizon / rates.kernel.period)
-    errors = []
-    for start in range(0, len(rates.time) - length, length):
-        stop = start + length
-        known = np.flatnonzero(np.isfinite(rates.rate[start:stop]))
-        # The filter has no rate at the very start of a trial or behind a gap: restart where it has.
-        if not known.size or known[0] > rates.kernel.half_width / rates.kernel.period + 1:
-            continue
-        at = start + int(known[0])
-        end = at + length
-        # How far the vehicle turned inside a gap is not measured, nor perhaps what was commanded there.
-        if end >= len(angle) or not np.isfinite(angle[at : end + 1]).all():
-            continue
+    # The filter has no rate at the ends of a trial, where the water already moves.
+    course = np.where(np.isfinite(rate), rate, np.gradient(turned, rates.kernel.period))
+    _, states = model.along(trial, rates.kernel.period, (course, turned, torque, race))
+
+    def turned_by(at: int, end: int) -> float:
         part = slice(at, end + 1)
-        begin = (float(rate[at]), float(turned[at]))
-        simulated = model.turned(trial, rates.time[part], Drive.held(torque[part], race[part]), begin, states[at])
-        errors.append(simulated - (angle[end] - angle[at]))
-    return float(np.sqrt(np.mean(np.square(errors)))) if errors else None
+        held, begin = Drive.held(torque[part], race[part]), (float(rate[at]), float(turned[at]))
+        return model.turned(trial, rates.time[part], held, begin, states[at])
+
+    found: dict[float, float | None] = {}
+    for horizon in HORIZONS:
+        length = round(horizon / rates.kernel.period)
+        errors = []
+        for start in range(0, len(rates.time) - length, length):
+            known = np.flatnonzero(np.isfinite(rate[start : start + length]))
+            # Nor has it one behind a gap: restart where it has.
+            if not known.size or known[0] > rates.kernel.half_width / rates.kernel.period + 1:
+                continue
+            at = start + int(known[0])
+            end = at + length
+            # How far the vehicle turned inside a gap is not measured, nor perhaps what was commanded there.
+            if end < len(angle) and np.isfinite(angle[at : end + 1]).all():
+                errors.append(turned_by(at, end) - (angle[end] - angle[at]))
+        found[horizon] = float(np.sqrt(np.mean(np.square(errors)))) if errors else None
+    return found

@@ -143,7 +143,9 @@ class Trial:
     @cached_property
     def measured(self) -> NDArray[np.bool_]:
         """(n,) where the position was measured."""
-        return np.isfinite(self.position)
+        measured = np.isfinite(self.position)
+        measured.setflags(write=False)
+        return measured
 
     @property
     def period(self) -> float:

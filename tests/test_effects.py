@@ -421,7 +421,7 @@ def test_what_thrusters_set_off_no_disturbance_sets_off(key: str) -> None:
         state, work = np.zeros((len(terms), TERM_STATES)), np.zeros((3, len(terms), TERM_STATES))
         for _ in range(200):
             r, a, stiffness = advance(
-                r, a, push, other, 0.0, math.sqrt(push), 0.1, base, terms, kinds, state, work, stiffness
+                r, a, push, other, 0.0, math.sqrt(150.0), 0.1, base, terms, kinds, state, work, stiffness
             )
             found.append(r)
         return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import secrets
 from collections.abc import Callable
 from itertools import pairwise
@@ -10,11 +11,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.linalg import expm
 
+from rovid.effects import MOTION, effect_named
 from rovid.identify.free_run import fit_free_run
 from rovid.identify.innovations import Likelihood, Records
 from rovid.identify.likelihood import LIMITS, fit_likelihood, innovations_are_white
-from rovid.kernels import innovations, simulate
+from rovid.kernels import effects_along, innovations, innovations_wide, simulate
 from rovid.model import Model
 from rovid.rates import rates_of
 from rovid.runs import Run
@@ -284,3 +287,62 @@ def test_a_gyro_that_is_not_logged_is_asked_for(rovid: Rovid) -> None:
     done = rovid("fit", SAMPLES / "rosub_tank", "--gyro")
     assert done.code == 2
     assert "Map yaw_rate" in done.err
+
+
+@pytest.mark.parametrize("gain", [0.1, 0.3])
+@pytest.mark.parametrize("frequency", [1.3, 2.5, 4.0])
+@pytest.mark.parametrize("blind", [False, True])
+def test_the_filter_knows_how_well_it_knows_a_tank(frequency: float, gain: float, blind: bool) -> None:
+    inertia, drag, damping, white, sigma, tau = 500.0, 60.0, 0.03, 5e-4, 3.0, 4.0
+    rng = np.random.default_rng(seed := secrets.randbelow(10**6))
+    print(f"seed {seed}")
+    time = np.arange(0.0, 120.0, 0.2)
+    torque = 60.0 * np.sign(np.sin(2.0 * np.pi * time / 23.0))
+    # Angle, rate, disturbance, q integrated, q.
+    a, noise = np.zeros((5, 5)), np.zeros((5, 5))
+    swing, leak = frequency**2, 2.0 * damping * frequency
+    a[0, 1], a[2, 2], a[3, 4], a[4] = 1.0, -1.0 / tau, 1.0, (0.0, 1.0, 0.0, -swing, -leak)
+    a[1] = np.array([0.0, -drag / inertia, 1.0 / inertia, 0.0, 0.0]) - gain * frequency * a[4]
+    noise[2, 2] = 2.0 * sigma**2 / tau
+    both = expm(np.block([[-a, noise], [np.zeros((5, 5)), a.T]]) * 0.2)
+    step = both[5:, 5:].T
+    grown, push = step @ both[:5, 5:], np.array([[0.0], [1.0 / inertia], [0.0], [0.0], [0.0]])
+    pushed = expm(np.block([[a, push], [np.zeros((1, 6))]]) * 0.2)[:5, 5]
+    truth = np.zeros(5)
+    angle = np.zeros(len(time))
+    for k in range(1, len(time)):
+        truth = step @ truth + pushed * torque[k - 1] + rng.multivariate_normal(np.zeros(5), grown, method="svd")
+        angle[k] = truth[0] + rng.normal(0.0, white)
+    if blind:
+        angle[200:300] = np.nan
+    state, p = np.zeros(5), np.diag([white**2, 1e-8, sigma**2, 0.0, 0.0])
+    wanted = np.full((len(time), 2), np.nan)
+    for k, reading in enumerate(angle):
+        if k > 0:
+            state, p = step @ state + pushed * torque[k - 1], step @ p @ step.T + grown
+        if np.isfinite(reading):
+            wanted[k] = reading - state[0], p[0, 0] + white**2
+            use = p[:, 0] / wanted[k, 1]
+            state, p = state + use * wanted[k, 0], p - np.outer(use, p[0])
+
+    effect = effect_named("tank_seiche")
+    terms, kinds = np.array([[gain, frequency, damping, 0.0]]), np.array([MOTION.index(effect)])
+    base, nothing = np.array([inertia, 0.0, drag, 0.0, frequency, 0.0, 0.0]), np.zeros(len(time))
+    series = (time, torque, nothing, nothing, nothing, angle, np.full(len(time), np.nan))
+    numbers = np.array([sigma, tau, white, 1.0])
+    error, variance = innovations_wide(*series, base, terms, kinds, numbers, np.zeros(0), np.array([0.0, 1e-4]))
+    known = np.isfinite(wanted[:, 0])
+    assert variance[known, 0] == pytest.approx(wanted[known, 1], rel=0.005)
+    assert (error[known, 0] - wanted[known, 0]) / np.sqrt(wanted[known, 1]) == pytest.approx(0.0, abs=0.02)
+
+
+def test_a_tank_rings_out_along_a_course() -> None:
+    frequency, damping, period = 5.0, 0.01, 0.1
+    time = np.arange(0.0, 100.0, period)
+    rate = np.where(time < 5.0, 0.2 * np.sin(0.2 * np.pi * time), 0.0)
+    course = np.column_stack([rate, nothing := np.zeros(len(time)), nothing, nothing])
+    terms, kinds = np.array([[0.2, frequency, damping, 0.0]]), np.array([MOTION.index(effect_named("tank_seiche"))])
+    base = np.array([500.0, 0.0, 60.0, 0.0, frequency, 0.0, 0.0])
+    torque, _ = effects_along(period, course, base, terms, kinds)
+    first, last = (np.abs(torque[(time > at) & (time < at + 10.0)]).max() for at in (6.0, 86.0))
+    assert last / first == pytest.approx(math.exp(-damping * frequency * 80.0), rel=0.3)

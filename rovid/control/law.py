@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rovid.effects import TERMS
 from rovid.effects.base import TERM_STATES
 from rovid.model import Model
 from rovid.trial import FloatArray
@@ -124,8 +125,8 @@ TermTorque = Callable[[float, float, float, float, FloatArray | None], tuple[flo
 
 def total_of_terms(model: Model) -> TermTorque | None:
     """(rate, angle, push, first heading, (m, 2) states) -> N m of all terms, (m, 2) rates of states; None: no term."""
-    values, _ = model.terms()
-    acting = [effect.term for effect in model.effects if effect.term is not None]
+    values, kinds = model.terms()
+    acting = [TERMS[kind] for kind in kinds]
     if not acting:
         return None
 

@@ -222,7 +222,7 @@ def _from_outside(plant: Plant, time: FloatArray, push: FloatArray | float, seed
     if plant.disturbance > 0.0:
         total += coloured(time, plant.disturbance, plant.memory, rng)
     wave = plant.model.wave()
-    if wave is not None and (plant.disturbance > 0.0 or plant.heading_noise > 0.0):
+    if wave.size and (plant.disturbance > 0.0 or plant.heading_noise > 0.0):
         amplitude, frequency, damping = wave
         size, memory = amplitude / math.sqrt(2.0), 1.0 / (damping * frequency)
         # A narrow band about a frequency: two slow amplitudes in quadrature.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -43,8 +42,8 @@ from rovid.vehicle import Vehicle
 _BEATEN = (6.0, 0.03, 40.0)
 # An effect that differs from nothing by fewer standard errors, as printed, is not claimed.
 _SIGNIFICANT = 3.5
-# Rivals and forms of an effect that gain such shares of what it does are compared with it over every reading.
-_CLOSE, _CLOSE_FORM = 0.8, 0.9
+# A rival with this share of an effect's gain is compared with it over every reading.
+_CLOSE = 0.8
 _DECISIONS = 3
 # The search looks at readings this share of the vehicle's time constant apart, and no farther than so many seconds.
 _THINNED, _THINNED_SECONDS = 0.05, 0.2
@@ -262,31 +261,16 @@ class _Work:
         )
 
     def decide(self) -> None:
-        """Let every reading decide between an effect and what comes close to it, where a quick look may be wrong."""
+        """Let every reading decide between an effect and a close rival: the quick look may have taken the wrong one."""
         for _ in range(_DECISIONS):
             found = (self.found(effect) for effect in self.final.effects)
             pairs = ((one, rival) for one in found for rival in one.rivals if rival.gain > one.worth)
             # A mere signal that is little better takes no name's place.
-            named = (rival.fitted for one, rival in pairs if is_driver(one.effect) or not is_driver(rival.effect))
-            others = itertools.chain(named, filter(None, map(self._better_form, self.final.effects)))
-            better = next((other for other in others if other.plausible), None)
+            named = (rival for one, rival in pairs if is_driver(one.effect) or not is_driver(rival.effect))
+            better = next((rival for rival in named if rival.fitted.plausible), None)
             if better is None:
                 return
-            self.final = better
-
-    def _better_form(self, effect: Effect) -> Fitted | None:
-        """The next best form of ``effect`` in its place, if it is close and, over every reading, the better one."""
-        if self.final.likelihood.records is self.full:
-            return None
-        rest = self.search.without(self.final, effect)
-        close = worth(rest) + _CLOSE_FORM * (worth(self.final) - worth(rest))
-        forms = [
-            fit
-            for fit in self.search.extensions(rest)
-            if fit.effects[-1].id == effect.id and fit.key != self.final.key and worth(fit) > close
-        ]
-        best = max(forms, key=worth, default=None)
-        return best if best is not None and worth(self.refined(best)) > worth(self.refined(self.final)) else None
+            self.final = better.fitted
 
     def found(self, effect: Effect) -> Found:
         """What ``effect`` gains, its close rivals compared over every reading."""

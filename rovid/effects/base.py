@@ -158,13 +158,14 @@ class Effect:
         the equation leaves open when the torque acts.
     term
         Compiled; torque in N m from (rate, angle since the start, push, base, p, x, dx, j), with ``base`` the inertia,
-        quadratic and linear drag, the first position, the fastest state and the thrusters' race. Row ``j`` of ``p``
-        holds the effect's parameters in their order, of ``x`` its states, and of ``dx`` their rates of change, to be
-        filled in.
+        quadratic and linear drag, the first position, the fastest state, the thrusters' race and the stiffness. Row
+        ``j`` of ``p`` holds the effect's parameters in their order, of ``x`` its states, and of ``dx`` their rates of
+        change, to be filled in.
     fastest
         (parameters) -> the fastest rate of the term's states in 1/s, for the step of the integration.
-    learns
-        Change of each of the term's states with a correction of the angle, as of states that are integrals of the rate.
+    carried
+        Whether the term's states ring on after what set them off, so that a filter has to know how well it knows them.
+        One of a model's effects may be.
     on_heading
         (n,) true headings in rad -> deviation of the measured heading in rad.
     wave
@@ -199,7 +200,7 @@ class Effect:
     scatter: OnSeries | None = None
     term: Callable[..., float] | None = None
     fastest: Callable[[Values], float] | None = None
-    learns: tuple[float, ...] = (0.0,) * TERM_STATES
+    carried: bool = False
     on_heading: Callable[[FloatArray, Values], FloatArray] | None = None
     wave: bool = False
     races: bool = False

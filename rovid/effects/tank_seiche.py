@@ -46,7 +46,7 @@ EFFECT: Effect = Effect(
     rivals=("wave_torque", "added_mass_memory"),
     term=_term,
     fastest=_fastest,
-    learns=(0.0, 1.0),
+    carried=True,
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -55,6 +55,7 @@ FORMS: tuple[Effect, ...] = (
         form="thrust",
         equation="− g·I·ω·dq/dt, d²q/dt² + 2ζω·dq/dt + ω²·q = T/I: set off by the jets",
         term=_by_thrust,
-        learns=(0.0, 0.0),
+        # Known thrust sets it off.
+        carried=False,
     ),
 )

@@ -380,11 +380,11 @@ class Likelihood:
 
     def innovations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(N,) innovations in rad and their variances; those not counted are left out."""
-        from rovid.kernels import innovations, innovations_wave
+        from rovid.kernels import innovations, innovations_wide
 
         records, model = self.records, self.model(x)
         terms, active = model.terms()
-        wave = model.wave()
+        wave, wide = model.wave(), any(effect.wave or effect.carried for effect in model.effects)
         sizes = np.exp(x[DISTURBANCE:BASE])
         noise = np.array([*sizes, sizes[2] if records.integrated else records.gyro_noise])
         errors, variances = [], []
@@ -394,10 +394,10 @@ class Likelihood:
             true, gain = model.true_angle(run.trial, angle, records.instants[number])
             driven = (records.times[number], drive.torque, drive.race, drive.moment, drive.scatter)
             motion = (model.base(run.trial), terms, active, noise)
-            if wave is None:
-                error, variance = innovations(*driven, true, gyro, *motion, start)
+            if wide:
+                error, variance = innovations_wide(*driven, true, gyro, *motion, wave, start)
             else:
-                error, variance = innovations_wave(*driven, true, gyro, *motion, wave, start)
+                error, variance = innovations(*driven, true, gyro, *motion, start)
             known = records.known[number]
             # The density is that of the measured heading, whatever it deviates by.
             errors.append(error[known, 0] * gain[known])
