@@ -584,7 +584,7 @@ def innovations_wide(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
     # Angle, rate, disturbance, and the two.
     a, r, d, w, v = angle[0], start[0], 0.0, 0.0, 0.0
     p, f, q = np.zeros((5, 5)), np.zeros((5, 5)), np.zeros((5, 5))
-    slopes, room, drive = np.zeros((5, 5)), np.zeros((5, 5)), np.zeros(5)
+    slopes, room = np.zeros((5, 5)), np.zeros((5, 5))
     origin, damping = angle[0], base[2] / inertia
     p[0, 0], p[1, 1], p[2, 2] = noise[2] ** 2, start[1] ** 2, sigma**2
     slopes[0, 1], slopes[1, 0], slopes[1, 2], slopes[2, 2] = 1.0, -base[6] / inertia, 1.0 / inertia, -1.0 / tau
@@ -593,6 +593,8 @@ def innovations_wide(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
         frequency, leak, power = wave[1], 2.0 * wave[2] * wave[1], 0.5 * wave[0] ** 2
         p[3, 3], p[4, 4] = power, power * frequency**2
         slopes[1, 3], slopes[3, 4], slopes[4, 3], slopes[4, 4] = 1.0 / inertia, 1.0, -(frequency**2), -leak
+    else:
+        _carry(slopes, carried, base, terms, kinds, state, work)
     for k in range(n):
         if k > 0:
             base[5] = race[k - 1]
@@ -612,8 +614,6 @@ def innovations_wide(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
                     slope = v + h * (bend + h / 2.0 * (jerk + h / 3.0 * jolt))
                     # Its mean over the step.
                     other += w + h / 2.0 * (v + h / 3.0 * (bend + h / 4.0 * (jerk + h / 5.0 * jolt)))
-                else:
-                    _carry(slopes, carried, r, a - origin, push, base, terms, kinds, state, work)
                 for _ in range(shares):
                     r, a, damping = _substep(r, a - origin, push, other, base, terms, kinds, state, work, h / shares)
                     a += origin
@@ -623,13 +623,11 @@ def innovations_wide(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
                 r -= damping * late
                 d, w, v = faded, swung, slope
                 slopes[1, 1] = -damping
-                _transition(slopes, h, f, room)
+                _transition(slopes, h, f)
                 q[:] = 0.0
-                drive[2], drive[4] = sigma * math.sqrt(2.0 / tau), 0.0
-                _add_noise(slopes, drive, h, q, room)
+                _add_noise(slopes, 2, sigma * math.sqrt(2.0 / tau), h, q)
                 if waves:
-                    drive[2], drive[4] = 0.0, frequency * math.sqrt(2.0 * leak * power)
-                    _add_noise(slopes, drive, h, q, room)
+                    _add_noise(slopes, 4, frequency * math.sqrt(2.0 * leak * power), h, q)
                 _congruence(f, p, q, room)
             a += moment[k - 1] / inertia
             r -= damping * moment[k - 1] / inertia
@@ -662,96 +660,113 @@ def innovations_wide(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
 
 
 @_compiled
-def _carry(
-    slopes: Any, carried: int, r: float, a: float, push: float, base: Any, terms: Any, kinds: Any, state: Any, work: Any
-) -> None:
-    """Fill in how the two states of an effect act on the rate, and how they follow from it and from themselves."""
-    change, aside = work[0], work[1]
-    total = _sum_terms(r, a, push, base, terms, kinds, state, change)
-    nudge = 1e-6 + 1e-4 * abs(r)
-    _sum_terms(r + nudge, a, push, base, terms, kinds, state, aside)
-    for i in range(2):
-        slopes[3 + i, 1] = (aside[carried, i] - change[carried, i]) / nudge
+def _carry(slopes: Any, carried: int, base: Any, terms: Any, kinds: Any, state: Any, work: Any) -> None:
+    """Fill in how the two states of an effect act on the rate, and how the second follows from it and from both."""
+    change = work[0]
+    _sum_terms(1.0, 0.0, 0.0, base, terms, kinds, state, change)
+    slopes[4, 1] = change[carried, 1]
+    rest = _sum_terms(0.0, 0.0, 0.0, base, terms, kinds, state, change)
     for j in range(2):
-        kept = state[carried, j]
-        state[carried, j] = kept + nudge
-        moved = _sum_terms(r, a, push, base, terms, kinds, state, aside)
-        state[carried, j] = kept
-        slopes[1, 3 + j] = (moved - total) / (nudge * base[0])
-        for i in range(2):
-            slopes[3 + i, 3 + j] = (aside[carried, i] - change[carried, i]) / nudge
+        state[carried, j] = 1.0
+        slopes[1, 3 + j] = (_sum_terms(0.0, 0.0, 0.0, base, terms, kinds, state, change) - rest) / base[0]
+        slopes[4, 3 + j] = change[carried, 1]
+        state[carried, j] = 0.0
+    slopes[3, 4] = 1.0
 
 
 @_compiled
-def _transition(slopes: Any, h: float, f: Any, room: Any) -> None:
-    """Write exp(slopes h) into ``f``, by its series in Horner's form."""
-    for i in range(5):
-        for j in range(5):
-            f[i, j] = h / _ORDER * slopes[i, j]
-        f[i, i] += 1.0
-    for order in range(_ORDER - 1, 0, -1):
-        for i in range(5):
-            for j in range(5):
-                room[i, j] = f[i, j] * h / order
-        for i in range(5):
-            for j in range(5):
-                f[i, j] = _dot(slopes, i, room, j)
-            f[i, i] += 1.0
+def _transition(slopes: Any, h: float, f: Any) -> None:
+    """Write exp(slopes h) into ``f``, by its series.
+
+    Row by row: the derivative of the angle's row is the rate's, and so it is of the two states, the first of which is
+    the integral of the other.
+    """
+    f[2, 2] = math.exp(slopes[2, 2] * h)
+    for at in (0, 3):
+        y0, y1, y2, y3, y4 = 0.0, 1.0 if at == 0 else 0.0, 0.0, 0.0, 1.0 if at == 3 else 0.0
+        a0, a1, a2, a3, a4 = 1.0 if at == 0 else 0.0, h * y1, 0.0, 1.0 if at == 3 else 0.0, h * y4
+        r0, r1, r2, r3, r4 = y0, y1, y2, y3, y4
+        factor = h
+        for order in range(2, _ORDER + 2):
+            y0, y1, y2, y3, y4 = (
+                y1 * slopes[1, 0],
+                y0 + y1 * slopes[1, 1] + y4 * slopes[4, 1],
+                y1 * slopes[1, 2] + y2 * slopes[2, 2],
+                y1 * slopes[1, 3] + y4 * slopes[4, 3],
+                y1 * slopes[1, 4] + y3 + y4 * slopes[4, 4],
+            )
+            r0, r1, r2, r3, r4 = (
+                r0 + factor * y0,
+                r1 + factor * y1,
+                r2 + factor * y2,
+                r3 + factor * y3,
+                r4 + factor * y4,
+            )
+            factor *= h / order
+            a0, a1, a2, a3, a4 = (
+                a0 + factor * y0,
+                a1 + factor * y1,
+                a2 + factor * y2,
+                a3 + factor * y3,
+                a4 + factor * y4,
+            )
+        f[at, 0], f[at, 1], f[at, 2], f[at, 3], f[at, 4] = a0, a1, a2, a3, a4
+        f[at + 1, 0], f[at + 1, 1], f[at + 1, 2], f[at + 1, 3], f[at + 1, 4] = r0, r1, r2, r3, r4
 
 
 @_compiled
-def _dot(one: Any, i: int, other: Any, j: int) -> Any:
-    """Row ``i`` of ``one`` times column ``j`` of ``other``, both (5, 5)."""
-    first = one[i, 0] * other[0, j] + one[i, 1] * other[1, j] + one[i, 2] * other[2, j]
-    return first + one[i, 3] * other[3, j] + one[i, 4] * other[4, j]
-
-
-@_compiled
-def _add_noise(slopes: Any, drive: Any, h: float, q: Any, room: Any) -> None:
-    """Add to ``q``, on and above its diagonal, the covariance that white noise through ``drive`` grows in ``h`` s.
+def _add_noise(slopes: Any, into: int, size: float, h: float, q: Any) -> None:
+    """Add to ``q``, on and above its diagonal, what white noise of ``size`` into the state ``into`` grows in ``h`` s.
 
     By Gauss and Legendre, with its path to each node as a series: no covariance comes out of that negative.
     """
-    for i in range(5):
-        room[0, i] = drive[i]
-    for order in range(1, 5):
-        for i in range(5):
-            total = 0.0
-            for m in range(5):
-                total += slopes[i, m] * room[order - 1, m]
-            room[order, i] = total / order
     for node in range(3):
         t, weight = _NODES[node] * h, _WEIGHTS[node] * h
-        path = (
-            _at(room, 0, t),
-            _at(room, 1, t),
-            _at(room, 2, t),
-            _at(room, 3, t),
-            _at(room, 4, t),
-        )
-        for i in range(5):
-            for j in range(i, 5):
-                q[i, j] += weight * path[i] * path[j]
-
-
-@_compiled
-def _at(room: Any, i: int, t: float) -> Any:
-    """Series in ``t`` whose coefficients are in column ``i``."""
-    return room[0, i] + t * (room[1, i] + t * (room[2, i] + t * (room[3, i] + t * room[4, i])))
+        v0, v1, v2, v3, v4 = 0.0, 0.0, size if into == 2 else 0.0, 0.0, size if into == 4 else 0.0
+        c0, c1, c2, c3, c4 = v0, v1, v2, v3, v4
+        for order in range(1, _ORDER + 1):
+            share = t / order
+            v0, v1, v2, v3, v4 = (
+                share * v1,
+                share
+                * (slopes[1, 0] * v0 + slopes[1, 1] * v1 + slopes[1, 2] * v2 + slopes[1, 3] * v3 + slopes[1, 4] * v4),
+                share * slopes[2, 2] * v2,
+                share * v4,
+                share * (slopes[4, 1] * v1 + slopes[4, 3] * v3 + slopes[4, 4] * v4),
+            )
+            c0, c1, c2, c3, c4 = c0 + v0, c1 + v1, c2 + v2, c3 + v3, c4 + v4
+        q[0, 0] += weight * c0 * c0
+        q[0, 1] += weight * c0 * c1
+        q[0, 2] += weight * c0 * c2
+        q[0, 3] += weight * c0 * c3
+        q[0, 4] += weight * c0 * c4
+        q[1, 1] += weight * c1 * c1
+        q[1, 2] += weight * c1 * c2
+        q[1, 3] += weight * c1 * c3
+        q[1, 4] += weight * c1 * c4
+        q[2, 2] += weight * c2 * c2
+        q[2, 3] += weight * c2 * c3
+        q[2, 4] += weight * c2 * c4
+        q[3, 3] += weight * c3 * c3
+        q[3, 4] += weight * c3 * c4
+        q[4, 4] += weight * c4 * c4
 
 
 @_compiled
 def _congruence(f: Any, p: Any, q: Any, room: Any) -> None:
-    """Write f p f^T + q into ``p``."""
+    """Write f p f^T + q into ``p``; the disturbance follows from itself alone."""
+    for j in range(5):
+        p0, p1, p2, p3, p4 = p[0, j], p[1, j], p[2, j], p[3, j], p[4, j]
+        room[0, j] = f[0, 0] * p0 + f[0, 1] * p1 + f[0, 2] * p2 + f[0, 3] * p3 + f[0, 4] * p4
+        room[1, j] = f[1, 0] * p0 + f[1, 1] * p1 + f[1, 2] * p2 + f[1, 3] * p3 + f[1, 4] * p4
+        room[2, j] = f[2, 2] * p2
+        room[3, j] = f[3, 0] * p0 + f[3, 1] * p1 + f[3, 2] * p2 + f[3, 3] * p3 + f[3, 4] * p4
+        room[4, j] = f[4, 0] * p0 + f[4, 1] * p1 + f[4, 2] * p2 + f[4, 3] * p3 + f[4, 4] * p4
     for i in range(5):
-        for j in range(5):
-            room[i, j] = _dot(f, i, p, j)
-    for i in range(5):
+        r0, r1, r2, r3, r4 = room[i, 0], room[i, 1], room[i, 2], room[i, 3], room[i, 4]
         for j in range(i, 5):
-            total = q[i, j]
-            for m in range(5):
-                total += room[i, m] * f[j, m]
-            p[i, j] = p[j, i] = total
+            total = r0 * f[j, 0] + r1 * f[j, 1] + r2 * f[j, 2] + r3 * f[j, 3] + r4 * f[j, 4]
+            p[i, j] = p[j, i] = q[i, j] + total
 
 
 def _forget_stale() -> None:

@@ -165,7 +165,8 @@ class Effect:
         (parameters) -> the fastest rate of the term's states in 1/s, for the step of the integration.
     carried
         Whether the term's states ring on after what set them off, so that a filter has to know how well it knows them.
-        One of a model's effects may be.
+        They are linear in the rate and each other, the first the integral of the second; one of a model's effects may
+        be of this kind.
     on_heading
         (n,) true headings in rad -> deviation of the measured heading in rad.
     wave
