@@ -47,7 +47,9 @@ void filter(long n, const double *time, const double *torque, const double *angl
                 double k4 = acceleration(r4, t, i, q, l);
                 b += h*(r + 2.0*r2 + 2.0*r3 + r4)/6.0;
                 r += h*(k1 + 2.0*k2 + 2.0*k3 + k4)/6.0;
-                a = b + origin; damping = (2.0*q*fabs(r2) + l)/i; d *= fade;
+                a = b + origin; damping = (2.0*q*fabs(r2) + l)/i;
+                double early = (1.0 - fade)*d*h*h/(12.0*i);
+                a += early; r -= damping*early; d *= fade;
                 double part = damping*h, f02, f12;
                 double f11 = 1.0 - part*(1.0 - 0.5*part*(1.0 - part/3.0*(1.0 - 0.25*part)));
                 double f01 = h*(1.0 - 0.5*part*(1.0 - part/3.0*(1.0 - 0.25*part)));
