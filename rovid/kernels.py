@@ -423,7 +423,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
     angle, rate
         (n,) measured angle in rad and rate in rad/s; NaN where not measured.
     base, terms, kinds
-        As for ``simulate_effects``; the states of the effects are carried along without a variance of their own.
+        As for ``simulate_effects``; the states of the effects follow the mean, without a variance of their own.
     noise
         Standard deviation of d in N m, its correlation time in s, standard deviation of the white noise of a
         measured angle in rad and of a measured rate in rad/s.
@@ -587,12 +587,13 @@ def innovations_wide(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
     slopes, room = np.zeros((5, 5)), np.zeros((5, 5))
     origin, damping = angle[0], base[2] / inertia
     p[0, 0], p[1, 1], p[2, 2] = noise[2] ** 2, start[1] ** 2, sigma**2
-    slopes[0, 1], slopes[1, 0], slopes[1, 2], slopes[2, 2] = 1.0, -base[6] / inertia, 1.0 / inertia, -1.0 / tau
+    # Of the first and fourth state it is known: they are the integrals of those behind them.
+    slopes[1, 0], slopes[1, 2], slopes[2, 2] = -base[6] / inertia, 1.0 / inertia, -1.0 / tau
     frequency, leak, power = base[4], 0.0, 0.0
     if waves:
         frequency, leak, power = wave[1], 2.0 * wave[2] * wave[1], 0.5 * wave[0] ** 2
         p[3, 3], p[4, 4] = power, power * frequency**2
-        slopes[1, 3], slopes[3, 4], slopes[4, 3], slopes[4, 4] = 1.0 / inertia, 1.0, -(frequency**2), -leak
+        slopes[1, 3], slopes[4, 3], slopes[4, 4] = 1.0 / inertia, -(frequency**2), -leak
     else:
         _carry(slopes, carried, base, terms, kinds, state, work)
     for k in range(n):
@@ -671,7 +672,6 @@ def _carry(slopes: Any, carried: int, base: Any, terms: Any, kinds: Any, state: 
         slopes[1, 3 + j] = (_sum_terms(0.0, 0.0, 0.0, base, terms, kinds, state, change) - rest) / base[0]
         slopes[4, 3 + j] = change[carried, 1]
         state[carried, j] = 0.0
-    slopes[3, 4] = 1.0
 
 
 @_compiled
