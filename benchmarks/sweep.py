@@ -44,6 +44,8 @@ SCHEMA = "rovid-diagnosis/1"
 VERDICTS = ("found", "nothing_found", "unexplained", "too_little_data")
 # Of the answer, what is kept; the next experiment may hold a whole command file.
 KEPT = ("verdict", "base", "findings", "extended", "held_out_gain", "unexplained", "not_identifiable", "warnings")
+# rad/s; where the square law and the power law of rovid's drag_curvature agree.
+REFERENCE_RATE = 0.3
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 NO_ANSWER = "no answer"
 # From good to bad.
@@ -186,11 +188,25 @@ def run(job: Job, seed: int, rovid: Path, limit: float) -> Result:
         driver=next((case.driver for case in job.cases), None),
         plain=all(case.expected_parameters is not None for case in job.cases),
         parameters=job.parameters(),
-        dynamics=asdict(truth.dynamics),
+        dynamics=asdict(truth.dynamics) | of_slow_motion(truth),
         seconds=round(seconds, 2),
         answer=answer,
         error=error,
     )
+
+
+def of_slow_motion(truth: Truth) -> dict[str, float]:
+    """Drag in rovid's terms, where the hidden form shares it out in another way."""
+    drag = {}
+    for hidden in truth.hidden:
+        p = hidden.parameters
+        if (hidden.effect, hidden.form) == ("added_mass_memory", "cummins"):
+            # At a steady rate the memory brakes as a linear drag does.
+            drag["linear_drag"] = truth.dynamics.linear_drag + p["inertia"] / p["time_constant"]
+        elif (hidden.effect, hidden.form) == ("drag_curvature", "exponent"):
+            ratio = (REFERENCE_RATE / p["rate"]) ** (p["exponent"] - 2.0)
+            drag["quadratic_drag"] = truth.dynamics.quadratic_drag * ratio
+    return drag
 
 
 def diagnosed(scratch: Path, rovid: Path, limit: float) -> tuple[Document | None, str | None]:
@@ -476,7 +492,10 @@ logs further signals on which nothing depends, as decoys.
 """
 PARAMETER_WORDS = """\
 The last model's parameters against the truth. Good is within 2 % or within 2 standard errors. Of standard errors that
-hold, 68 % of the truths are within one and 95 % within two.
+hold, 68 % of the truths are within one and 95 % within two. Two forms share the drag out in another way than rovid's
+equations do, and the truth is put into rovid's terms there: what Cummins's memory brakes at a steady rate counts as
+linear drag, and a power law's quadratic drag is that of 0.3 rad/s. A bent thrust curve, or a thrust that follows the
+supply's voltage, leaves the scale of all thrust open; the stated errors of inertia and drag have that in them.
 """
 
 

@@ -286,6 +286,27 @@ class Model:
                 thrust = effect.on_thrust(where, thrust, effect.values(numbers))
         return thrust
 
+    def scale_doubt(self, vehicle: Vehicle, trials: Iterable[Trial]) -> float:
+        """Standard deviation of the logarithm of the thrust's scale: at which thrust the bench holds is not known.
+
+        Effects that bend the thrust leave it as it is at one that was chosen. Any other that the ``trials`` use, each
+        by how much there is of it, would do as well, and all thrust would be larger or smaller by what they make of
+        that one.
+        """
+        bending = [(effect.on_thrust, effect.values(own)) for effect, own in self._each if effect.anchored]
+        total = weights = 0.0
+        for trial in trials if bending else ():
+            where, bench = actuation(vehicle, trial), vehicle.thrust(trial.commands)
+            bent = bench
+            for on_thrust, values in bending:
+                assert on_thrust is not None  # noqa: S101 - none is anchored without
+                bent = on_thrust(where, bent, values)
+            used = (bench != 0.0) & (bent != 0.0)
+            weight = np.abs(bench[used])
+            total += float(weight @ np.log(np.abs(bent[used]) / weight) ** 2)
+            weights += float(weight.sum())
+        return math.sqrt(total / weights) if weights > 0.0 else 0.0
+
     def restlessness(self, rate: float, memory: float) -> float:
         """Standard deviation of the rate for each N m of a disturbance torque with a ``memory`` in s.
 

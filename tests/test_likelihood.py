@@ -16,7 +16,7 @@ from scipy.linalg import expm
 from rovid.effects import MOTION, effect_named
 from rovid.identify.free_run import fit_free_run
 from rovid.identify.innovations import Likelihood, Records
-from rovid.identify.likelihood import LIMITS, fit_likelihood, innovations_are_white
+from rovid.identify.likelihood import LIMITS, covariance, fit_likelihood, innovations_are_white
 from rovid.kernels import effects_along, innovations, innovations_wide, simulate
 from rovid.model import Model
 from rovid.rates import rates_of
@@ -221,6 +221,48 @@ def test_an_effect_hidden_in_the_files_is_measured(effect: str, tmp_path: Path, 
     errors = [document["overall"]["yaw_rate_rmse"] for document in simulated]
     assert errors[1] < 0.7 * errors[0]
     assert simulated[1]["effects"] == [effect]
+
+
+@pytest.mark.parametrize("holds_at", [60.0, 150.0, 300.0])
+def test_a_bent_curve_leaves_the_scale_of_all_thrust_open(holds_at: float, tmp_path: Path, rovid: Rovid) -> None:
+    """Wherever in the range in use the bench's thrust in N is right, the truth is within what is stated."""
+    seed = secrets.randbelow(10**6)
+    print(f"seed {seed}")
+    write_trial_day(tmp_path / "day", seed=seed, formats="csv", campaign=SHORT)
+
+    def bent(table: pd.DataFrame) -> pd.DataFrame:
+        share = table.thrust_N.abs() / holds_at
+        return table.assign(thrust_N=np.sign(table.thrust_N) * holds_at * share ** (1.0 / 0.8))
+
+    curve(bent)(tmp_path / "day")
+    fit = rovid("fit", "day", "--effect", "thrust_curve_shape", "--json").document
+    exponent = fit["parameters"]["thrust_curve_shape.exponent"]
+    assert abs(exponent["value"] - 0.8) < 3.5 * exponent["standard_error"]
+    for name, value in TRUTH.items():
+        found = fit["parameters"][name]
+        assert abs(found["value"] - value) < 2.5 * found["standard_error"], name
+    assert any("at which thrust" in warning for warning in fit["warnings"])
+
+
+def test_a_jump_of_one_innovation_makes_no_certainty(tmp_path: Path) -> None:
+    write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
+    runs = open_study([tmp_path / "day"]).runs
+    assert runs is not None
+    likelihood = Likelihood(Records(runs.items, None, fit_free_run(runs.items)), LIMITS[0])
+    top, _ = likelihood.climb(likelihood.first())
+
+    class Jumping(Likelihood):
+        """One innovation moves by a twentieth of its error where the inertia is above the best."""
+
+        def innovations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+            error, variance = super().innovations(x)
+            return error + 0.05 * (x[0] > top[0]) * np.sqrt(variance) * (np.arange(len(error)) == 100), variance
+
+    smooth, jumping = (
+        np.sqrt(np.diag(covariance(kind(likelihood.records, LIMITS[0]), top, sandwich=False)))
+        for kind in (Likelihood, Jumping)
+    )
+    assert jumping == pytest.approx(smooth, rel=0.1)
 
 
 def test_the_disturbance_is_let_go_once_the_cause_is_in(tmp_path: Path, rovid: Rovid) -> None:

@@ -26,6 +26,7 @@ from rovid.identify.likelihood import (
     fit_base,
     likelihood_is_white,
     physical,
+    scale_doubt,
     simulated_r2,
 )
 from rovid.identify.regression import require_inertia
@@ -395,6 +396,8 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
     base_estimate = _estimate(base, white=likelihood_is_white(base.likelihood, base.x))
     # What is missing makes one of them uncertain; where both are, the vehicle was not excited.
     require_inertia(min(base_estimate, estimate, key=_uncertainty), CERTAINTY)
+    estimate = estimate.with_scale_doubt(scale_doubt(final.likelihood, final.likelihood.model(final.x)))
+    warnings.extend(estimate.warnings)
     findings = [_finding(work, one, estimate, white=white) for one in found if not is_driver(one.effect)]
     findings = [replace(one, plan=_telling(work, one)) if one.undecided else one for one in findings]
     signals = tuple((one.effect, one.worth) for one in found if is_driver(one.effect))

@@ -185,6 +185,8 @@ class Effect:
         (parameters) -> the same, in the range in which people expect them.
     axes
         Names of the axes along which there is such a thing; empty for all.
+    anchored
+        Whether ``on_thrust`` leaves the bench's thrust as it is at one thrust, or voltage, that is a mere choice.
     """
 
     id: str
@@ -210,6 +212,7 @@ class Effect:
     each_thruster: bool = False
     canonical: Callable[[FloatArray], FloatArray] | None = None
     axes: tuple[str, ...] = ()
+    anchored: bool = False
 
     @property
     def key(self) -> str:

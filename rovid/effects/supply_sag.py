@@ -73,5 +73,6 @@ FORMS: tuple[Effect, ...] = (
         fingerprint="residual torque in proportion to T and to the change of the logged voltage",
         needs=_CHANNEL,
         on_thrust=_with_voltage,
+        anchored=True,
     ),
 )

@@ -31,6 +31,7 @@ EFFECT: Effect = Effect(
     experiment="coast-downs, which know no thrust, beside holds at many levels",
     rivals=("thruster_deadband", "supply_sag", "drag_curvature"),
     on_thrust=_power,
+    anchored=True,
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,

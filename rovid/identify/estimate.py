@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 from scipy import special
@@ -33,6 +35,9 @@ class Estimate:
         Full sentences.
     axis
         Along which they are.
+    scale_doubt
+        Standard deviation, as a share, of a scale that all thrust may have besides, and with it all that is a force or
+        stands against one. It is in the standard errors and not in ``covariance``: no loop and no simulation feels it.
     """
 
     names: tuple[str, ...]
@@ -44,6 +49,7 @@ class Estimate:
     refused: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     axis: Axis = YAW
+    scale_doubt: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(self.values))
@@ -56,7 +62,9 @@ class Estimate:
     def standard_error(self, name: str) -> float:
         """Standard error of the parameter ``name``."""
         at = self.names.index(name)
-        return float(np.sqrt(self.covariance[at, at]))
+        unit = self.unit(name)
+        scaled = abs(self.value(name)) if unit == "N" or unit.startswith(("N ", "kg")) else 0.0
+        return math.hypot(math.sqrt(self.covariance[at, at]), self.scale_doubt * scaled)
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval by Student's t."""
@@ -65,14 +73,25 @@ class Estimate:
 
     def correlation(self, first: str, second: str) -> float:
         """Correlation between two parameters; NaN where one of them is not estimated."""
-        covariance = float(self.covariance[self.names.index(first), self.names.index(second)])
-        both = self.standard_error(first) * self.standard_error(second)
-        return covariance / both if both > 0.0 else np.nan
+        a, b = self.names.index(first), self.names.index(second)
+        both = math.sqrt(self.covariance[a, a] * self.covariance[b, b])
+        return float(self.covariance[a, b]) / both if both > 0.0 else math.nan
 
     def differs_from_zero(self, name: str) -> bool:
         """Whether the 95 % interval of ``name`` leaves zero out."""
         low, high = self.interval(name)
         return low > 0.0 or high < 0.0
+
+    def with_scale_doubt(self, doubt: float) -> Self:
+        """The same with this ``scale_doubt``, and a word on it."""
+        if doubt == 0.0:
+            return self
+        warning = (
+            "Inertia and drag may all be larger or smaller together: these data show how thrust departs from the "
+            "bench curve, but not at which thrust or voltage the curve still holds. Their standard errors include "
+            f"{100 * doubt:.2g} % for that."
+        )
+        return replace(self, scale_doubt=doubt, warnings=(*self.warnings, warning))
 
     def unit(self, name: str) -> str:
         """Unit of the parameter ``name``."""

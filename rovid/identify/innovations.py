@@ -435,9 +435,12 @@ class Likelihood:
         shares = np.array([parameter.step for parameter in self.parameters])
         return np.concatenate((np.full(BASE, _STEP), shares * np.maximum(np.abs(x[BASE:]), 0.1 * starts)))
 
-    def slopes(self, x: FloatArray) -> Slopes:
-        """Slopes at ``x`` by forward differences, backward at an upper bound; on all cores at once."""
-        step = self._steps(x)
+    def slopes(self, x: FloatArray, least: FloatArray | float = 0.0) -> Slopes:
+        """Slopes at ``x`` by forward differences, backward at an upper bound; on all cores at once.
+
+        ``least`` are the shortest steps of the coordinates that they are taken over.
+        """
+        step = np.maximum(self._steps(x), least)
         step = np.where(x + step > self.high, -step, step)
         centre = self.innovations(x)
         sides = spread(lambda k: self._aside(x, centre, k, float(step[k])), range(len(x)))

@@ -13,7 +13,7 @@ from rovid.effects import Effect
 from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import fit_free_run, free_run_r2
-from rovid.identify.innovations import BASE, Likelihood, Records
+from rovid.identify.innovations import BASE, Likelihood, Records, Slopes
 from rovid.identify.regression import require_inertia
 from rovid.identify.simulated import SimulatedLikelihood, SimulatedRecords
 from rovid.model import Model
@@ -35,6 +35,8 @@ _LOOSER = 2.5
 # An inertia nearer to nothing, in standard errors, is none: steady holds fit any.
 CERTAINTY = 2.0
 _TRIALS, _TRIAL_ITERATIONS = 8, 4
+# Slopes for standard errors are taken over this share of them, until a further round takes less than a tenth away.
+_SLOPE_SHARE, _SETTLED, _WIDENINGS = 0.3, 0.9, 6
 _WHITE_LAGS = 20
 # A parameter whose slopes are taken over more than this share of it makes stairs of the likelihood.
 _SMOOTH = 1e-3
@@ -194,7 +196,7 @@ def simulated_r2(likelihood: Likelihood, x: FloatArray) -> float:
 def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> FloatArray:
     """Of all parameters: inverse information, or the sandwich that allows for coloured innovations."""
     # All of them, a drag at its bound too: to take its zero for certain would make the rest look certain.
-    here = likelihood.slopes(x)
+    here = _wide_slopes(likelihood, x)
     plain = inverse = _inverse(here.matrix.T @ here.matrix)
     if sandwich:
         scores = likelihood.block_scores(here)
@@ -213,6 +215,23 @@ def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> Floa
             inverse = inverse * np.outer(factor, factor)
     shown, size = likelihood.of_model(x)
     return np.asarray(inverse[np.ix_(shown, shown)] * np.outer(size, size))
+
+
+def _wide_slopes(likelihood: Likelihood, x: FloatArray) -> Slopes:
+    """Slopes over a good part of the standard errors, which they tell themselves.
+
+    Where a change cuts an interval of the filter into one step more, an innovation jumps by a part of its error. Over
+    the short steps of a climb that is a slope larger than all others together, and no uncertainty would be left.
+    """
+    here = likelihood.slopes(x)
+    for _ in range(_WIDENINGS):
+        power = np.einsum("ij,ij->j", here.matrix, here.matrix)
+        wider = likelihood.slopes(x, _SLOPE_SHARE / np.sqrt(np.where(power > 0.0, power, np.inf)))
+        settled = bool(np.all(np.einsum("ij,ij->j", wider.matrix, wider.matrix) >= _SETTLED * power))
+        here = wider
+        if settled:
+            break
+    return here
 
 
 def _reach(likelihood: Likelihood, x: FloatArray, at: int) -> float | None:
@@ -260,6 +279,7 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
         warnings=tuple(_warnings(likelihood, model, white=white, at_limit=at_limit)),
     )
     require_inertia(estimate, CERTAINTY)
+    estimate = estimate.with_scale_doubt(scale_doubt(likelihood, model))
     return LikelihoodFit(
         estimate=estimate,
         model=model,
@@ -274,6 +294,12 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
         free_run_r2=r2,
         base_r2=base_r2,
     )
+
+
+def scale_doubt(likelihood: Likelihood, model: Model) -> float:
+    """As `Model.scale_doubt`, of the runs that were looked at."""
+    records = likelihood.records
+    return 0.0 if records.vehicle is None else model.scale_doubt(records.vehicle, [run.trial for run in records.runs])
 
 
 def canonical(likelihood: Likelihood, x: FloatArray) -> FloatArray:

@@ -40,8 +40,9 @@ def of_parameters(stored: Parameters) -> Matrix | None:
     names += [name for name in stored.entries if name not in base]
 
     def correlation(first: str, second: str) -> float:
-        covariance = stored.covariance.get((first, second), stored.covariance.get((second, first), 0.0))
-        errors = stored.entries[first].standard_error * stored.entries[second].standard_error
+        found = stored.covariance
+        covariance = found.get((first, second), found.get((second, first), 0.0))
+        errors = math.sqrt(found.get((first, first), 0.0) * found.get((second, second), 0.0))
         # A file has no other word than zero for what was not found together.
         return covariance / errors if errors > 0.0 and covariance != 0.0 else math.nan
 

@@ -27,10 +27,11 @@ def test_the_files_covariance_is_shown_as_correlation(day: Evidence) -> None:
 @pytest.mark.parametrize(("value", "shade"), [(0.3, 0), (-0.6, 1), (0.9, 2), (-0.99, 3)])
 def test_the_stronger_the_darker(day: Evidence, value: float, shade: int) -> None:
     entry = Entry(value=1.0, standard_error=2.0, unit="s", method="maximum likelihood")
+    one, other = "inertia", "thruster_lag.time_constant"
     stored = replace(
         day.parameters,
-        entries={"inertia": entry, "thruster_lag.time_constant": entry},
-        covariance={("inertia", "thruster_lag.time_constant"): 4.0 * value},
+        entries={one: entry, other: entry},
+        covariance={(one, one): 4.0, (other, other): 4.0, (one, other): 4.0 * value},
     )
     found = of_parameters(stored)
     assert found is not None
