@@ -281,7 +281,7 @@ class Search:
                 current,
                 _best_forms(promises)
                 if growing and self.thorough(current)
-                else _shortlist(current, promises, self.threshold * _NEGLIGIBLE),
+                else shortlist(current, promises, self.threshold * _NEGLIGIBLE),
             )
             self._extensions[current.key] = [*ahead, *behind]
             for fit in ahead:
@@ -438,7 +438,7 @@ def _best_forms(promises: Sequence[Promise]) -> list[Promise]:
     return [promise for group in _ranked(promises) for promise in group[:_FORMS_FITTED] if promise.gain > 0.0]
 
 
-def _shortlist(current: Fitted, promises: Sequence[Promise], least: float) -> list[Promise]:
+def shortlist(current: Fitted, promises: Sequence[Promise], least: float) -> list[Promise]:
     """The forms worth fitting: of the causes that promise most, the best forms of each, and simpler ones.
 
     Slopes promise too much of some forms, and one with fewer parameters may gain as much.

@@ -1,0 +1,71 @@
+"""Which forms of which causes are worth a fit, by what they promise and what they keep of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rovid.diagnose.search import Fitted, Promise, shortlist
+from rovid.effects import Effect, effect_named
+from rovid.identify.likelihood import starts
+from rovid.trial import FloatArray
+
+
+@dataclass(frozen=True)
+class Keeping:
+    """Stands for a likelihood of which each effect gains what it ``keeps``, wherever its fit would start."""
+
+    keeps: Mapping[str, float]
+    effects: tuple[Effect, ...] = ()
+
+    def like(self, effects: tuple[Effect, ...]) -> Keeping:
+        return Keeping(self.keeps, effects)
+
+    def cost(self, x: FloatArray) -> float:
+        assert len(x) == 1 + sum(len(effect.parameters) for effect in self.effects)
+        return 1000.0 - sum(self.keeps[effect.key] for effect in self.effects)
+
+
+def listed(promised: Mapping[str, float], keeps: Mapping[str, float] | None = None, *, least: float = 0.0) -> list[str]:
+    """Keys of what is fitted; everything is kept that is promised, but for ``keeps``."""
+    promises = [
+        Promise(effect, gain, starts(effect)[0], starts(effect)[0], 1.0)
+        for effect, gain in ((effect_named(key), gain) for key, gain in promised.items())
+    ]
+    likelihood: Any = Keeping({**promised, **(keeps or {})})  # stands in for a Likelihood
+    return [promise.effect.key for promise in shortlist(Fitted(likelihood, np.zeros(1), 1000.0), promises, least)]
+
+
+def test_the_best_comes_first_and_what_promises_a_tenth_of_it_comes_too() -> None:
+    assert listed({"bias_torque": 11.0, "thruster_lag": 100.0, "tether_torsion": 9.0}) == [
+        "thruster_lag",
+        "bias_torque",
+    ]
+
+
+@pytest.mark.parametrize(("kept", "others"), [(57_000.0, []), (8_000.0, ["thruster_lag"])])
+def test_a_promise_that_is_not_kept_keeps_no_other_cause_out(kept: float, others: list[str]) -> None:
+    found = listed({"command_delay": 57_000.0, "thruster_lag": 3_000.0}, {"command_delay": kept})
+    assert found == ["command_delay", *others]
+
+
+def test_small_promises_are_kept_to_the_letter() -> None:
+    assert listed({"bias_torque": 3.0, "thruster_lag": 5.0}, least=4.0) == ["thruster_lag"]
+    assert listed({"bias_torque": 3.0}, least=4.0) == []
+
+
+def test_a_simpler_form_is_fitted_though_it_promises_little() -> None:
+    # A lag with load has two parameters, a drift with time has one.
+    promised = {"supply_sag": 100.0, "supply_sag:drift": 2.0}
+    assert listed(promised) == ["supply_sag", "supply_sag:drift"]
+    assert listed({"supply_sag:drift": 100.0, "supply_sag": 2.0}) == ["supply_sag:drift"]
+
+
+def test_no_more_than_seven_causes_are_fitted() -> None:
+    causes = ["bias_torque", "thruster_lag", "tether_torsion", "command_delay", "drag_curvature", "slew_limit"]
+    causes += ["thruster_deadband", "thrust_asymmetry", "drag_asymmetry"]
+    assert listed(dict.fromkeys(causes, 10.0)) == causes[:7]
