@@ -28,6 +28,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from rovid.effects.base import REFERENCE_RATE
 from tools.cases import Case, all_cases, groups, truth_of
 from tools.channels import EXTRA
 from tools.hidden import EFFECTS
@@ -44,8 +45,6 @@ SCHEMA = "rovid-diagnosis/1"
 VERDICTS = ("found", "nothing_found", "unexplained", "too_little_data")
 # Of the answer, what is kept; the next experiment may hold a whole command file.
 KEPT = ("verdict", "base", "findings", "extended", "held_out_gain", "unexplained", "not_identifiable", "warnings")
-# rad/s; where the square law and the power law of rovid's drag_curvature agree.
-REFERENCE_RATE = 0.3
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 NO_ANSWER = "no answer"
 # From good to bad.
@@ -143,7 +142,7 @@ class Result:
     plain
         Whether they are in the contract's forms.
     parameters, dynamics
-        True values.
+        True values, the drag in rovid's terms.
     seconds
         That the diagnosis took.
     """

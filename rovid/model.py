@@ -275,36 +275,32 @@ class Model:
         every = np.arange((len(where.time) - 1) // where.parts + 1)
         return drive.between(where.time, where.parts * (every if at is None else at))
 
-    def thrust(self, vehicle: Vehicle, where: Actuation, command: FloatArray) -> FloatArray:
-        """(n, k) thrust in N of (n, k) commands, after every effect up to it."""
+    def thrust(self, vehicle: Vehicle, where: Actuation, command: FloatArray, *, bent: bool = True) -> FloatArray:
+        """(n, k) thrust in N of (n, k) commands, after every effect up to it; ``bent``: those anchored included."""
         for effect, numbers in self._each:
             if effect.on_command is not None:
                 command = effect.on_command(where, command, effect.values(numbers))
         thrust = vehicle.thrust(command)
         for effect, numbers in self._each:
-            if effect.on_thrust is not None:
+            if effect.on_thrust is not None and (bent or not effect.anchored):
                 thrust = effect.on_thrust(where, thrust, effect.values(numbers))
         return thrust
 
     def scale_doubt(self, vehicle: Vehicle, trials: Iterable[Trial]) -> float:
-        """Standard deviation of the logarithm of the thrust's scale: at which thrust the bench holds is not known.
+        """How open the scale of all thrust is, as a share: at which thrust it is as it was taken is not known.
 
-        Effects that bend the thrust leave it as it is at one that was chosen. Any other that the ``trials`` use, each
-        by how much there is of it, would do as well, and all thrust would be larger or smaller by what they make of
-        that one.
+        Effects that bend the thrust leave it as it was at one that was chosen. Any other that the ``trials`` use, each
+        by how much torque it gave for how long, would do as well, and all thrust would be larger or smaller by what
+        they make of that one: the root of the mean square of its logarithm.
         """
-        bending = [(effect.on_thrust, effect.values(own)) for effect, own in self._each if effect.anchored]
         total = weights = 0.0
-        for trial in trials if bending else ():
-            where, bench = actuation(vehicle, trial), vehicle.thrust(trial.commands)
-            bent = bench
-            for on_thrust, values in bending:
-                assert on_thrust is not None  # noqa: S101 - none is anchored without
-                bent = on_thrust(where, bent, values)
-            used = (bench != 0.0) & (bent != 0.0)
-            weight = np.abs(bench[used])
-            total += float(weight @ np.log(np.abs(bent[used]) / weight) ** 2)
-            weights += float(weight.sum())
+        for trial in trials if any(effect.anchored for effect in self.effects) else ():
+            where = actuation(vehicle, trial)
+            bent, straight = (self.thrust(vehicle, where, trial.commands, bent=way)[:-1] for way in (True, False))
+            weight = np.abs(straight * where.arms) * np.diff(trial.time)[:, None]
+            used = (bent != 0.0) & (weight > 0.0)
+            total += float(weight[used] @ np.log(np.abs(bent[used] / straight[used])) ** 2)
+            weights += float(weight[used].sum())
         return math.sqrt(total / weights) if weights > 0.0 else 0.0
 
     def restlessness(self, rate: float, memory: float) -> float:

@@ -31,8 +31,10 @@ def slow(*values: Any) -> Any:
 SINGLE = [
     ("rosub", "thruster_lag-quadratic-strong"),
     ("small", "tank_seiche-thrust-strong"),
+    ("small", "thrust_curve_shape-power-strong"),
     slow("observation", "thruster_deadband-shift-weak"),
     slow("small", "bias_torque-constant-strong"),
+    slow("rosub", "supply_sag-voltage-strong"),
     slow("rosub", "entrained_swirl-annulus-weak"),
     slow("rosub", "coulomb_resistance-smooth-weak"),
     slow("observation", "oscillatory_drag-exponential-strong"),

@@ -35,6 +35,8 @@ REFERENCE_RATE = 0.3
 # Of the bench's largest thrust; the same for thrust. Trials seldom use much more in yaw, and away from the thrust in
 # use a change of shape would be one of scale, which inertia and drag would have to follow.
 _REFERENCE_SHARE = 0.1
+# A parameter whose slopes are taken over more than this share of it makes stairs of the likelihood.
+_SMOOTH = 1e-3
 # A null so large stands for infinity.
 _ENDLESS = 1e5
 
@@ -70,6 +72,11 @@ class EffectParameter:
     starts: tuple[float, ...]
     scale: str = "one"
     step: float = 1e-4
+
+    @property
+    def stairs(self) -> bool:
+        """Whether the likelihood has steps along it in place of slopes."""
+        return self.step > _SMOOTH
 
     @property
     def endless(self) -> bool:
@@ -186,7 +193,8 @@ class Effect:
     axes
         Names of the axes along which there is such a thing; empty for all.
     anchored
-        Whether ``on_thrust`` leaves the bench's thrust as it is at one thrust, or voltage, that is a mere choice.
+        Whether ``on_thrust`` leaves thrust as it was taken at one thrust, or voltage, that is a mere choice. An effect
+        that says where thrust is gone (astern, of one thruster, with load, with time) leaves the rest as it was.
     """
 
     id: str

@@ -14,6 +14,9 @@ from rovid.axis import YAW, Axis
 from rovid.model import unit_of
 from rovid.trial import FloatArray, read_only
 
+# A share of all thrust that is not worth a word.
+_NO_DOUBT = 1e-3
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
@@ -36,8 +39,8 @@ class Estimate:
     axis
         Along which they are.
     scale_doubt
-        Standard deviation, as a share, of a scale that all thrust may have besides, and with it all that is a force or
-        stands against one. It is in the standard errors and not in ``covariance``: no loop and no simulation feels it.
+        How open the scale of all thrust is, as a share, and with it that of inertia, drag and every torque. It is in
+        the standard errors and intervals and not in ``covariance``: no loop and no simulation feels it.
     """
 
     names: tuple[str, ...]
@@ -61,21 +64,37 @@ class Estimate:
 
     def standard_error(self, name: str) -> float:
         """Standard error of the parameter ``name``."""
-        at = self.names.index(name)
-        unit = self.unit(name)
-        scaled = abs(self.value(name)) if unit == "N" or unit.startswith(("N ", "kg")) else 0.0
-        return math.hypot(math.sqrt(self.covariance[at, at]), self.scale_doubt * scaled)
+        return math.hypot(self._spread(name), self.scale_doubt * self._scaled(name))
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
-        """Confidence interval by Student's t."""
-        reach = student_t(0.5 + level / 2.0, self.degrees_of_freedom) * self.standard_error(name)
-        return self.value(name) - reach, self.value(name) + reach
+        """Confidence interval by Student's t; what the scale of thrust leaves open is a factor, which has no sign."""
+        value, chance = self.value(name), 0.5 + level / 2.0
+        reach = student_t(chance, self.degrees_of_freedom) * self._spread(name)
+        doubt = student_t(chance, math.inf) * self.scale_doubt if self._scaled(name) else 0.0
+
+        def edge(way: float) -> float:
+            plain = value + way * reach
+            # Beyond zero the value is not known well enough for a factor to matter.
+            if doubt == 0.0 or plain * value <= 0.0:
+                return plain
+            return value * math.exp(math.copysign(math.hypot(math.log(plain / value), doubt), way * value))
+
+        return edge(-1.0), edge(1.0)
+
+    def _spread(self, name: str) -> float:
+        at = self.names.index(name)
+        return math.sqrt(self.covariance[at, at])
+
+    def _scaled(self, name: str) -> float:
+        """Size of what is larger with all thrust; 0 of what is not."""
+        unit = self.unit(name)
+        return abs(self.value(name)) if unit == "N" or unit.startswith(("N ", "kg")) else 0.0
 
     def correlation(self, first: str, second: str) -> float:
         """Correlation between two parameters; NaN where one of them is not estimated."""
-        a, b = self.names.index(first), self.names.index(second)
-        both = math.sqrt(self.covariance[a, a] * self.covariance[b, b])
-        return float(self.covariance[a, b]) / both if both > 0.0 else math.nan
+        covariance = float(self.covariance[self.names.index(first), self.names.index(second)])
+        both = self._spread(first) * self._spread(second)
+        return covariance / both if both > 0.0 else math.nan
 
     def differs_from_zero(self, name: str) -> bool:
         """Whether the 95 % interval of ``name`` leaves zero out."""
@@ -84,11 +103,11 @@ class Estimate:
 
     def with_scale_doubt(self, doubt: float) -> Self:
         """The same with this ``scale_doubt``, and a word on it."""
-        if doubt == 0.0:
+        if doubt < _NO_DOUBT:
             return self
         warning = (
-            "Inertia and drag may all be larger or smaller together: these data show how thrust departs from the "
-            "bench curve, but not at which thrust or voltage the curve still holds. Their standard errors include "
+            "Inertia and drag may all be larger or smaller together: these data show how thrust departs from what it "
+            "was taken for, but not at which thrust or voltage that still holds. Their standard errors include "
             f"{100 * doubt:.2g} % for that."
         )
         return replace(self, scale_doubt=doubt, warnings=(*self.warnings, warning))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -435,14 +435,27 @@ class Likelihood:
         shares = np.array([parameter.step for parameter in self.parameters])
         return np.concatenate((np.full(BASE, _STEP), shares * np.maximum(np.abs(x[BASE:]), 0.1 * starts)))
 
-    def slopes(self, x: FloatArray, least: FloatArray | float = 0.0) -> Slopes:
-        """Slopes at ``x`` by forward differences, backward at an upper bound; on all cores at once.
+    def slopes(self, x: FloatArray) -> Slopes:
+        """Slopes at ``x`` by forward differences, backward at an upper bound; on all cores at once."""
+        step = self._steps(x)
+        return self._slopes_over(np.where(x + step > self.high, -step, step), x, self.innovations(x))
 
-        ``least`` are the shortest steps of the coordinates that they are taken over.
+    def flatter_slopes(self, x: FloatArray) -> Slopes:
+        """As ``slopes``, but of the slopes ahead and behind the flatter for each innovation.
+
+        Where a change cuts an interval of the filter into one step more, innovations jump by a part of their error.
+        Over the short step of a slope that is more than all others together, but on one side alone.
         """
-        step = np.maximum(self._steps(x), least)
-        step = np.where(x + step > self.high, -step, step)
-        centre = self.innovations(x)
+        step, centre = self._steps(x), self.innovations(x)
+        ahead, behind = np.where(x + step > self.high, -step, step), np.where(x - step < self.low, step, -step)
+        # Along stairs all that is told is told by jumps.
+        smooth = np.concatenate((np.full(BASE, True), [not parameter.stairs for parameter in self.parameters]))
+        one = self._slopes_over(ahead, x, centre)
+        other = self._slopes_over(np.where(smooth, behind, ahead), x, centre)
+        matrix = np.where(np.abs(other.matrix) < np.abs(one.matrix), other.matrix, one.matrix)
+        return replace(one, matrix=matrix)
+
+    def _slopes_over(self, step: FloatArray, x: FloatArray, centre: tuple[FloatArray, FloatArray]) -> Slopes:
         sides = spread(lambda k: self._aside(x, centre, k, float(step[k])), range(len(x)))
         return self.slopes_between(centre, sides, step)
 

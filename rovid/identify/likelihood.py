@@ -13,7 +13,7 @@ from rovid.effects import Effect
 from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import fit_free_run, free_run_r2
-from rovid.identify.innovations import BASE, Likelihood, Records, Slopes
+from rovid.identify.innovations import BASE, Likelihood, Records
 from rovid.identify.regression import require_inertia
 from rovid.identify.simulated import SimulatedLikelihood, SimulatedRecords
 from rovid.model import Model
@@ -35,11 +35,7 @@ _LOOSER = 2.5
 # An inertia nearer to nothing, in standard errors, is none: steady holds fit any.
 CERTAINTY = 2.0
 _TRIALS, _TRIAL_ITERATIONS = 8, 4
-# Slopes for standard errors are taken over this share of them, until a further round takes less than a tenth away.
-_SLOPE_SHARE, _SETTLED, _WIDENINGS = 0.3, 0.9, 6
 _WHITE_LAGS = 20
-# A parameter whose slopes are taken over more than this share of it makes stairs of the likelihood.
-_SMOOTH = 1e-3
 _WHITE_P = 1e-3
 _KURTOSIS = 1.0
 
@@ -196,7 +192,7 @@ def simulated_r2(likelihood: Likelihood, x: FloatArray) -> float:
 def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> FloatArray:
     """Of all parameters: inverse information, or the sandwich that allows for coloured innovations."""
     # All of them, a drag at its bound too: to take its zero for certain would make the rest look certain.
-    here = _wide_slopes(likelihood, x)
+    here = likelihood.flatter_slopes(x)
     plain = inverse = _inverse(here.matrix.T @ here.matrix)
     if sandwich:
         scores = likelihood.block_scores(here)
@@ -207,7 +203,7 @@ def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> Floa
         inverse = np.where(flat | flat[:, np.newaxis], plain, inverse)
     inflated = float(np.median(np.sqrt(np.diag(inverse)[:3] / np.diag(plain)[:3])))
     for at, parameter in enumerate(likelihood.parameters, start=BASE):
-        if parameter.step > _SMOOTH and (reach := _reach(likelihood, x, at)) is not None:
+        if parameter.stairs and (reach := _reach(likelihood, x, at)) is not None:
             # Stairs have no curvature: how far it goes until the likelihood has fallen says how sure it is, and no
             # surer than the step over which its slopes were taken, for where nature's threshold is in that is not told.
             reach = max(inflated * reach, parameter.step * abs(x[at]) / math.sqrt(3.0))
@@ -215,23 +211,6 @@ def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> Floa
             inverse = inverse * np.outer(factor, factor)
     shown, size = likelihood.of_model(x)
     return np.asarray(inverse[np.ix_(shown, shown)] * np.outer(size, size))
-
-
-def _wide_slopes(likelihood: Likelihood, x: FloatArray) -> Slopes:
-    """Slopes over a good part of the standard errors, which they tell themselves.
-
-    Where a change cuts an interval of the filter into one step more, an innovation jumps by a part of its error. Over
-    the short steps of a climb that is a slope larger than all others together, and no uncertainty would be left.
-    """
-    here = likelihood.slopes(x)
-    for _ in range(_WIDENINGS):
-        power = np.einsum("ij,ij->j", here.matrix, here.matrix)
-        wider = likelihood.slopes(x, _SLOPE_SHARE / np.sqrt(np.where(power > 0.0, power, np.inf)))
-        settled = bool(np.all(np.einsum("ij,ij->j", wider.matrix, wider.matrix) >= _SETTLED * power))
-        here = wider
-        if settled:
-            break
-    return here
 
 
 def _reach(likelihood: Likelihood, x: FloatArray, at: int) -> float | None:
