@@ -275,7 +275,8 @@ def simulate_effects(
         (n,) N m s^2 and N^0.5 m^2, see `rovid.model.Drive`.
     base
         Inertia, quadratic and linear drag, the position at the first instant, the fastest rate of the effects' own
-        states in 1/s, room for the race of the moment, and the stiffness of the restoring torque in N m/rad.
+        states in 1/s, room for the race of the moment, the stiffness of the restoring torque in N m/rad, and room for
+        the rate of the water about the hull.
     terms, kinds
         (m, 4) parameters of each effect in the equation of motion; (m,) its index in ``rovid.effects.MOTION``.
     start

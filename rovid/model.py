@@ -154,7 +154,7 @@ class Model:
         return initial_rate(trial, self.swing)
 
     def base(self, trial: Trial) -> FloatArray:
-        """(7,) inertia, drags, first position, fastest state, room and stiffness, as the kernels take them."""
+        """(8,) inertia, drags, first position, fastest state, room, stiffness, room, as the kernels take them."""
         return self.base_from(float(trial.position[int(np.argmax(trial.measured))]))
 
     def base_from(self, position: float) -> FloatArray:
@@ -162,11 +162,13 @@ class Model:
         fastest = max((e.fastest(e.values(numbers)) for e, numbers in self._each if e.fastest), default=0.0)
         fastest = max(fastest, self.swing)
         drags = self.quadratic_drag, self.linear_drag
-        return np.array([self.inertia, *drags, position, fastest, 0.0, self.stiffness])
+        return np.array([self.inertia, *drags, position, fastest, 0.0, self.stiffness, 0.0])
 
     def terms(self) -> tuple[FloatArray, NDArray[np.int64]]:
         """(m, 4) parameters of each term of the equation of motion; (m,) its index in ``MOTION``."""
         acting = [(effect, numbers) for effect, numbers in self._each if effect.term is not None]
+        # What drag there is in moving water can only be said once it is known how that moves.
+        acting.sort(key=lambda pair: not pair[0].moves_water)
         values = np.zeros((len(acting), TERM_PARAMETERS))
         for row, (_, numbers) in zip(values, acting, strict=True):
             row[: len(numbers)] = numbers

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
@@ -12,8 +13,10 @@ import pytest
 from rovid.effects import CATALOGUE, FORMS, MOTION, Effect, effect_named, forms_for
 from rovid.effects.base import REFERENCE_RATE, TERM_PARAMETERS, TERM_STATES, Actuation, Scales
 from rovid.effects.series import latched, rotor_lagged, soft_started
+from rovid.model import Drive, Model
 from rovid.trial import FloatArray
 from rovid.vehicle import ThrustCurve, Thruster, Vehicle
+from tests.synthetic import trial
 
 # The table of DESIGN.md, in its order.
 IDS = [
@@ -90,7 +93,7 @@ def torque(effect: Effect, values: FloatArray, command: FloatArray = COMMAND, wh
 def term(effect: Effect, values: FloatArray, rate: float, push: float, state: FloatArray) -> tuple[float, FloatArray]:
     assert effect.term is not None
     change = np.zeros(TERM_STATES)
-    base = np.array([*BASE, 0.0, math.sqrt(abs(push))])
+    base = np.array([*BASE, 0.0, math.sqrt(abs(push)), 0.0, 0.0])
     return float(effect.term(rate, 3.0, push, base, values[None], state[None], change[None], 0)), change
 
 
@@ -100,7 +103,7 @@ def simulated(effect: Effect, values: FloatArray, torque: FloatArray, time: Floa
     terms = np.zeros((1, TERM_PARAMETERS))
     terms[0, : len(values)] = values
     fastest = 0.0 if effect.fastest is None else effect.fastest(effect.values(values))
-    base = np.array([*BASE, fastest, 0.0])
+    base = np.array([*BASE, fastest, 0.0, 0.0, 0.0])
     kinds, race = np.array([MOTION.index(effect)]), np.sqrt(np.abs(torque))
     rest = np.zeros((1, TERM_STATES))
     rate, _ = simulate_effects(time, torque, np.zeros(len(time)), race, base, terms, kinds, (0.0, 0.0), rest)
@@ -205,7 +208,7 @@ def test_a_term_needs_no_drag(effect: Effect) -> None:
     assert effect.term is not None
     for quadratic, linear in ((0.0, 100.0), (3000.0, 0.0), (0.0, 0.0)):
         change = np.zeros(TERM_STATES)
-        base = np.array([5057.0, quadratic, linear, 0.0])
+        base = np.array([5057.0, quadratic, linear, *np.zeros(5)])
         rest = np.zeros((1, TERM_STATES))
         found = effect.term(0.1, 3.0, 100.0, base, numbers(effect, start=True)[None], rest, change[None], 0)
         assert np.isfinite([found, *change]).all()
@@ -362,6 +365,40 @@ def test_the_annulus_reaches_its_share_with_its_time_constant() -> None:
     assert back[0] == pytest.approx(-1e-6 / 30.0, rel=1e-3)
 
 
+@pytest.mark.parametrize("swirl", ["entrained_swirl", "entrained_swirl:annulus"])
+@pytest.mark.parametrize(
+    ("key", "values", "torque"),
+    [
+        ("drag_curvature", (20_000.0,), lambda slip: 20_000.0 * slip**3),
+        ("drag_curvature:exponent", (1.6,), lambda slip: 3532.0 * 0.09 * (slip / 0.3) ** 1.6 - 3532.0 * slip**2),
+        ("drag_asymmetry", (1.4,), lambda slip: 0.4 * (3532.0 * slip + 132.0) * slip),
+        ("drag_asymmetry:quadratic", (1.4,), lambda slip: 0.4 * 3532.0 * slip**2),
+        ("oscillatory_drag", (2.0, 1e6), lambda slip: 2.0 * 3532.0 * slip**2),
+    ],
+)
+def test_all_drag_is_of_the_rate_through_the_water(
+    swirl: str, key: str, values: tuple[float, ...], torque: Callable[[float], float]
+) -> None:
+    """A long turn under -100 N m ends where the drag of the slip is as much, in whichever order the causes stand."""
+    time = np.arange(0.0, 1500.0, 0.5)
+    rates = []
+    for order in (1, -1):
+        pairs = [(effect_named(swirl), (0.25, 40.0)), (effect_named(key), values)][::order]
+        model = Model(
+            inertia=5057.0,
+            quadratic_drag=3532.0,
+            linear_drag=132.0,
+            effects=tuple(effect for effect, _ in pairs),
+            effect_values=tuple(value for _, own in pairs for value in own),
+        )
+        rate, _ = model.simulate(trial(time, np.zeros(len(time))), Drive.held(np.full(len(time), -100.0)))
+        rates.append(rate[-1])
+    assert rates[0] == rates[1]
+    if swirl == "entrained_swirl":
+        slip = 0.75 * abs(rates[0])
+        assert 3532.0 * slip**2 + 132.0 * slip + torque(slip) == pytest.approx(100.0, rel=1e-3)
+
+
 def test_algebraic_drag_falls_with_the_angle_swept() -> None:
     effect = effect_named("oscillatory_drag:algebraic")
     quadratic = BASE[1] * 0.1**2
@@ -414,7 +451,7 @@ def test_what_thrusters_set_off_no_disturbance_sets_off(key: str) -> None:
     values = numbers(effect, start=True)
     terms = np.zeros((1, TERM_PARAMETERS))
     terms[0, : len(values)] = values
-    base = np.array([*BASE, 1.0, 0.0])
+    base = np.array([*BASE, 1.0, 0.0, 0.0, 0.0])
 
     def rates(push: float, other: float, terms: FloatArray, kinds: FloatArray) -> list[float]:
         r, a, stiffness, found = 0.0, 0.0, 0.0, []

@@ -419,7 +419,7 @@ def test_the_filter_knows_how_well_it_knows_a_tank(frequency: float, gain: float
 
     effect = effect_named("tank_seiche")
     terms, kinds = np.array([[gain, frequency, damping, 0.0]]), np.array([MOTION.index(effect)])
-    base, nothing = np.array([inertia, 0.0, drag, 0.0, frequency, 0.0, 0.0]), np.zeros(len(time))
+    base, nothing = np.array([inertia, 0.0, drag, 0.0, frequency, 0.0, 0.0, 0.0]), np.zeros(len(time))
     series = (time, torque, nothing, nothing, nothing, angle, np.full(len(time), np.nan))
     numbers = np.array([sigma, tau, white, 1.0])
     error, variance = innovations_wide(*series, base, terms, kinds, numbers, np.zeros(0), np.array([0.0, 1e-4]))

@@ -165,9 +165,9 @@ class Effect:
         the equation leaves open when the torque acts.
     term
         Compiled; torque in N m from (rate, angle since the start, push, base, p, x, dx, j), with ``base`` the inertia,
-        quadratic and linear drag, the first position, the fastest state, the thrusters' race and the stiffness. Row
-        ``j`` of ``p`` holds the effect's parameters in their order, of ``x`` its states, and of ``dx`` their rates of
-        change, to be filled in.
+        quadratic and linear drag, the first position, the fastest state, the thrusters' race, the stiffness and the
+        rate of the water about the hull. Row ``j`` of ``p`` holds the effect's parameters in their order, of ``x`` its
+        states, and of ``dx`` their rates of change, to be filled in.
     fastest
         (parameters) -> the fastest rate of the term's states in 1/s, for the step of the integration.
     carried
@@ -180,6 +180,8 @@ class Effect:
         Whether it is a torque at random phase: the parameters are amplitude, frequency and damping.
     races
         Whether its term asks for the thrusters' race, ``base[5]``.
+    moves_water
+        Whether its term sets ``base[7]``: all drag is of the rate less that of the water.
     quick
         Whether it acts in less than the interval between two samples.
     form
@@ -215,6 +217,7 @@ class Effect:
     on_heading: Callable[[FloatArray, Values], FloatArray] | None = None
     wave: bool = False
     races: bool = False
+    moves_water: bool = False
     quick: bool = False
     needs: str = ""
     each_thruster: bool = False

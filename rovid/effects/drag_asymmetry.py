@@ -10,16 +10,14 @@ from rovid.effects.base import Effect, EffectParameter, compiled
 
 @compiled
 def _whole(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    if rate >= 0.0:
-        return 0.0
-    return -(p[j, 0] - 1.0) * (base[1] * abs(rate) + base[2]) * rate
+    slip = rate - base[7]
+    return 0.0 if slip >= 0.0 else -(p[j, 0] - 1.0) * (base[1] * abs(slip) + base[2]) * slip
 
 
 @compiled
 def _quadratic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    if rate >= 0.0:
-        return 0.0
-    return -(p[j, 0] - 1.0) * base[1] * abs(rate) * rate
+    slip = rate - base[7]
+    return 0.0 if slip >= 0.0 else -(p[j, 0] - 1.0) * base[1] * abs(slip) * slip
 
 
 EFFECT: Effect = Effect(

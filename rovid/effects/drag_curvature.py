@@ -10,14 +10,16 @@ from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, compiled
 
 @compiled
 def _cubic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    return -p[j, 0] * rate * rate * rate
+    slip = rate - base[7]
+    return -p[j, 0] * slip * slip * slip
 
 
 @compiled
 def _exponent(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    share = abs(rate) / REFERENCE_RATE
+    slip = rate - base[7]
+    share = abs(slip) / REFERENCE_RATE
     change = base[1] * REFERENCE_RATE * REFERENCE_RATE * (share * share - share ** p[j, 0])
-    return change if rate >= 0.0 else -change
+    return change if slip >= 0.0 else -change
 
 
 EFFECT: Effect = Effect(

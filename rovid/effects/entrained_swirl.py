@@ -11,13 +11,14 @@ from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Values, 
 @compiled
 def _linear(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
     dx[j, 0] = (rate - x[j, 0]) / p[j, 1]
-    slip = rate - p[j, 0] * x[j, 0]
+    base[7] = p[j, 0] * x[j, 0]
+    slip = rate - base[7]
     return (base[1] * abs(rate) + base[2]) * rate - (base[1] * abs(slip) + base[2]) * slip
 
 
 @compiled
 def _annulus(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    dx[j, 0] = 0.0
+    dx[j, 0], base[7] = 0.0, x[j, 0]
     if p[j, 0] <= 0.0:
         return 0.0
     # The walls' friction that balances the drag when the hull turns at the reference rate and the water at its share.
@@ -42,11 +43,12 @@ EFFECT: Effect = Effect(
         EffectParameter(name="coupling", unit="1", null=0.0, low=0.0, high=0.9, starts=(0.1,)),
         EffectParameter(name="time_constant", unit="s", null=1.0, low=1.0, high=600.0, starts=(20.0, 90.0)),
     ),
-    equation="drag of r − s·w, τ·dw/dt = r − w",
+    equation="all drag of r − s·w in place of r, τ·dw/dt = r − w",
     fingerprint="a rate that creeps up during long holds; drift on after a stop; a first reversal that meets more drag",
     experiment="several turns one way, rest, and the same turns back",
     rivals=("tether_torsion", "oscillatory_drag", "added_mass_memory"),
     term=_linear,
+    moves_water=True,
     fastest=_fastest,
 )
 FORMS: tuple[Effect, ...] = (
@@ -54,7 +56,7 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="annulus",
-        equation="drag of r − w, If·dw/dt = drag − C·|w|·w; s = w/r and τ as at r = 0.3 rad/s",
+        equation="all drag of r − w in place of r, If·dw/dt = drag − C·|w|·w; s = w/r and τ as at r = 0.3 rad/s",
         term=_annulus,
     ),
 )

@@ -153,7 +153,7 @@ def _likelihood(trial: Trial, belief: Belief, vehicle: Vehicle) -> tuple[Likelih
 
 def _slopes(likelihood: Likelihood, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(N,) normalised innovations and their (N, p) slopes by the model's own parameters, in their units."""
-    here = likelihood.slopes(x)
+    here = likelihood.flatter_slopes(x)
     count = len(here.residual) // 2
     shown, size = likelihood.of_model(x)
     return here.residual[:count], here.matrix[:count][:, shown] / size
