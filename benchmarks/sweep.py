@@ -187,14 +187,14 @@ def run(job: Job, seed: int, rovid: Path, limit: float) -> Result:
         driver=next((case.driver for case in job.cases), None),
         plain=all(case.expected_parameters is not None for case in job.cases),
         parameters=job.parameters(),
-        dynamics=asdict(truth.dynamics) | of_slow_motion(truth),
+        dynamics=asdict(truth.dynamics) | restated_drag(truth),
         seconds=round(seconds, 2),
         answer=answer,
         error=error,
     )
 
 
-def of_slow_motion(truth: Truth) -> dict[str, float]:
+def restated_drag(truth: Truth) -> dict[str, float]:
     """Drag in rovid's terms, where the hidden form shares it out in another way."""
     drag = {}
     for hidden in truth.hidden:

@@ -295,8 +295,10 @@ class Model:
         by how much torque it gave for how long, would do as well, and all thrust would be larger or smaller by what
         they make of that one: the root of the mean square of its logarithm.
         """
+        if not any(effect.anchored for effect in self.effects):
+            return 0.0
         total = weights = 0.0
-        for trial in trials if any(effect.anchored for effect in self.effects) else ():
+        for trial in trials:
             where = actuation(vehicle, trial)
             bent, straight = (self.thrust(vehicle, where, trial.commands, bent=way)[:-1] for way in (True, False))
             weight = np.abs(straight * where.arms) * np.diff(trial.time)[:, None]

@@ -396,7 +396,7 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
     base_estimate = _estimate(base, white=likelihood_is_white(base.likelihood, base.x))
     # What is missing makes one of them uncertain; where both are, the vehicle was not excited.
     require_inertia(min(base_estimate, estimate, key=_uncertainty), CERTAINTY)
-    estimate = estimate.with_scale_doubt(scale_doubt(final.likelihood, final.likelihood.model(final.x)))
+    estimate = estimate.with_scale_doubt(scale_doubt(final.likelihood, final.x))
     warnings.extend(estimate.warnings)
     findings = [_finding(work, one, estimate, white=white) for one in found if not is_driver(one.effect)]
     findings = [replace(one, plan=_telling(work, one)) if one.undecided else one for one in findings]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
 
@@ -438,7 +438,7 @@ class Likelihood:
     def slopes(self, x: FloatArray) -> Slopes:
         """Slopes at ``x`` by forward differences, backward at an upper bound; on all cores at once."""
         step = self._steps(x)
-        return self._slopes_over(np.where(x + step > self.high, -step, step), x, self.innovations(x))
+        return self._slopes_over(np.where(x + step > self.high, -step, step), x, self.innovations(x), range(len(x)))
 
     def flatter_slopes(self, x: FloatArray) -> Slopes:
         """As ``slopes``, but of the slopes ahead and behind the flatter for each innovation.
@@ -447,17 +447,19 @@ class Likelihood:
         Over the short step of a slope that is more than all others together, but on one side alone.
         """
         step, centre = self._steps(x), self.innovations(x)
-        ahead, behind = np.where(x + step > self.high, -step, step), np.where(x - step < self.low, step, -step)
-        # Along stairs all that is told is told by jumps.
-        smooth = np.concatenate((np.full(BASE, True), [not parameter.stairs for parameter in self.parameters]))
-        one = self._slopes_over(ahead, x, centre)
-        other = self._slopes_over(np.where(smooth, behind, ahead), x, centre)
-        matrix = np.where(np.abs(other.matrix) < np.abs(one.matrix), other.matrix, one.matrix)
-        return replace(one, matrix=matrix)
+        here = self._slopes_over(np.where(x + step > self.high, -step, step), x, centre, range(len(x)))
+        # Along stairs all that is told is told by jumps, and at a bound there is one side.
+        stairs = np.array([False] * BASE + [parameter.stairs for parameter in self.parameters])
+        twice = np.flatnonzero(~stairs & (x + step <= self.high) & (x - step >= self.low))
+        ahead, behind = here.matrix[:, twice], self._slopes_over(-step, x, centre, twice.tolist()).matrix
+        here.matrix[:, twice] = np.where(np.abs(behind) < np.abs(ahead), behind, ahead)
+        return here
 
-    def _slopes_over(self, step: FloatArray, x: FloatArray, centre: tuple[FloatArray, FloatArray]) -> Slopes:
-        sides = spread(lambda k: self._aside(x, centre, k, float(step[k])), range(len(x)))
-        return self.slopes_between(centre, sides, step)
+    def _slopes_over(
+        self, step: FloatArray, x: FloatArray, centre: tuple[FloatArray, FloatArray], coordinates: Sequence[int]
+    ) -> Slopes:
+        sides = spread(lambda k: self._aside(x, centre, k, float(step[k])), coordinates)
+        return self.slopes_between(centre, sides, step[list(coordinates)])
 
     def _aside(
         self, x: FloatArray, centre: tuple[FloatArray, FloatArray], coordinate: int, step: float

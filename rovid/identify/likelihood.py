@@ -258,7 +258,7 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
         warnings=tuple(_warnings(likelihood, model, white=white, at_limit=at_limit)),
     )
     require_inertia(estimate, CERTAINTY)
-    estimate = estimate.with_scale_doubt(scale_doubt(likelihood, model))
+    estimate = estimate.with_scale_doubt(scale_doubt(likelihood, x))
     return LikelihoodFit(
         estimate=estimate,
         model=model,
@@ -275,10 +275,10 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
     )
 
 
-def scale_doubt(likelihood: Likelihood, model: Model) -> float:
-    """As `Model.scale_doubt`, of the runs that were looked at."""
-    records = likelihood.records
-    return 0.0 if records.vehicle is None else model.scale_doubt(records.vehicle, [run.trial for run in records.runs])
+def scale_doubt(likelihood: Likelihood, x: FloatArray) -> float:
+    """As `Model.scale_doubt` at ``x``, of the runs that were looked at."""
+    vehicle, runs = likelihood.records.vehicle, likelihood.records.runs
+    return 0.0 if vehicle is None else likelihood.model(x).scale_doubt(vehicle, [run.trial for run in runs])
 
 
 def canonical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
