@@ -27,12 +27,17 @@ _NODES = (0.1127016653792583, 0.5, 0.8872983346207417)
 _WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
 _MAX_SUBSTEPS = 1000
 _CARRIED = np.array([effect.carried for effect in MOTION])
+_REMEMBERS = np.array([effect.remembers for effect in MOTION])
 # Of the series for the transition of the filter with more states: good to 1e-4 at such steps.
 _ORDER = 4
 _SETTLED = 1e-9
 _TINY = 1e-12
 # With effects a gap is stepped through to its end, however long.
 _MAX_GAP_SUBSTEPS = 1_000_000
+
+# What is called several times in each step: numba hands over an array as seven numbers or more, and a call costs more
+# than what is done in it.
+_inlined = numba.njit(error_model="numpy", nogil=True, inline="always")
 
 
 @_compiled
@@ -121,7 +126,7 @@ def _any_term() -> Any:
 _term = _any_term()
 
 
-@_compiled
+@_inlined
 def _sum_terms(
     rate: float, angle: float, push: float, base: Any, terms: Any, kinds: Any, state: Any, change: Any
 ) -> Any:
@@ -147,7 +152,7 @@ def _bare_substep(r: float, a: float, push: float, inertia: float, quadratic: fl
     return r, a, (2.0 * quadratic * abs(r2) + linear) / inertia
 
 
-@_compiled
+@_inlined
 def _substep(
     r: float, a: float, push: float, other: float, base: Any, terms: Any, kinds: Any, state: Any, work: Any, h: float
 ) -> Any:
@@ -158,7 +163,7 @@ def _substep(
     push, other
         What the thrusters give, on which effects depend, and what else there is.
     state, work
-        (m, TERM_STATES), moved on; (3, m, TERM_STATES) room.
+        (m, TERM_STATES), moved on; (3, m, TERM_STATES) room. Effects without states may be left out.
 
     Returns
     -------
@@ -194,12 +199,22 @@ def _substep(
     return r, a, max((2.0 * quadratic * abs(r2) + linear) / inertia - given, 0.0)
 
 
-@_compiled
+@_inlined
 def _advance(state: Any, change: Any, h: float, out: Any) -> None:
     """Write state + h*change into ``out``."""
     for j in range(state.shape[0]):
         for i in range(state.shape[1]):
             out[j, i] = state[j, i] + h * change[j, i]
+
+
+@_compiled
+def _rows(kinds: Any) -> int:
+    """How many effects there are down to the last that has states of its own."""
+    rows = 0
+    for j in range(len(kinds)):
+        if _REMEMBERS[kinds[j]]:
+            rows = j + 1
+    return rows
 
 
 @_compiled
@@ -439,7 +454,8 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
     n = len(time)
     inertia = base[0]
     sigma, tau = noise[0], noise[1]
-    state, work = np.zeros((len(terms), TERM_STATES)), np.zeros((3, len(terms), TERM_STATES))
+    rows = _rows(kinds)
+    state, work = np.zeros((rows, TERM_STATES)), np.zeros((3, rows, TERM_STATES))
     origin, damping = angle[0], base[2] / inertia
     innovation = np.full((n, 2), np.nan)
     variance = np.full((n, 2), np.nan)
@@ -576,7 +592,8 @@ def innovations_wide(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
         empty where there is none.
     """
     n, inertia, sigma, tau, waves = len(time), base[0], noise[0], noise[1], len(wave) > 0
-    state, work = np.zeros((len(terms), TERM_STATES)), np.zeros((3, len(terms), TERM_STATES))
+    rows = _rows(kinds)
+    state, work = np.zeros((rows, TERM_STATES)), np.zeros((3, rows, TERM_STATES))
     innovation, variance = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
     carried = 0
     for j in range(len(kinds)):
@@ -675,7 +692,7 @@ def _carry(slopes: Any, carried: int, base: Any, terms: Any, kinds: Any, state: 
         state[carried, j] = 0.0
 
 
-@_compiled
+@_inlined
 def _transition(slopes: Any, h: float, f: Any) -> None:
     """Write exp(slopes h) into ``f``, by its series.
 
@@ -715,7 +732,7 @@ def _transition(slopes: Any, h: float, f: Any) -> None:
         f[at + 1, 0], f[at + 1, 1], f[at + 1, 2], f[at + 1, 3], f[at + 1, 4] = r0, r1, r2, r3, r4
 
 
-@_compiled
+@_inlined
 def _add_noise(slopes: Any, into: int, size: float, h: float, q: Any) -> None:
     """Add to ``q``, on and above its diagonal, what white noise of ``size`` into the state ``into`` grows in ``h`` s.
 
@@ -753,7 +770,7 @@ def _add_noise(slopes: Any, into: int, size: float, h: float, q: Any) -> None:
         q[4, 4] += weight * c4 * c4
 
 
-@_compiled
+@_inlined
 def _congruence(f: Any, p: Any, q: Any, room: Any) -> None:
     """Write f p f^T + q into ``p``; the disturbance follows from itself alone."""
     for j in range(5):

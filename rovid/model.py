@@ -99,10 +99,11 @@ class Drive:
         middle = 0.5 * (time[1:] + time[:-1])
 
         def total(values: FloatArray) -> FloatArray:
-            return np.diff(np.concatenate(([0.0], np.cumsum(values)))[at])
+            return np.asarray(np.add.reduceat(values[: at[-1]], at[:-1])) if values.any() else np.zeros(len(at) - 1)
 
-        area, race = total(self.torque[:-1] * length), total(self.race[:-1] * length)
-        leverage = total(self.moment[:-1] - self.torque[:-1] * length * middle) + area * ends[1:]
+        impulse = self.torque[:-1] * length
+        area, race = total(impulse), total(self.race[:-1] * length)
+        leverage = total(self.moment[:-1] - impulse * middle) + area * ends[1:]
         span = np.diff(ends)
         return type(self)(
             np.append(area / span, self.torque[at[-1]]),
@@ -167,8 +168,9 @@ class Model:
     def terms(self) -> tuple[FloatArray, NDArray[np.int64]]:
         """(m, 4) parameters of each term of the equation of motion; (m,) its index in ``MOTION``."""
         acting = [(effect, numbers) for effect, numbers in self._each if effect.term is not None]
-        # What drag there is in moving water can only be said once it is known how that moves.
-        acting.sort(key=lambda pair: not pair[0].moves_water)
+        # What drag there is in moving water can only be said once it is known how that moves; and whoever steps states
+        # need look no further than to the last that has any.
+        acting.sort(key=lambda pair: (not pair[0].moves_water, not pair[0].remembers))
         values = np.zeros((len(acting), TERM_PARAMETERS))
         for row, (_, numbers) in zip(values, acting, strict=True):
             row[: len(numbers)] = numbers
@@ -252,7 +254,7 @@ class Model:
             drive = Drive.held(vehicle.torque(trial))
             return drive if at is None else drive.between(trial.time, at)
         parts = min(parts, self.parts)
-        return self.driven(vehicle, actuation(vehicle, trial, parts), finer(trial.commands, parts), at)
+        return self.driven(vehicle, actuation(vehicle, trial, parts), trial.commands, at)
 
     @property
     def parts(self) -> int:
@@ -260,10 +262,10 @@ class Model:
         return MOST_PARTS if any(effect.quick for effect in self.effects) else 1
 
     def driven(
-        self, vehicle: Vehicle, where: Actuation, command: FloatArray, at: NDArray[np.intp] | None = None
+        self, vehicle: Vehicle, where: Actuation, commands: FloatArray, at: NDArray[np.intp] | None = None
     ) -> Drive:
-        """As ``drive``, of (n, k) commands at the instants ``where`` says, each interval cut into ``where.parts``."""
-        thrust = self.thrust(vehicle, where, command)
+        """As ``drive``, of (n, k) ``commands`` held between instants, each interval cut into parts as in ``where``."""
+        thrust = self.thrust(vehicle, where, commands)
         torque = np.asarray(thrust @ where.arms)
         scatter = np.zeros(len(torque))
         for effect, numbers in self._each:
@@ -271,18 +273,26 @@ class Model:
                 scatter += effect.scatter(where, torque, effect.values(numbers))
             if effect.on_torque is not None:
                 torque = effect.on_torque(where, torque, effect.values(numbers))
-        drive = Drive.held(torque, race(thrust, where.arms), scatter)
+        races = any(effect.races for effect in self.effects)
+        drive = Drive.held(torque, race(thrust, where.arms) if races else None, scatter)
         if at is None and where.parts == 1:
             return drive
         every = np.arange((len(where.time) - 1) // where.parts + 1)
         return drive.between(where.time, where.parts * (every if at is None else at))
 
-    def thrust(self, vehicle: Vehicle, where: Actuation, command: FloatArray, *, bent: bool = True) -> FloatArray:
-        """(n, k) thrust in N of (n, k) commands, after every effect up to it; ``bent``: those anchored included."""
-        for effect, numbers in self._each:
-            if effect.on_command is not None:
-                command = effect.on_command(where, command, effect.values(numbers))
-        thrust = vehicle.thrust(command)
+    def thrust(self, vehicle: Vehicle, where: Actuation, commands: FloatArray, *, bent: bool = True) -> FloatArray:
+        """(m, k) thrust in N of (n, k) ``commands`` as in ``driven``, after every effect up to it.
+
+        ``bent`` includes effects that are anchored.
+        """
+        if any(effect.on_command is not None for effect in self.effects):
+            commands = finer(commands, where.parts)
+            for effect, numbers in self._each:
+                if effect.on_command is not None:
+                    commands = effect.on_command(where, commands, effect.values(numbers))
+            thrust = vehicle.thrust(commands)
+        else:
+            thrust = finer(vehicle.thrust(commands), where.parts)
         for effect, numbers in self._each:
             if effect.on_thrust is not None and (bent or not effect.anchored):
                 thrust = effect.on_thrust(where, thrust, effect.values(numbers))

@@ -10,7 +10,7 @@ import numpy as np
 
 from rovid.control.allocation import Allocation, bare_actuation
 from rovid.control.law import Law
-from rovid.effects.base import TERM_STATES, Actuation, finer
+from rovid.effects.base import TERM_STATES, Actuation
 from rovid.model import Drive, Model
 from rovid.trial import FloatArray, Trial
 from rovid.vehicle import Vehicle
@@ -121,7 +121,7 @@ def run_closed(
         course = _run(law, allocation, plant, wanted, start, time, outside, noise, where, window)
         if window >= len(time) or not plant.model.acts_on_drive:
             break
-        whole = plant.model.driven(plant.vehicle, where, finer(course.commands, parts))
+        whole = plant.model.driven(plant.vehicle, where, course.commands)
         reach = _FORGOTTEN * max(float(np.max(np.abs(whole.torque))), 1e-9)
         if np.max(np.abs(whole.torque - course.drive.torque)[:-1]) <= reach:
             break
@@ -199,11 +199,10 @@ def _run(
 
 def _latest(model: Model, vehicle: Vehicle, where: Actuation, commands: FloatArray, first: int, last: int) -> Drive:
     """What the ``commands`` from the tick ``first`` to ``last`` make."""
-    parts = where.parts
     if not model.acts_on_drive:
         return Drive.held(vehicle.thrust(commands[last - 1 : last + 1]) @ where.arms)
-    part = replace(where, time=where.time[first * parts : last * parts + 1])
-    return model.driven(vehicle, part, finer(commands[first : last + 1], parts))
+    part = replace(where, time=where.time[first * where.parts : last * where.parts + 1])
+    return model.driven(vehicle, part, commands[first : last + 1])
 
 
 def _at(values: FloatArray, place: float) -> float:

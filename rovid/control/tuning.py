@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rovid.control.allocation import Allocation, bare_actuation
 from rovid.control.law import Law, total_of_terms
-from rovid.effects.base import TERM_STATES, finer
+from rovid.effects.base import TERM_STATES
 from rovid.errors import DataError
 from rovid.model import Model
 from rovid.parameters import Parameters
@@ -229,7 +229,7 @@ def actuators(
         time = period * np.arange(count + 1)
         where = bare_actuation(vehicle, time, model.parts)
         wanted = amplitude * np.sin(frequency * time)
-        acting = model.driven(vehicle, where, finer(allocation(wanted), where.parts)).torque
+        acting = model.driven(vehicle, where, allocation(wanted)).torque
         part = slice(count - measured, count)
         basis = np.column_stack([np.exp(1j * frequency * time[part]), np.exp(-1j * frequency * time[part])])
         basis = np.column_stack((basis, np.ones(measured)))

@@ -45,6 +45,7 @@ EFFECT: Effect = Effect(
     rivals=("thruster_lag", "oscillatory_drag", "entrained_swirl"),
     term=_linear,
     fastest=_fastest,
+    remembers=True,
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numba
 import numpy as np
@@ -180,6 +181,8 @@ class Effect:
         Whether it is a torque at random phase: the parameters are amplitude, frequency and damping.
     races
         Whether its term asks for the thrusters' race, ``base[5]``.
+    remembers
+        Whether its term has states of its own.
     moves_water
         Whether its term sets ``base[7]``: all drag is of the rate less that of the water.
     quick
@@ -217,6 +220,7 @@ class Effect:
     on_heading: Callable[[FloatArray, Values], FloatArray] | None = None
     wave: bool = False
     races: bool = False
+    remembers: bool = False
     moves_water: bool = False
     quick: bool = False
     needs: str = ""
@@ -273,6 +277,7 @@ def _instants(time: FloatArray, parts: int) -> FloatArray:
     return np.asarray(np.interp(steps, np.arange(len(time)), time))
 
 
+@lru_cache(maxsize=256)
 def actuation(vehicle: Vehicle, trial: Trial, parts: int = 1) -> Actuation:
     """What the effects between command and torque need to know of ``vehicle`` and ``trial``.
 

@@ -50,6 +50,7 @@ EFFECT: Effect = Effect(
     term=_linear,
     moves_water=True,
     fastest=_fastest,
+    remembers=True,
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,

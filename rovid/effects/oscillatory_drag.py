@@ -51,6 +51,7 @@ EFFECT: Effect = Effect(
     experiment="sines of one peak rate at several periods",
     rivals=("added_mass_memory", "entrained_swirl"),
     term=_exponential,
+    remembers=True,
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,

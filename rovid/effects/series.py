@@ -153,12 +153,21 @@ def played(values: FloatArray, width: float) -> FloatArray:
     return out
 
 
+@compiled
 def delayed(time: FloatArray, values: FloatArray, delay: float) -> FloatArray:
     """Mean until the next instant of the held (n,) ``values``, ``delay`` s later; the first value before."""
-    integral = np.concatenate(([0.0], np.cumsum(values[:-1] * np.diff(time))))
-    shifted = time - delay
-    area = np.interp(shifted, time, integral) + values[0] * np.minimum(shifted - time[0], 0.0)
-    out = np.empty(len(values))
-    out[:-1] = np.diff(area) / np.diff(time)
-    out[-1] = out[-2] if len(values) > 1 else values[0]
+    n = len(values)
+    out = np.empty(n)
+    at = 0
+    passed = before = 0.0
+    for k in range(n):
+        then = time[k] - delay
+        while at + 1 < n and time[at + 1] <= then:
+            passed += values[at] * (time[at + 1] - time[at])
+            at += 1
+        area = passed + values[at] * (then - time[at])
+        if k > 0:
+            out[k - 1] = (area - before) / (time[k] - time[k - 1])
+        before = area
+    out[n - 1] = out[n - 2] if n > 1 else values[0]
     return out

@@ -46,6 +46,7 @@ EFFECT: Effect = Effect(
     rivals=("wave_torque", "added_mass_memory"),
     term=_term,
     fastest=_fastest,
+    remembers=True,
     carried=True,
 )
 FORMS: tuple[Effect, ...] = (

@@ -43,6 +43,8 @@ _LOGARITHMS = [0, DISTURBANCE, MEMORY, NOISE]
 _WORST = 1e12
 # Curvature of less than this share of the promised is noise of the slopes.
 _LEAST_CURVATURE = 1e-3
+# How many drives are kept as one climbs: where one is and the latest beside it.
+_DRIVES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -371,11 +373,11 @@ class Likelihood:
     def drives(self, model: Model) -> list[Drive]:
         """What drives each run after the effects between command and torque, held between the instants."""
         key = model.drive_values
-        found = self._drives.get(key)
-        if found is None:
-            found = self.records.drives_between(model)
-            # The slopes of all other parameters ask for the same again.
-            self._drives = {key: found}
+        found = self._drives.pop(key, None) or self.records.drives_between(model)
+        # The slopes along all other parameters ask for the same again, and so does the next step.
+        self._drives[key] = found
+        for old in list(self._drives)[:-_DRIVES]:
+            self._drives.pop(old, None)
         return found
 
     def innovations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -435,10 +437,14 @@ class Likelihood:
         shares = np.array([parameter.step for parameter in self.parameters])
         return np.concatenate((np.full(BASE, _STEP), shares * np.maximum(np.abs(x[BASE:]), 0.1 * starts)))
 
-    def slopes(self, x: FloatArray) -> Slopes:
-        """Slopes at ``x`` by forward differences, backward at an upper bound; on all cores at once."""
+    def slopes(self, x: FloatArray, centre: tuple[FloatArray, FloatArray] | None = None) -> Slopes:
+        """Slopes at ``x`` by forward differences, backward at an upper bound; on all cores at once.
+
+        ``centre`` is what `innovations` gives at ``x``, where that is known already.
+        """
         step = self._steps(x)
-        return self._slopes_over(np.where(x + step > self.high, -step, step), x, self.innovations(x), range(len(x)))
+        centre = self.innovations(x) if centre is None else centre
+        return self._slopes_over(np.where(x + step > self.high, -step, step), x, centre, range(len(x)))
 
     def flatter_slopes(self, x: FloatArray) -> Slopes:
         """As ``slopes``, but of the slopes ahead and behind the flatter for each innovation.
@@ -447,7 +453,7 @@ class Likelihood:
         Over the short step of a slope that is more than all others together, but on one side alone.
         """
         step, centre = self._steps(x), self.innovations(x)
-        here = self._slopes_over(np.where(x + step > self.high, -step, step), x, centre, range(len(x)))
+        here = self.slopes(x, centre)
         # Along stairs all that is told is told by jumps, and at a bound there is one side.
         stairs = np.array([False] * BASE + [parameter.stairs for parameter in self.parameters])
         twice = np.flatnonzero(~stairs & (x + step <= self.high) & (x - step >= self.low))
@@ -498,11 +504,11 @@ class Likelihood:
         """
         x = np.clip(start, self.low, self.high)
         damping = 1e-3
-        cost = math.inf
+        centre = self.innovations(x)
+        cost = self.cost_of(*centre)
         been: list[tuple[FloatArray, FloatArray]] = []
         for _ in range(iterations):
-            here = self.slopes(x)
-            cost = here.cost
+            here = self.slopes(x, centre)
             gradient, information = here.matrix.T @ here.residual, here.matrix.T @ here.matrix
             if not np.isfinite(information).all():
                 break
@@ -514,7 +520,8 @@ class Likelihood:
                 step *= min(1.0, _LONGEST / max(float(np.max(np.abs(step[_LOGARITHMS]))), 1e-300))
                 promised = -float(gradient @ step)
                 trial = np.clip(x + step, self.low, self.high)
-                reached = self.cost(trial)
+                there = self.innovations(trial)
+                reached = self.cost_of(*there)
                 if reached < cost:
                     ratio = (cost - reached) / max(promised - 0.5 * float(step @ information @ step), 1e-300)
                     damping = max(damping * 0.1, 1e-7) if ratio > 0.75 else damping * (10.0 if ratio < 0.4 else 1.0)
@@ -525,9 +532,10 @@ class Likelihood:
                 damping *= 10.0
             if not moved:
                 break
-            gained, cost, x = cost - reached, reached, trial
+            gained, cost, x, centre = cost - reached, reached, trial, there
             if gained < tolerance:
                 break
+        self._drives.clear()
         return x, cost
 
     def _step(self, x: FloatArray, gradient: FloatArray, information: FloatArray, damping: float) -> FloatArray:
