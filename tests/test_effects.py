@@ -203,6 +203,15 @@ def test_a_term_is_finite_in_any_state(effect: Effect) -> None:
                     assert np.isfinite([found, *change]).all()
 
 
+@pytest.mark.parametrize("effect", MOTION, ids=lambda effect: effect.key)
+def test_a_term_has_states_only_where_it_says_so(effect: Effect) -> None:
+    """No room is made for the states of the others, and nothing would stop them from writing there."""
+    values = numbers(effect, start=True)
+    here, change = term(effect, values, 0.2, 150.0, np.array([0.1, -0.2]))
+    there, _ = term(effect, values, 0.2, 150.0, np.array([0.3, 0.4]))
+    assert effect.remembers == bool(change.any() or here != there)
+
+
 @each_term
 def test_a_term_needs_no_drag(effect: Effect) -> None:
     assert effect.term is not None
