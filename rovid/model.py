@@ -238,23 +238,11 @@ class Model:
         """Parameters on which the drive depends."""
         return tuple(float(value) for effect, numbers in self._each if effect.actuates for value in numbers)
 
-    def drive(
-        self, vehicle: Vehicle, trial: Trial, at: NDArray[np.intp] | None = None, *, parts: int = MOST_PARTS
-    ) -> Drive:
-        """After every effect between command and torque, from each instant to the next.
-
-        Parameters
-        ----------
-        at
-            Which instants of ``trial``; all if not given.
-        parts
-            How many the interval between two of them is cut into for an effect that acts within it.
-        """
+    def drive(self, vehicle: Vehicle, trial: Trial) -> Drive:
+        """After every effect between command and torque, from each instant of ``trial`` to the next."""
         if not self.acts_on_drive:
-            drive = Drive.held(vehicle.torque(trial))
-            return drive if at is None else drive.between(trial.time, at)
-        parts = min(parts, self.parts)
-        return self.driven(vehicle, actuation(vehicle, trial, parts), trial.commands, at)
+            return Drive.held(vehicle.torque(trial))
+        return self.driven(vehicle, actuation(vehicle, trial, self.parts), trial.commands)
 
     @property
     def parts(self) -> int:
@@ -264,7 +252,10 @@ class Model:
     def driven(
         self, vehicle: Vehicle, where: Actuation, commands: FloatArray, at: NDArray[np.intp] | None = None
     ) -> Drive:
-        """As ``drive``, of (n, k) ``commands`` held between instants, each interval cut into parts as in ``where``."""
+        """As ``drive``, of (n, k) ``commands`` held between instants, each interval cut into parts as in ``where``.
+
+        ``at``: from each of these of the n instants to the next of them; from each to the next if not given.
+        """
         thrust = self.thrust(vehicle, where, commands)
         torque = np.asarray(thrust @ where.arms)
         scatter = np.zeros(len(torque))

@@ -129,7 +129,7 @@ class Diagnosis:
     signals
         Logged signals that drive what no effect explains, with the log-likelihood each gains.
     unexplained_share
-        Variance of the disturbance torque over that of the torque.
+        Variance of the disturbance torque over that of all torque, the thrusters' and its own.
     noise_floor
         In the unit of the rate; what a perfect model would miss of it.
     detectable
@@ -415,7 +415,7 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
         extended=_side(work, work.final, final, estimate, work.final),
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
         signals=signals,
-        unexplained_share=(disturbance / work.full.torque) ** 2,
+        unexplained_share=disturbance**2 / (disturbance**2 + work.full.torque**2),
         noise_floor=_noise_floor(final),
         detectable=_detectable(work),
         warnings=tuple(warnings),

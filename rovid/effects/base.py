@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 
 import numba
 import numpy as np
@@ -277,7 +276,6 @@ def _instants(time: FloatArray, parts: int) -> FloatArray:
     return np.asarray(np.interp(steps, np.arange(len(time)), time))
 
 
-@lru_cache(maxsize=256)
 def actuation(vehicle: Vehicle, trial: Trial, parts: int = 1) -> Actuation:
     """What the effects between command and torque need to know of ``vehicle`` and ``trial``.
 

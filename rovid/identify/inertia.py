@@ -236,7 +236,7 @@ def _plausibility(estimate: Estimate, rigid_body: float | None) -> list[str]:
     ratio = value / rigid_body
     if ratio > _IMPOSSIBLE_RATIO or ratio < 1.0 / _IMPOSSIBLE_RATIO:
         raise DataError(
-            f"the inertia comes out at {value:.3g} {unit}, {ratio:.2g} times the rigid body's {rigid_body:.3g}, which "
+            f"the inertia comes out at {value:.3g} {unit}, {ratio:.3g} times the rigid body's {rigid_body:.3g}, which "
             "no vehicle has.",
             mend=f"Check in rovid.toml the unit of {axis.measures}, mass, {axis.arm} and the curve's newtons.",
         )
@@ -251,7 +251,7 @@ def unlike_rigid_body(estimate: Estimate, rigid_body: float | None) -> list[str]
         return []
     axis, unit = estimate.axis, estimate.unit("inertia")
     text = (
-        f"The inertia is {ratio:.2g} times the rigid body's {rigid_body:.4g} {unit}, outside what vehicles show "
+        f"The inertia is {ratio:.3g} times the rigid body's {rigid_body:.4g} {unit}, outside what vehicles show "
         f"({low} to {high}): look at {axis.arm}, thrust curve, mass and size, and at the units of time and "
         f"{axis.measures}."
     )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rovid.axis import Axis
 from rovid.effects import Effect, restoring_of
-from rovid.effects.base import Scales, neutral_commands, race
+from rovid.effects.base import Actuation, Scales, actuation, neutral_commands, race
 from rovid.model import MOST_PARTS, Drive, Model
 from rovid.rates import body_position
 from rovid.runs import Run
@@ -112,9 +112,16 @@ class Records:
         vehicle = self.vehicle
         if vehicle is None or not model.acts_on_drive:
             return self._plain
-        pairs = zip(self.runs, self.instants, strict=True)
-        thinned = self.interval > 0.0
-        return [model.drive(vehicle, run.trial, at if thinned else None, parts=self._parts) for run, at in pairs]
+        parts = min(self._parts, model.parts)
+        if parts not in self._actuations:
+            self._actuations[parts] = [actuation(vehicle, run.trial, parts) for run in self.runs]
+        each, thinned = zip(self.runs, self._actuations[parts], self.instants, strict=True), self.interval > 0.0
+        return [model.driven(vehicle, where, run.trial.commands, at if thinned else None) for run, where, at in each]
+
+    @cached_property
+    def _actuations(self) -> dict[int, list[Actuation]]:
+        """By how many parts an interval is cut into: what effects between command and torque know of each run."""
+        return {}
 
     @cached_property
     def _plain(self) -> list[Drive]:
