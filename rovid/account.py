@@ -47,7 +47,7 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         _show_gain(console, diagnosis.base, diagnosis.extended, diagnosis.noise_floor, axis)
         show_parameters(console, diagnosis.extended.estimate)
         share = 100.0 * diagnosis.unexplained_share
-        console.print(f"left unexplained: {share:.3g} % of the {axis.push}'s variance", highlight=False)
+        console.print(f"left unexplained: {share:.2g} % of the {axis.push}'s variance", highlight=False)
     if diagnosis.verdict == "nothing_found":
         _show_detectable(console, diagnosis, axis)
     invisible = " and ".join(INVISIBLE[name] for name in not_identifiable(vehicle))

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rovid.diagnose.search import Fitted, Promise, shortlist
+from rovid.diagnose.search import Fitted, Promise, screen, shortlist
 from rovid.effects import Effect, effect_named
+from rovid.identify.innovations import Likelihood, Slopes
 from rovid.identify.likelihood import starts
 from rovid.trial import FloatArray
 
@@ -69,3 +70,36 @@ def test_no_more_than_seven_causes_are_fitted() -> None:
     causes = ["bias_torque", "thruster_lag", "tether_torsion", "command_delay", "drag_curvature", "slew_limit"]
     causes += ["thruster_deadband", "thrust_asymmetry", "drag_asymmetry"]
     assert listed(dict.fromkeys(causes, 10.0)) == causes[:7]
+
+
+@dataclass(frozen=True)
+class RunningAway:
+    """Stands for a likelihood whose last coordinate explains the innovations, and that nothing bears below zero."""
+
+    effects: tuple[Effect, ...] = ()
+    weight = 1.0
+    slopes_between = Likelihood.slopes_between
+    cost_of = Likelihood.cost_of
+
+    def like(self, effects: tuple[Effect, ...]) -> RunningAway:
+        return RunningAway(effects)
+
+    def innovations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        pattern = np.sin(np.arange(200.0))
+        error = 3.0 * pattern * (1.0 - x[-1]) if x[-1] >= 0.0 else np.full(200, np.nan)
+        return error, np.ones(200) if x[-1] >= 0.0 else np.full(200, np.inf)
+
+    def slopes(self, x: FloatArray) -> Slopes:
+        error, variance = self.innovations(np.zeros(1))
+        here: Any = self
+        return Likelihood.slopes_between(here, (error, variance), [(error, variance)], np.ones(1))
+
+
+def test_a_start_that_runs_away_keeps_no_other_start_of_its_form_out() -> None:
+    form = effect_named("drag_curvature")
+    assert {np.sign(start[0]) for start in starts(form)} == {-1.0, 1.0}
+    likelihood: Any = RunningAway()  # stands in for a Likelihood
+    (promise,) = screen(Fitted(likelihood, np.zeros(1), 0.0), [form])
+    # All of half the sum of squares is there to be gained.
+    assert promise.gain == pytest.approx(0.5 * 9.0 * 100.0, rel=0.02)
+    assert promise.start[0] > 0.0

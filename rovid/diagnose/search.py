@@ -388,9 +388,11 @@ def _promise(
     begins = starts(form)
     sides = [likelihood.innovations(np.concatenate((current.x, begin))) for begin in begins]
     raw = likelihood.slopes_between(centre, sides, np.ones(len(sides))).matrix
-    if not np.isfinite(raw).all():
+    # A drag that falls with the rate runs away from one start, and may hold from another.
+    bears = np.flatnonzero(np.isfinite(raw).all(axis=0))
+    if not bears.size:
         return Promise(form, 0.0, begins[0], begins[0], 0.0)
-    directions = past(raw)
+    begins, sides, directions = [begins[k] for k in bears], [sides[k] for k in bears], past(raw[:, bears])
     pull = -(directions.T @ here.residual)
     power = np.sum(directions**2, axis=0)
     size = form.parameters[0]

@@ -498,9 +498,11 @@ class Likelihood:
         share = math.sqrt(self.weight)
         weight = share * np.sqrt(np.minimum(1.0, _OUTLIER / np.maximum(np.abs(z), 1e-300)))
         matrix = np.empty((2 * len(z), len(sides)))
-        for k, (side, scatter) in enumerate(sides):
-            matrix[: len(z), k] = weight * (side - error) / (step[k] * root)
-            matrix[len(z) :, k] = share * (scatter - variance) / (step[k] * math.sqrt(2.0) * variance)
+        # A model that runs away has no slopes, which whoever asks can see.
+        with np.errstate(over="ignore", invalid="ignore"):
+            for k, (side, scatter) in enumerate(sides):
+                matrix[: len(z), k] = weight * (side - error) / (step[k] * root)
+                matrix[len(z) :, k] = share * (scatter - variance) / (step[k] * math.sqrt(2.0) * variance)
         residual = np.concatenate((weight * z, (share - (weight * z) ** 2 / share) / math.sqrt(2.0)))
         return Slopes(self.cost_of(error, variance), residual, matrix)
 
