@@ -203,7 +203,7 @@ def test_a_term_is_finite_in_any_state(effect: Effect) -> None:
                     assert np.isfinite([found, *change]).all()
 
 
-@pytest.mark.parametrize("effect", MOTION, ids=lambda effect: effect.key)
+@each_term
 def test_a_term_has_states_only_where_it_says_so(effect: Effect) -> None:
     """No room is made for the states of the others, and nothing would stop them from writing there."""
     values = numbers(effect, start=True)

@@ -112,11 +112,11 @@ def run_closed(
     The effects between command and torque are those of the catalogue, on the commands of a trailing window; what they
     make of all commands together has to be the same, and where an effect remembers more, the window is the whole run.
     """
-    parts, m = plant.model.parts, ticks(law.period)
+    m = ticks(law.period)
     time: FloatArray = law.period / m * np.arange(len(wanted) * m + 1, dtype=np.float64)
     outside = _from_outside(plant, time, 0.0 if push is None else np.append(np.repeat(push, m), push[-1]), seed)
     noise = np.random.default_rng([seed, 1]).normal(0.0, 1.0, len(wanted)) * plant.heading_noise
-    where = bare_actuation(plant.vehicle, time, parts)
+    where = bare_actuation(plant.vehicle, time, plant.model.parts)
     for window in (*(round(length / law.period * m) for length in _WINDOWS), len(time)):
         course = _run(law, allocation, plant, wanted, start, time, outside, noise, where, window)
         if window >= len(time) or not plant.model.acts_on_drive:

@@ -43,7 +43,7 @@ _LOGARITHMS = [0, DISTURBANCE, MEMORY, NOISE]
 _WORST = 1e12
 # Curvature of less than this share of the promised is noise of the slopes.
 _LEAST_CURVATURE = 1e-3
-# How many drives are kept as one climbs: where one is and the latest beside it.
+# How many drives are kept as one climbs: where one is, and the latest two beside it.
 _DRIVES = 3
 
 
