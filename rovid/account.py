@@ -21,6 +21,7 @@ from rovid.vehicle import Vehicle
 
 _VERDICTS = {
     "found": "The simulation misses something, and it has a name.",
+    "suspected": "The simulation misses something. What it may be is likely or possible, not established.",
     "nothing_found": "Nothing was found: the model explains these data.",
     "unexplained": "The simulation misses something that no effect of the catalogue explains.",
     "too_little_data": "There is too little data for a diagnosis.",
@@ -37,6 +38,9 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         _show_amplitudes(console, diagnosis.amplitudes)
     for finding in diagnosis.findings:
         _show_finding(console, finding, axis)
+    for suspect in diagnosis.suspects:
+        console.print(f"\nsuspected, {100.0 * suspect.confidence:.0f} %:", highlight=False, end="")
+        _show_finding(console, suspect, axis)
     for signal, gain in diagnosis.signals:
         console.print(
             f"\nUnexplained: {escape(axis.words(signal.title))} (log-likelihood gain {gain:.0f}). It is a dependence, "

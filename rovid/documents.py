@@ -166,6 +166,7 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
         "verdict": diagnosis.verdict,
         "base": _side(base, axis),
         "findings": [_finding(finding) for finding in diagnosis.findings],
+        "suspects": [_finding(suspect) for suspect in diagnosis.suspects],
         "extended": _side(extended, axis),
         "held_out_gain": None
         if base is None or extended is None
@@ -263,6 +264,7 @@ def _finding(finding: Finding) -> Document:
         "log_likelihood_gain": finding.gain,
         "held_out_log_likelihood_gain": finding.held_out_gain,
         "runner_up": {"effect": rivals[0].effect.id, "gain": rivals[0].gain} if rivals else None,
+        "confidence": finding.confidence,
         "cannot_be_told_from": [other.id for other in finding.undecided],
         "deciding_experiment": deciding_experiment(finding),
     }

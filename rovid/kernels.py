@@ -32,6 +32,8 @@ _REMEMBERS = np.array([effect.remembers for effect in MOTION])
 _ORDER = 4
 _SETTLED = 1e-9
 _TINY = 1e-12
+# So many times the largest rate that was measured is none of the vehicle's.
+_RUNAWAY = 30.0
 # With effects a gap is stepped through to its end, however long.
 _MAX_GAP_SUBSTEPS = 1_000_000
 
@@ -311,6 +313,55 @@ def simulate_effects(
         )
         rate[k + 1], angle[k + 1] = r, a
     return rate, angle
+
+
+@_compiled
+def predict(
+    period: float,
+    torque: FloatArray,
+    race: FloatArray,
+    rate: FloatArray,
+    angle: FloatArray,
+    states: FloatArray,
+    starts: Any,
+    reach: Any,
+    base: FloatArray,
+    terms: FloatArray,
+    kinds: Any,
+) -> FloatArray:
+    """Angle turned after each of up to ``reach`` steps of ``period`` s from each of the (m,) restarts.
+
+    Parameters
+    ----------
+    torque, race
+        (n,) N m and N^0.5 m^2; means over each interval of a grid.
+    rate, angle, states
+        (n,), (n,) and (n, k, TERM_STATES) on the measured course.
+    starts, reach
+        (m,) indices on the grid, and numbers of steps.
+
+    Returns
+    -------
+    turned
+        (m, 1 + the largest reach) rad; NaN beyond the reach, and where the model runs away.
+    """
+    turned = np.full((len(starts), reach.max() + 1), np.nan)
+    state, work = np.zeros((len(terms), TERM_STATES)), np.zeros((3, len(terms), TERM_STATES))
+    most = _RUNAWAY * np.nanmax(np.abs(rate))
+    for j in range(len(starts)):
+        at = starts[j]
+        r, a, stiffness = rate[at], angle[at], 0.0
+        state[:] = states[at]
+        turned[j, 0] = 0.0
+        for k in range(reach[j]):
+            r, a, stiffness = advance(
+                r, a, torque[at + k], 0.0, 0.0, race[at + k], period, base, terms, kinds, state, work, stiffness
+            )
+            if not abs(r) < most:
+                # It runs away, and would take ever shorter steps.
+                break
+            turned[j, k + 1] = a - angle[at]
+    return turned
 
 
 @_compiled

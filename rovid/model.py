@@ -202,6 +202,11 @@ class Model:
             gain = gain + (ahead - behind) / (2.0 * _NUDGE)
         return angle, gain
 
+    @property
+    def deviates(self) -> bool:
+        """Whether the measured heading is not the true one."""
+        return any(effect.on_heading is not None for effect in self.effects)
+
     def deviation(self, heading: FloatArray) -> FloatArray:
         """(n,) rad by which the instrument's heading is off at the (n,) true headings in rad."""
         off = np.zeros(len(heading))
@@ -375,7 +380,7 @@ class Model:
         if self.axis is YAW and trial.roll is not None and trial.pitch is not None:
             angle = _euler_heading(trial, rate)
         first = int(np.argmax(trial.measured))
-        if not any(effect.on_heading for effect in self.effects):
+        if not self.deviates:
             return rate, trial.position[first] + angle - angle[first]
         true, _ = self.true_angle(trial, trial.position, np.arange(len(trial.time)))
         heading, rate = self._as_measured(true[first] + angle - angle[first], rate)

@@ -10,6 +10,7 @@ import numpy as np
 
 from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, log_likelihood, simulate_folds
+from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence, not_told_from
 from rovid.diagnose.parts import FEWEST_TRIALS, parts_of, recorded, shortest_part
 from rovid.diagnose.search import Fitted, Found, Key, Promise, Rival, Search, worth
 from rovid.diagnose.signals import PREFIX, drivers, is_driver
@@ -17,6 +18,7 @@ from rovid.effects import Effect, forms_for
 from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import fit_free_run, free_run_r2
+from rovid.identify.horizons import HorizonLikelihood, HorizonRecords
 from rovid.identify.innovations import Records
 from rovid.identify.likelihood import (
     CERTAINTY,
@@ -30,7 +32,6 @@ from rovid.identify.likelihood import (
     simulated_r2,
 )
 from rovid.identify.regression import require_inertia
-from rovid.identify.simulated import SimulatedLikelihood, SimulatedRecords
 from rovid.model import Model, base_names
 from rovid.plan.design import Plan, plan
 from rovid.plan.programme import Limits
@@ -50,11 +51,14 @@ _DECISIONS = 3
 _THINNED, _THINNED_SECONDS = 0.05, 0.2
 # With no worse a simulation the likelihood of each next reading is trusted though the innovations are not white.
 _EXPLAINED_R2 = 0.98
-# A search whose misfits correlate for no less time than this is the last.
+# So often a search goes on without what a test refused.
+_REFUSALS = 6
+# A search after which no more predictions count than so many times those before is the last.
 _MORE = 1.2
-_BY_SIMULATION = (
+_BY_HORIZONS = (
     "The simulation misses much. The likelihood of each next reading would call that disturbance, so causes were "
-    "judged by the free-running rate: gains are of its log-likelihood, with misfits that correlate counted as one."
+    "judged by predictions from half to eight time constants ahead: gains are of their log-likelihood, with errors that "
+    "correlate counted as one."
 )
 _CUT_SHORT = (
     "The search was ended before nothing more could be found: each addition asked for another. What was found is "
@@ -75,7 +79,7 @@ Report = Callable[[str], None]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Finding:
-    """One cause that was named.
+    """One cause that was named, or is suspected.
 
     Attributes
     ----------
@@ -87,6 +91,8 @@ class Finding:
         The same less the price of its parameters, as that of its rivals is.
     held_out_gain
         The same on trials that were not fitted.
+    confidence
+        Probability that the cause, or one of those not told from it, acts.
     rivals
         Other causes in its place, best first.
     undecided
@@ -100,6 +106,7 @@ class Finding:
     gain: float
     worth: float
     held_out_gain: float
+    confidence: float
     rivals: tuple[Rival, ...]
     undecided: tuple[Effect, ...]
     plan: Plan | None = None
@@ -121,11 +128,13 @@ class Diagnosis:
     Attributes
     ----------
     verdict
-        found, nothing_found, unexplained or too_little_data.
+        found, suspected, nothing_found, unexplained or too_little_data.
     base, extended
         None where there was too little data.
     findings
-        The strongest first.
+        What is established, the strongest first.
+    suspects
+        What is likely or possible, the most likely first; it is not in the extended model.
     signals
         Logged signals that drive what no effect explains, with the log-likelihood each gains.
     unexplained_share
@@ -145,6 +154,7 @@ class Diagnosis:
     base: Side | None = None
     extended: Side | None = None
     findings: tuple[Finding, ...] = ()
+    suspects: tuple[Finding, ...] = ()
     signals: tuple[tuple[Effect, float], ...] = ()
     unexplained_share: float = math.nan
     noise_floor: float = math.nan
@@ -185,11 +195,11 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     if base_r2 >= TRUSTED_R2:
         work = _by_innovations(full, base_r2, candidates, report)
         if not work.explains:
-            report("The likelihood of each next reading finds no end: looking at the simulation instead …")
+            report("The likelihood of each next reading finds no end: looking farther ahead instead …")
             work = None
     if work is None:
-        work = _by_simulation(full, candidates, report)
-        notes.append(_BY_SIMULATION)
+        work = _by_horizons(full, candidates, report)
+        notes.append(_BY_HORIZONS)
     report("Testing what was found on trials that were not fitted …")
     work.decide()
     warnings = [*notes, *([_CUT_SHORT] if work.search.cut_short else []), *work.confirm()]
@@ -208,28 +218,28 @@ def _by_innovations(full: Records, base_r2: float, candidates: Sequence[Effect],
     return _Work(search, full, base, search.run(base))
 
 
-def _by_simulation(full: Records, candidates: Sequence[Effect], report: Report) -> _Work:
-    """Search by the free-running rate.
+def _by_horizons(full: Records, candidates: Sequence[Effect], report: Report) -> _Work:
+    """Search by predictions some time ahead.
 
-    What is missing makes misfits correlate for long, so that little counts. With the right cause they do so for less:
+    What is missing makes errors correlate for long, so that little counts. With the right cause they do so for less:
     the correlation is that which the best next cause would leave, whether that is claimed in the end or not.
     """
-    records = SimulatedRecords.of(full, full.start)
-    base = final = _simulated((), records, SimulatedLikelihood(records).first())
+    records = HorizonRecords.of(full, full.start)
+    base = final = _ahead((), records, HorizonLikelihood(records).first())
     while True:
-        # No phase of a wave is known to a simulation.
+        # No phase of a wave is known to a prediction.
         search = Search([effect for effect in candidates if not effect.wave], report, thorough=_is_far_off)
         final = search.run(final)
         best = search.best_extension(final) or final
-        closer = SimulatedRecords.of(full, best.likelihood.model(best.x))
-        if _MORE * closer.correlation_time > records.correlation_time:
+        closer = records.counting(best.likelihood.model(best.x))
+        if closer.readings < _MORE * records.readings:
             return _Work(search, records, base, final)
         records = closer
-        base, final = (_simulated(fitted.effects, records, fitted.x) for fitted in (base, final))
+        base, final = (_ahead(fitted.effects, records, fitted.x) for fitted in (base, final))
 
 
-def _simulated(effects: tuple[Effect, ...], records: SimulatedRecords, x: FloatArray) -> Fitted:
-    likelihood = SimulatedLikelihood(records, effects=effects)
+def _ahead(effects: tuple[Effect, ...], records: HorizonRecords, x: FloatArray) -> Fitted:
+    likelihood = HorizonLikelihood(records, effects=effects)
     return Fitted(likelihood, *likelihood.climb(x))
 
 
@@ -249,9 +259,9 @@ class _Work:
     _refined: dict[Key, Fitted] = field(default_factory=dict)
 
     @property
-    def by_simulation(self) -> bool:
-        """Whether the simulation misses so much that it is what is looked at."""
-        return isinstance(self.base.likelihood, SimulatedLikelihood)
+    def by_horizons(self) -> bool:
+        """Whether the simulation misses so much that predictions some time ahead are what is looked at."""
+        return isinstance(self.base.likelihood, HorizonLikelihood)
 
     @property
     def explains(self) -> bool:
@@ -268,7 +278,8 @@ class _Work:
             pairs = ((one, rival) for one in found for rival in one.rivals if rival.gain > one.worth)
             # A mere signal that is little better takes no name's place.
             named = (rival for one, rival in pairs if is_driver(one.effect) or not is_driver(rival.effect))
-            better = next((rival for rival in named if rival.fitted.plausible), None)
+            allowed = (rival for rival in named if self.search.allows(rival.effect))
+            better = next((rival for rival in allowed if rival.fitted.plausible), None)
             if better is None:
                 return
             self.final = better.fitted
@@ -306,17 +317,23 @@ class _Work:
         return full - rest
 
     def confirm(self) -> list[str]:
-        """Drop what does not hold on trials not fitted, or is no larger than its uncertainty; say so."""
+        """Leave out what does not hold on trials not fitted, or is no larger than its uncertainty; say so.
+
+        The search goes on without it: what it stood in for may now be found.
+        """
         warnings = self._remainder()
-        while True:
+        for _ in range(_REFUSALS):
             doubts = ((effect, self._doubt(effect)) for effect in self.final.effects)
             effect, doubt = next(((effect, doubt) for effect, doubt in doubts if doubt), (None, ""))
             if effect is None:
-                # Its own limit of the disturbance suits a model without effects best.
-                self.final = self.final if self.final.effects else self.base
-                return warnings
+                break
             warnings.append(f"{effect.title} {doubt}: it is not claimed.")
-            self.final = self.search.without(self.final, effect)
+            self.search.bar(effect)
+            self.final = self.search.run(self.search.without(self.final, effect))
+            self.decide()
+        # Its own limit of the disturbance suits a model without effects best.
+        self.final = self.final if self.final.effects else self.base
+        return warnings
 
     def _remainder(self) -> list[str]:
         """What would be added, were not so much explained already that it may be the form of that."""
@@ -336,7 +353,65 @@ class _Work:
         gain, size = self.held_out_gain(effect), _significance(self.final, effect)
         if gain <= 0.0:
             return f"fits these trials but predicts trials not fitted worse (log-likelihood {gain:.1f})"
-        return f"is only {size:.1f} standard errors away from nothing" if size < _SIGNIFICANT else ""
+        if size < _SIGNIFICANT:
+            return f"is only {size:.1f} standard errors away from nothing"
+        sure = self.confidence(self.found(effect), gain)
+        return f"is likely ({100 * sure:.0f} %) and not established" if sure < ESTABLISHED else ""
+
+    def confidence(self, found: Found, held_out_gain: float) -> float:
+        """Probability that the cause, or one that is not told from it, acts; on trials not fitted it has to gain too."""
+        worths = {rival.effect.id: rival.gain for rival in found.rivals}
+        worths[found.effect.id] = found.worth
+        alike = (found.effect.id, *(effect.id for effect in undecided(found, self.margin(found))))
+        less = max(found.worth - held_out_gain, 0.0)
+        return confidence({name: worth - less for name, worth in worths.items()}, alike)
+
+    def margin(self, found: Found) -> float:
+        """By so much a rival is beaten.
+
+        Where the model explains the data to the noise, likelihood decides; else part of any gain is that of its form.
+        """
+        white = likelihood_is_white(self.final.likelihood, self.final.x)
+        return _BEATEN[0] + (0.0 if white else min(_BEATEN[1] * found.worth, _BEATEN[2]))
+
+    def suspects(self) -> list[Suspected]:
+        """Causes that are likely or possible beside the final model, the most likely first."""
+        rivals = self.search.candidates_beside(self.final)
+        worths = {rival.effect.id: rival.gain for rival in rivals}
+        found: list[Suspected] = []
+        taken: set[str] = set()
+        for rival in rivals:
+            cause = rival.effect.id
+            if cause in taken or is_driver(rival.effect):
+                continue
+            alike = not_told_from(worths, cause)
+            if confidence(worths, (cause, *alike)) < POSSIBLE:
+                break
+            taken |= {cause, *alike}
+            gain = log_likelihood(self.folds(rival.fitted)) - log_likelihood(self.folds(self.final))
+            less = max(rival.gain - gain, 0.0)
+            sure = confidence({name: worth - less for name, worth in worths.items()}, (cause, *alike))
+            if sure >= POSSIBLE:
+                others = tuple(other for other in rivals if other.effect.id in alike)
+                found.append(Suspected(rival, sure, gain, others))
+        return sorted(found, key=lambda one: -one.confidence)
+
+
+@dataclass(frozen=True, eq=False)
+class Suspected:
+    """A cause that is likely or possible beside the final model, and the ``others`` that it is not told from."""
+
+    rival: Rival
+    confidence: float
+    held_out_gain: float
+    others: tuple[Rival, ...]
+
+
+def undecided(found: Found, margin: float) -> tuple[Effect, ...]:
+    """Rivals of ``found`` that are not beaten by ``margin``; of a mere signal that is not asked."""
+    return tuple(
+        rival.effect for rival in found.rivals if rival.gain > found.worth - margin and not is_driver(rival.effect)
+    )
 
 
 def _lack(runs: Sequence[Run], part: float) -> str:
@@ -398,7 +473,7 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
     require_inertia(min(base_estimate, estimate, key=_uncertainty), CERTAINTY)
     estimate = estimate.with_scale_doubt(scale_doubt(final.likelihood, final.x))
     warnings.extend(estimate.warnings)
-    findings = [_finding(work, one, estimate, white=white) for one in found if not is_driver(one.effect)]
+    findings = [_finding(work, one, estimate) for one in found if not is_driver(one.effect)]
     findings = [replace(one, plan=_telling(work, one)) if one.undecided else one for one in findings]
     signals = tuple((one.effect, one.worth) for one in found if is_driver(one.effect))
     at_limit = final.likelihood.at_limit(final.x)
@@ -407,13 +482,15 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
             f"What is left would be a disturbance above {100 * final.likelihood.limit:.2g} % of the torque in use: "
             "something is still missing, and it follows no other logged signal."
         )
-    verdict = "found" if findings else "unexplained" if signals or at_limit or work.by_simulation else "nothing_found"
+    suspects = tuple(_suspect(work, one) for one in work.suspects())
+    verdict = "found" if findings else "suspected" if suspects else "unexplained" if signals or at_limit or work.by_horizons else "nothing_found"
     disturbance, _ = final.likelihood.disturbance(final.x)
     return Diagnosis(
         verdict=verdict,
         base=_side(work, work.base, base, base_estimate, work.search.without_any(work.final)),
         extended=_side(work, work.final, final, estimate, work.final),
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
+        suspects=suspects,
         signals=signals,
         unexplained_share=disturbance**2 / (disturbance**2 + work.full.torque**2),
         noise_floor=_noise_floor(final),
@@ -468,12 +545,10 @@ def _uncertainty(estimate: Estimate) -> float:
     return estimate.standard_error("inertia") / estimate.value("inertia")
 
 
-def _finding(work: _Work, found: Found, estimate: Estimate, *, white: bool) -> Finding:
-    effect = found.effect
+def _finding(work: _Work, found: Found, estimate: Estimate) -> Finding:
+    effect, held_out_gain = found.effect, work.held_out_gain(found.effect)
     own = [f"{effect.key}.{parameter.name}" for parameter in effect.parameters]
     at = [estimate.names.index(name) for name in own]
-    # Where the model explains the data to the noise, likelihood decides; else part of any gain is that of its form.
-    margin = _BEATEN[0] + (0.0 if white else min(_BEATEN[1] * found.worth, _BEATEN[2]))
     return Finding(
         effect=effect,
         estimate=replace(
@@ -481,12 +556,32 @@ def _finding(work: _Work, found: Found, estimate: Estimate, *, white: bool) -> F
         ),
         gain=found.gain,
         worth=found.worth,
-        held_out_gain=work.held_out_gain(effect),
+        held_out_gain=held_out_gain,
+        confidence=work.confidence(found, held_out_gain),
         rivals=found.rivals,
-        undecided=tuple(
-            rival.effect for rival in found.rivals if rival.gain > found.worth - margin and not is_driver(rival.effect)
-        ),
+        undecided=undecided(found, work.margin(found)),
     )
+
+
+def _suspect(work: _Work, suspected: Suspected) -> Finding:
+    """What is said of a cause that is not established: its size where it is put in beside the final model."""
+    rival, fitted = suspected.rival, work.refined(suspected.rival.fitted)
+    estimate = _estimate(fitted, white=False)
+    own = [f"{rival.effect.key}.{parameter.name}" for parameter in rival.effect.parameters]
+    at = [estimate.names.index(name) for name in own]
+    finding = Finding(
+        effect=rival.effect,
+        estimate=replace(
+            estimate, names=tuple(own), values=estimate.values[at], covariance=estimate.covariance[np.ix_(at, at)]
+        ),
+        gain=work.final.cost - rival.fitted.cost,
+        worth=rival.gain,
+        held_out_gain=suspected.held_out_gain,
+        confidence=suspected.confidence,
+        rivals=tuple(one for one in work.search.candidates_beside(work.final) if one.effect is not rival.effect),
+        undecided=tuple(other.effect for other in suspected.others if not is_driver(other.effect)),
+    )
+    return finding
 
 
 def _telling(work: _Work, finding: Finding) -> Plan | None:

@@ -54,10 +54,10 @@ def cross_validate(fitted: Fitted) -> list[Fold]:
         # All trials together are a start so good that a few steps do.
         fits.append(train.climb(fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)[0])
         tests.append(test)
-    fits = fitted.likelihood.calibrated(tests, fits)
+    costs = fitted.likelihood.held_out_costs(tests, fits)
     return [
-        Fold(trials=trials, x=x, log_likelihood=-test.cost(x))
-        for trials, test, x in zip(left_out, tests, fits, strict=True)
+        Fold(trials=trials, x=x, log_likelihood=-cost)
+        for trials, cost, x in zip(left_out, costs, fits, strict=True)
     ]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -36,6 +36,8 @@ _FIRST_ITERATIONS = 4
 _STAGES = ((0.2, 8), (0.4, _ITERATIONS))
 _TOLERANCE = 0.1
 _MAX_EFFECTS = 6
+# Of a model that is far off so many single causes are tried by twos.
+_PAIRED = 6
 # A single cause takes two looks at what else there may be, three causes seven or so.
 _MOST_LOOKS = 12
 # A logged signal is preferred to a named effect only if it gains so much more, in all and in proportion.
@@ -170,6 +172,7 @@ class Search:
     thorough: Callable[[Fitted], bool] = field(default=lambda _: False)
     promises: dict[Key, list[Promise]] = field(default_factory=dict)
     cut_short: bool = False
+    _barred: set[str] = field(default_factory=set)
     _left: set[Key] = field(default_factory=set)
     _extensions: dict[Key, list[Fitted]] = field(default_factory=dict)
     _fits: dict[Key, Fitted] = field(default_factory=dict)
@@ -199,6 +202,14 @@ class Search:
         most = _MOST_WHITE if likelihood_is_white(better.likelihood, better.x) else _MOST_COLOURED
         return added >= min(_REMAINDER * earned, most)
 
+    def bar(self, effect: Effect) -> None:
+        """Take up no form of ``effect`` any more: a test that the search does not make refused it."""
+        self._barred.add(effect.id)
+
+    def allows(self, effect: Effect) -> bool:
+        """Whether ``effect`` may be taken up."""
+        return effect.id not in self._barred
+
     def run(self, base: Fitted) -> Fitted:
         """Exchange what another explains better, add what pays and drop what no longer does, until nothing changes."""
         self._fits[base.key] = base
@@ -216,6 +227,8 @@ class Search:
         while len(current.effects) < _MAX_EFFECTS and not self._ends():
             better = self._best(self.extensions(current, growing=True), current)
             if not self.pays(better, current):
+                better = self._best_pair(current)
+            if not self.pays(better, current):
                 break
             added = self._pruned(better)
             if worth(added) <= worth(current):
@@ -225,6 +238,34 @@ class Search:
             if current is not added:
                 break
         return current
+
+    def _best_pair(self, current: Fitted) -> Fitted:
+        """With two effects that gain little alone and much together, as where each hides the other.
+
+        Slopes and single fits tell of neither; so of a model that is far off the best singles are tried by twos.
+        """
+        if not self.thorough(current) or len(current.effects) + 2 > _MAX_EFFECTS:
+            return current
+        best: dict[str, Fitted] = {}
+        for fit in sorted(self.extensions(current), key=worth, reverse=True):
+            if self.allows(fit.effects[-1]) and fit.plausible:
+                best.setdefault(fit.effects[-1].id, fit)
+        singles = list(best.values())[:_PAIRED]
+        pairs = [(one, other) for k, one in enumerate(singles) for other in singles[k + 1 :]]
+        fits = spread(lambda pair: self._joined(*pair), pairs)
+        for fit in fits:
+            self._fits.setdefault(fit.key, fit)
+        chosen = max(fits, key=worth, default=current)
+        # There are so many more pairs than single causes.
+        price = math.log(max(len(singles), 1))
+        return chosen if chosen is not current and worth(chosen) - price > worth(current) else current
+
+    def _joined(self, one: Fitted, other: Fitted) -> Fitted:
+        """``one`` with the last effect of ``other`` besides."""
+        effect = other.effects[-1]
+        likelihood = one.likelihood.like((*one.effects, effect))
+        begins = [np.concatenate((one.x, start)) for start in (other.own(effect), *starts(effect))]
+        return _climbed(likelihood, min(begins, key=likelihood.cost), _ITERATIONS)
 
     def _opened(self, current: Fitted) -> Fitted:
         """``current`` with as much disturbance as it bears, less what is then no longer needed.
@@ -260,6 +301,7 @@ class Search:
 
     def _best(self, fits: Sequence[Fitted], default: Fitted) -> Fitted:
         """The worthiest; a named effect goes before a mere signal that is little better."""
+        fits = [fit for fit in fits if self.allows(fit.effects[-1])]
         named = max((fit for fit in fits if fit.effects[-1].equation and fit.plausible), key=worth, default=default)
         signal = max((fit for fit in fits if not fit.effects[-1].equation), key=worth, default=default)
         gap = _SIGNAL_HANDICAP[0] + _SIGNAL_HANDICAP[1] * max(worth(named) - worth(default), 0.0)
@@ -291,14 +333,20 @@ class Search:
     def found(self, current: Fitted, effect: Effect) -> Found:
         """What ``effect`` gains, and what each other cause would gain in its place."""
         rest = self.without(current, effect)
-        others = {other.id for other in current.effects}
+        ranked = self._ranked(rest, {other.id for other in current.effects})
+        return Found(effect, rest.cost - current.cost, worth(current) - worth(rest), ranked)
+
+    def candidates_beside(self, current: Fitted) -> tuple[Rival, ...]:
+        """What each cause that ``current`` lacks would gain beside it, best first."""
+        return self._ranked(current, {effect.id for effect in current.effects})
+
+    def _ranked(self, rest: Fitted, taken: Collection[str]) -> tuple[Rival, ...]:
         best: dict[str, Rival] = {}
         for fit in self.extensions(rest):
             last, gain = fit.effects[-1], worth(fit) - worth(rest)
-            if last.id not in others and (last.id not in best or gain > best[last.id].gain):
+            if last.id not in taken and (last.id not in best or gain > best[last.id].gain):
                 best[last.id] = Rival(last, gain, fit)
-        ranked = tuple(sorted(best.values(), key=lambda rival: -rival.gain))
-        return Found(effect, rest.cost - current.cost, worth(current) - worth(rest), ranked)
+        return tuple(sorted(best.values(), key=lambda rival: -rival.gain))
 
     def without_any(self, current: Fitted) -> Fitted:
         """The model without any effect."""

@@ -189,11 +189,16 @@ class Records:
 
     @cached_property
     def block(self) -> NDArray[np.intp]:
-        """(N,) number of the stretch of time, 40 s of a run or less of short ones, of each innovation."""
-        length = min(_BLOCK_SECONDS, sum(float(np.ptp(time)) for time in self.times) / _BLOCKS)
+        """(N,) number of the stretch of time of each innovation."""
+        length = self.block_seconds
         pieces = [(time[at] / length).astype(np.intp) for time, at in zip(self.times, self.looked_at, strict=True)]
         offsets = np.cumsum([0, *(int(piece.max(initial=0)) + 1 for piece in pieces)])[:-1]
         return np.concatenate([piece + offset for piece, offset in zip(pieces, offsets, strict=True)])
+
+    @property
+    def block_seconds(self) -> float:
+        """Length of a stretch of time: 40 s, or less of short runs."""
+        return min(_BLOCK_SECONDS, sum(float(np.ptp(time)) for time in self.times) / _BLOCKS)
 
     @cached_property
     def rate(self) -> float:
@@ -263,7 +268,7 @@ class Likelihood:
     method
         What is likely.
     weight
-        Of each innovation; below one where neighbours tell much the same.
+        Of every innovation, or of each that counts; below one where neighbours tell much the same.
     remembered
         How many points of before tell the curvature, as one climbs.
 
@@ -278,7 +283,7 @@ class Likelihood:
     """
 
     method = "maximum likelihood of Kalman-filter innovations"
-    weight = 1.0
+    weight: float | FloatArray = 1.0
     remembered = 10
 
     def __init__(
@@ -318,9 +323,9 @@ class Likelihood:
         """The same question asked of a model with other effects, or of other innovations."""
         return type(self)(self.records, self.limit, effects, counted)
 
-    def calibrated(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[FloatArray]:  # noqa: ARG002 - below
-        """Coordinates ``fits`` with which ``tests`` are judged, each on what it was not fitted to."""
-        return list(fits)
+    def held_out_costs(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[float]:
+        """Cost of each of ``tests`` with the coordinates that were fitted to others."""
+        return [test.cost(x) for test, x in zip(tests, fits, strict=True)]
 
     @property
     def base(self) -> int:
@@ -419,7 +424,8 @@ class Likelihood:
     @property
     def count(self) -> float:
         """How many independent innovations there are."""
-        return self.weight * len(self.records.trial)
+        number = len(self.records.trial) if self.counted is None else int(self.counted.sum())
+        return float(np.sum(np.broadcast_to(self.weight, number)))
 
     def cost(self, x: FloatArray) -> float:
         """Negative log-likelihood."""
@@ -427,7 +433,7 @@ class Likelihood:
 
     def cost_of(self, error: FloatArray, variance: FloatArray) -> float:
         """Negative log-likelihood of innovations of these variances."""
-        total = self.weight * float(np.sum(_pieces(error, variance)))
+        total = float(np.sum(self.weight * _pieces(error, variance)))
         return total if math.isfinite(total) else _WORST
 
     def block_scores(self, here: Slopes) -> FloatArray:
@@ -495,7 +501,7 @@ class Likelihood:
         root = np.sqrt(variance)
         z = error / root
         # So that squares have the weights.
-        share = math.sqrt(self.weight)
+        share = np.sqrt(self.weight)
         weight = share * np.sqrt(np.minimum(1.0, _OUTLIER / np.maximum(np.abs(z), 1e-300)))
         matrix = np.empty((2 * len(z), len(sides)))
         # A model that runs away has no slopes, which whoever asks can see.

@@ -13,9 +13,9 @@ from rovid.effects import Effect
 from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import fit_free_run, free_run_r2
+from rovid.identify.horizons import HorizonLikelihood, HorizonRecords
 from rovid.identify.innovations import BASE, Likelihood, Records
 from rovid.identify.regression import require_inertia
-from rovid.identify.simulated import SimulatedLikelihood, SimulatedRecords
 from rovid.model import Model
 from rovid.runs import Run
 from rovid.simulation import compare, simulated_rate
@@ -111,7 +111,7 @@ def fit_likelihood(
         )
     records = Records(runs, vehicle, fit_free_run(runs), gyro=gyro)
     base_r2 = free_run_r2(runs, records.start)
-    likelihood, x, r2 = fit_base(records, base_r2) if base_r2 >= TRUSTED_R2 else fit_simulated(records)
+    likelihood, x, r2 = fit_base(records, base_r2) if base_r2 >= TRUSTED_R2 else fit_horizons(records)
     if effects:
         likelihood, x = with_effects(likelihood, x, effects)
         r2 = simulated_r2(likelihood, x)
@@ -139,9 +139,9 @@ def fit_base(records: Records, base_r2: float) -> tuple[Likelihood, FloatArray, 
     return best
 
 
-def fit_simulated(records: Records) -> tuple[SimulatedLikelihood, FloatArray, float]:
-    """As `fit_base`, by the free-running rate alone."""
-    likelihood = SimulatedLikelihood(SimulatedRecords.of(records, records.start))
+def fit_horizons(records: Records) -> tuple[HorizonLikelihood, FloatArray, float]:
+    """As `fit_base`, by predictions some time ahead."""
+    likelihood = HorizonLikelihood(HorizonRecords.of(records, records.start))
     x, _ = likelihood.climb(likelihood.first())
     return likelihood, x, simulated_r2(likelihood, x)
 
@@ -300,7 +300,7 @@ def _warnings(likelihood: Likelihood, model: Model, *, white: bool, at_limit: bo
             f"({most}): the model misses something that these data show. The standard errors include what "
             f"a limit {_LOOSER:g} times as high would change."
         )
-    if isinstance(likelihood, SimulatedLikelihood):
+    if isinstance(likelihood, HorizonLikelihood):
         texts.append(
             "The simulation misses too much for the likelihood of each next reading, which would call it disturbance: "
             "the parameters are those of the best free-running rate."

@@ -1,0 +1,379 @@
+"""The likelihood of predictions some time ahead, for models that miss too much to be judged by the next reading.
+
+A user means by a wrong model that it predicts a wrong heading some time ahead. So the position is predicted from many
+restarts over horizons from half to eight time constants of the vehicle. Short horizons say much the same as the next
+reading, long ones as the free run; a restart takes away what drifts, and waves average out. Each horizon counts alike,
+whatever the size of its errors: theirs are the logarithms of mean squares that are added.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rovid.effects import Effect
+from rovid.identify.innovations import DISTURBANCE, NOISE, Likelihood, Records, Slopes
+from rovid.model import Drive, Model
+from rovid.rates import body_position, on_grid
+from rovid.runs import Run
+from rovid.trial import FloatArray
+
+# How far ahead, in time constants of the vehicle.
+HORIZONS = (0.5, 1.0, 2.0, 4.0, 8.0)
+# Restarts for a horizon are a quarter of it apart, and no less than so many time constants; those for a longer one are
+# among those for a shorter. Drives and courses are followed on a grid.
+_RESTARTS, _GRID = 0.25, 0.1
+# Time constants that a stretch lasts whose errors are taken together.
+_BLOCK, _BLOCKS = 8.0, 12
+# However long the logs are, what a model's form misses returns in all of them: so many readings are there at most.
+_MOST = 200.0
+
+IntArray = NDArray[np.intp]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Course:
+    """What was measured of one run, on a grid.
+
+    Attributes
+    ----------
+    time
+        (n,) s.
+    angle, rate
+        (n,) about the body's axis, as measured; NaN where not known.
+    starts, horizon, ends
+        (N,) indices of the restart, of the horizon and of the end of each prediction.
+    restarts, reach, number
+        (m,) indices of the restarts, each once, and the steps to the farthest end from each; (N,) which of them is that
+        of each prediction.
+    """
+
+    run: Run
+    time: FloatArray
+    angle: FloatArray
+    rate: FloatArray
+    starts: IntArray
+    horizon: IntArray
+    ends: IntArray
+    restarts: IntArray
+    reach: IntArray
+    number: IntArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HorizonRecords(Records):
+    """As `Records`, but what is looked at is predictions of the position from restarts.
+
+    Attributes
+    ----------
+    time_constant
+        s, of the vehicle; its unit of all times here.
+    share
+        (q,) how much each prediction over a horizon counts, for its neighbours tell much the same.
+    """
+
+    time_constant: float
+    share: FloatArray
+
+    @classmethod
+    def of(cls, records: Records, model: Model) -> Self:
+        """With the shares that the errors of ``model`` leave."""
+        constant = time_constant(records.start, records.rate)
+        fresh = cls(
+            runs=records.runs,
+            vehicle=records.vehicle,
+            start=records.start,
+            gyro=records.gyro,
+            time_constant=constant,
+            share=np.ones(len(HORIZONS)),
+        )
+        return fresh.counting(model)
+
+    def counting(self, model: Model) -> Self:
+        """The same with the shares that the errors of ``model`` leave."""
+        errors = predictions(self, model, self.drives(model))
+        return type(self)(
+            runs=self.runs,
+            vehicle=self.vehicle,
+            start=self.start,
+            gyro=self.gyro,
+            time_constant=self.time_constant,
+            share=_shares(self, errors),
+        )
+
+    @cached_property
+    def courses(self) -> list[Course]:
+        """What was measured of each run."""
+        return [_course(run, self.time_constant) for run in self.runs]
+
+    @cached_property
+    def times(self) -> list[FloatArray]:
+        """(n,) s, of the grid of each run."""
+        return [course.time for course in self.courses]
+
+    @cached_property
+    def looked_at(self) -> list[IntArray]:
+        """Where each prediction of each run begins."""
+        return [course.starts for course in self.courses]
+
+    @cached_property
+    def horizon(self) -> IntArray:
+        """(N,) index of the horizon of each prediction."""
+        return np.concatenate([course.horizon for course in self.courses])
+
+    @property
+    def readings(self) -> float:
+        """How many predictions count."""
+        return float(self.share[self.horizon].sum())
+
+    @property
+    def block_seconds(self) -> float:
+        """Length of a stretch whose predictions are taken together."""
+        total = sum(float(np.ptp(time)) for time in self.times)
+        return min(_BLOCK * self.time_constant, total / _BLOCKS)
+
+
+def time_constant(model: Model, rate: float) -> float:
+    """Seconds in which a motion at ``rate`` dies out, or a third of a swing to and fro where that is less."""
+    constant = model.inertia / max(2.0 * model.quadratic_drag * rate + model.linear_drag, 1e-12)
+    return min(constant, 2.0 / model.swing) if model.swing > 0.0 else constant
+
+
+def _course(run: Run, constant: float) -> Course:
+    rates, trial = run.rates, run.trial
+    period = rates.kernel.period
+    every = max(round(_GRID * constant / period), 1)
+    time = rates.time[::every]
+    angle = on_grid(trial, body_position(trial), rates.time)[::every]
+    rate = rates.rate[::every]
+    known = np.isfinite(angle)
+    gaps = np.concatenate(([0], np.cumsum(~known)))
+    restarts = np.flatnonzero(np.isfinite(rate) & known)
+    between = max(round(_RESTARTS * constant / (every * period)), 1)
+    starts, horizons, ends = [], [], []
+    for number, horizon in enumerate(HORIZONS):
+        length = max(round(horizon * constant / (every * period)), 1)
+        apart = between * max(round(0.25 * horizon / _RESTARTS), 1)
+        first = restarts[(restarts % apart == 0) & (restarts + length < len(time))]
+        # How far the vehicle turned inside a gap is not measured.
+        whole = first[gaps[first + length + 1] == gaps[first]]
+        starts.append(whole)
+        horizons.append(np.full(len(whole), number))
+        ends.append(whole + length)
+    start, end = np.concatenate(starts), np.concatenate(ends)
+    first, number = np.unique(start, return_inverse=True)
+    reach = np.zeros(len(first), dtype=np.intp)
+    np.maximum.at(reach, number, end - start)
+    return Course(
+        run=run,
+        time=time,
+        angle=angle,
+        rate=rate,
+        starts=start,
+        horizon=np.concatenate(horizons),
+        ends=end,
+        restarts=first,
+        reach=reach,
+        number=number,
+    )
+
+
+def predictions(records: HorizonRecords, model: Model, drives: Sequence[Drive]) -> FloatArray:
+    """(N,) predicted less measured position of every prediction, in rad or m."""
+    pairs = zip(records.courses, drives, strict=True)
+    return np.concatenate([_errors(course, model, drive) for course, drive in pairs])
+
+
+def _errors(course: Course, model: Model, drive: Drive) -> FloatArray:
+    from rovid.kernels import predict
+
+    if not course.starts.size:
+        return np.empty(0)
+    trial, time = course.run.trial, course.time
+    true, gain = model.true_angle(trial, trial.position, np.arange(len(trial.time)))
+    if model.deviates:
+        off = on_grid(trial, true - trial.position, course.run.rates.time)
+        every = round((time[1] - time[0]) / course.run.rates.kernel.period)
+        angle = course.angle + off[::every]
+        rate = course.rate / np.interp(time, trial.time, gain)
+    else:
+        angle, rate = course.angle, course.rate
+    torque, race = (_means(trial.time, series, time) for series in (drive.torque, drive.race))
+    known = angle[np.isfinite(angle)]
+    turned = angle - known[0]
+    period = float(time[1] - time[0])
+    # The filter has no rate at the ends of a trial, where the water already moves.
+    moving = np.where(np.isfinite(rate), rate, np.gradient(turned, period))
+    _, states = model.along(trial, period, (moving, turned, torque, race))
+    motion = (model.base(trial), *model.terms())
+    held = (torque, race, rate, np.nan_to_num(turned), states)
+    moved = predict(period, *held, course.restarts, course.reach, *motion)
+    ahead = moved[course.number, course.ends - course.starts]
+    return np.asarray(ahead - (turned[course.ends] - turned[course.starts]))
+
+
+def _means(time: FloatArray, held: FloatArray, grid: FloatArray) -> FloatArray:
+    """(n,) means from each instant of ``grid`` to the next of what is ``held`` between those of ``time``."""
+    if not held.any():
+        return np.zeros(len(grid))
+    area = np.concatenate(([0.0], np.cumsum(held[:-1] * np.diff(time))))
+    means = np.diff(np.interp(grid, time, area)) / np.diff(grid)
+    return np.append(means, held[-1])
+
+
+def _shares(records: HorizonRecords, errors: FloatArray) -> FloatArray:
+    """(q,) how much each prediction counts: neighbours in time, and horizons from one restart, tell much the same."""
+    count = len(HORIZONS)
+    share, readings = np.zeros(count), np.zeros(count)
+    tables = _tables(records, errors)
+    for number in range(count):
+        series = [table[:, number] for table in tables]
+        readings[number] = sum(np.isfinite(one).sum() for one in series)
+        share[number] = 1.0 / (2.0 * _memory(series))
+    together = _alike(np.concatenate(tables))
+    independent = float(share @ readings) * together
+    return share * together / (1.0 + independent / _MOST)
+
+
+def _tables(records: HorizonRecords, errors: FloatArray) -> list[FloatArray]:
+    """Of each run the (restarts, horizons) errors; NaN where there is none."""
+    tables, at = [], 0
+    for course in records.courses:
+        mine = errors[at : at + len(course.starts)]
+        at += len(course.starts)
+        table = np.full((len(course.restarts), len(HORIZONS)), np.nan)
+        table[course.number, course.horizon] = mine
+        tables.append(table)
+    return tables
+
+
+def _memory(series: Sequence[FloatArray]) -> float:
+    """Integral of the autocorrelation up to where it first vanishes, in restarts; a half where there is none."""
+    longest = max((len(one) for one in series), default=0)
+    total, square = np.zeros(max(longest, 1)), 0.0
+    for one in series:
+        known = one[np.isfinite(one)]
+        if not known.size:
+            continue
+        full = np.correlate(known, known, mode="full")[len(known) - 1 :]
+        total[: len(full)] += full
+        square += full[0]
+    if square <= 0.0:
+        return 0.5
+    ratio = total / square
+    crossing = int(np.argmax(ratio <= 0.0)) or len(ratio)
+    return float(0.5 + ratio[1:crossing].sum())
+
+
+def _alike(table: FloatArray) -> float:
+    """Share of the horizons that are told by themselves: the participation ratio of their correlations' eigenvalues."""
+    known = np.isfinite(table).any(axis=0)
+    table = table[:, known]
+    if table.shape[1] < 2:
+        return 1.0
+    usual = np.sqrt(np.nanmean(table**2, axis=0))
+    scaled = np.nan_to_num(table / np.maximum(usual, 1e-300))
+    paired = np.isfinite(table).astype(float)
+    matrix = (scaled.T @ scaled) / np.maximum(paired.T @ paired, 1.0)
+    return float(np.trace(matrix) ** 2 / np.sum(matrix**2) / len(matrix))
+
+
+class HorizonLikelihood(Likelihood):
+    """Negative log-likelihood of predictions of the position.
+
+    The coordinates are those of `Likelihood`, but the disturbance's and the noise's have no say: the size of the errors
+    over each horizon is that which there is.
+    """
+
+    records: HorizonRecords
+    method = "maximum likelihood of predictions over half to eight time constants"
+    # Of least squares with a variance of their own the information promises what there is.
+    remembered = 0
+
+    def __init__(
+        self,
+        records: Records,
+        limit: float = math.inf,
+        effects: tuple[Effect, ...] = (),
+        counted: NDArray[np.bool_] | None = None,
+    ) -> None:
+        super().__init__(records, limit, effects, counted)
+        own = slice(DISTURBANCE, NOISE + 1)
+        self.low[own] = self.high[own] = 0.0
+        self._bound_states()
+        share = self.records.share[self.records.horizon]
+        self.weight = share if counted is None else share[counted]
+        self._horizon = self.records.horizon if counted is None else self.records.horizon[counted]
+
+    def _bound_states(self) -> None:
+        """Keep the states of effects no faster than the grid: such an effect is told by no prediction."""
+        grid = _GRID * self.records.time_constant
+        at = self.base
+        for effect in self.effects:
+            for parameter in effect.parameters if effect.fastest else ():
+                if parameter.name == "time_constant":
+                    self.low[at] = min(max(self.low[at], grid), self.high[at])
+                if parameter.name == "frequency":
+                    self.high[at] = max(min(self.high[at], 1.0 / grid), self.low[at])
+                at += 1
+            at += 0 if effect.fastest else len(effect.parameters)
+
+    def sizes(self, error: FloatArray) -> FloatArray:
+        """(q,) mean squares of the errors over each horizon."""
+        count = len(HORIZONS)
+        square = np.bincount(self._horizon, weights=error**2, minlength=count)
+        return np.asarray(square / np.maximum(np.bincount(self._horizon, minlength=count), 1))
+
+    def innovations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(N,) errors of the predictions in rad or m, and their mean squares by horizon."""
+        model = self.model(x)
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = predictions(self.records, model, self.drives(model))
+            error = error if self.counted is None else error[self.counted]
+            error = np.nan_to_num(error, nan=1e6, posinf=1e6, neginf=-1e6)
+            return error, np.maximum(self.sizes(error)[self._horizon], 1e-300)
+
+    def slopes_between(
+        self,
+        centre: tuple[FloatArray, FloatArray],
+        sides: Sequence[tuple[FloatArray, FloatArray]],
+        step: FloatArray,
+    ) -> Slopes:
+        """As in `Likelihood`; at the best size of the errors their size has no slope of its own."""
+        return super().slopes_between(centre, [(error, centre[1]) for error, _ in sides], step)
+
+    def held_out_costs(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[float]:
+        """As in `Likelihood`; the size of the errors is taken over all tests."""
+        errors = [test.innovations(x)[0] for test, x in zip(tests, fits, strict=True)]
+        horizon = np.concatenate([test._horizon for test in tests])  # noqa: SLF001 - of its own kind
+        count = np.maximum(np.bincount(horizon, minlength=len(HORIZONS)), 1)
+        sizes = np.bincount(horizon, weights=np.concatenate(errors) ** 2, minlength=len(HORIZONS)) / count
+        return [
+            test.cost_of(error, sizes[test._horizon])  # noqa: SLF001 - as above
+            for test, error in zip(tests, errors, strict=True)
+        ]
+
+    def disturbance(self, x: FloatArray) -> tuple[float, float]:
+        """Standard deviation of a torque in N m that would drive the errors over the shortest horizon; its memory in s."""
+        memory = self.records.time_constant
+        shortest = math.sqrt(float(self.sizes(self.innovations(x)[0])[0]))
+        span = HORIZONS[0] * memory
+        return 2.0 * self.model(x).inertia * shortest / span**2, memory
+
+    def driven_rate(self, x: FloatArray) -> float:  # noqa: ARG002 - as in Likelihood
+        """Zero: none of the misfit is known to be a disturbance's."""
+        return 0.0
+
+    def position_noise(self, x: FloatArray) -> float:  # noqa: ARG002 - as in Likelihood
+        """Standard deviation of the noise of what is measured, from its differences."""
+        return self.records.position_noise
+
+    def at_limit(self, x: FloatArray) -> bool:  # noqa: ARG002 - as in Likelihood
+        """False: nothing is set aside as a disturbance."""
+        return False
