@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rovid import __version__, completion
-from rovid.errors import ConfigError, DataError, RovidError
+from rovid.errors import LINE_LENGTH, ConfigError, DataError, RovidError, shown
 from rovid.help import FIRST_SESSION, MANUAL, ManualCommand, ManualGroup
 
 if TYPE_CHECKING:
@@ -202,7 +202,7 @@ def convert(
         )
     else:
         typer.echo(made.mapping, nl=False)
-        sys.stderr.writelines(f"Note: {text}\n" for text in remarks)
+        sys.stderr.writelines(f"Note: {shown(text, LINE_LENGTH)}\n" for text in remarks)
 
 
 @_command
@@ -728,10 +728,11 @@ def _working(text: str) -> Iterator[Callable[[str], None]]:
     if not sys.stderr.isatty():
         yield lambda _: None
         return
-    from rich.console import Console
+    from rovid.screen import Screen
 
-    with Console(stderr=True).status(text) as status:
-        yield status.update
+    screen = Screen(stderr=True)
+    with screen.status(text) as status:
+        yield lambda words: status.update(screen.render_str(words))
 
 
 @contextmanager
@@ -740,9 +741,9 @@ def _busy(text: str) -> Iterator[None]:
     if not sys.stderr.isatty():
         yield
         return
-    from rich.console import Console
+    from rovid.screen import Screen
 
-    with Console(stderr=True).status(text):
+    with Screen(stderr=True).status(text):
         yield
 
 
@@ -818,7 +819,7 @@ def _print_json(document: Any) -> None:
 
 
 def _console() -> Console:
-    from rich.console import Console
+    from rovid.screen import Screen
 
     # A pipe has no width; rich would fold tables at 80 columns.
-    return Console(width=None if sys.stdout.isatty() else 160)
+    return Screen(width=None if sys.stdout.isatty() else 160)

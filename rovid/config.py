@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from rovid.axis import AXES, YAW, Axis
-from rovid.errors import ConfigError, nearest
+from rovid.errors import NAME_LENGTH, ConfigError, nearest
 from rovid.tables import CURVE_COLUMNS, read_table
+from rovid.toml import number_wanted, read_toml
 from rovid.vehicle import ThrustCurve, Thruster, Vehicle
 
 FILE_NAME = "rovid.toml"
@@ -175,7 +175,7 @@ def load_config(path: Path, axis: Axis = YAW) -> Config:
     ConfigError
         With the place inside the file, what was found and what was wanted.
     """
-    return _Reader(path, axis).config(_document(path))
+    return _Reader(path, axis).config(read_toml(path))
 
 
 def vehicle_of_tables(paths: Sequence[Path]) -> Vehicle:
@@ -185,18 +185,7 @@ def vehicle_of_tables(paths: Sequence[Path]) -> Vehicle:
     except ConfigError:
         return Vehicle(name="vehicle", thrusters=())
     reader = _Reader(path, YAW)
-    return reader.vehicle(reader.table(_document(path), "vehicle"), ())
-
-
-def _document(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise ConfigError(f"cannot be read ({error.strerror}).", where=path) from error
-    except UnicodeDecodeError as error:
-        raise ConfigError("is not UTF-8 text.", where=path, mend="Save it as UTF-8.") from error
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"is not valid TOML: {error}.", where=path) from error
+    return reader.vehicle(reader.table(read_toml(path), "vehicle"), ())
 
 
 class _Reader:
@@ -270,18 +259,24 @@ class _Reader:
                 raise self.complain(place, f"{key!r} is not known here.", nearest(key, keys))
 
     def number(self, value: Any, place: str, *, positive: bool = False) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise self.complain(place, f"is {value!r}; a number was expected.")
-        if positive and value <= 0:
-            raise self.complain(place, f"is {value!r}; a positive number was expected.")
+        wanted = number_wanted(value, positive=positive)
+        if wanted:
+            raise self.complain(place, f"is {value!r}; {wanted} was expected.")
         return float(value)
+
+    def name(self, value: Any, place: str) -> str:
+        text = str(value)
+        if len(text) > NAME_LENGTH:
+            raise self.complain(place, f"is a name of {len(text)} characters; {NAME_LENGTH} at most were expected.")
+        return text
 
     def vehicle(self, table: Mapping[str, Any], thrusters: tuple[Thruster, ...]) -> Vehicle:
         self.known(table, _VEHICLE_KEYS, "[vehicle]")
         numbers = {
             key: self.number(table[key], f"[vehicle] {key}", positive=True) for key in _VEHICLE_KEYS[1:] if key in table
         }
-        return Vehicle(name=str(table.get("name", "vehicle")), thrusters=thrusters, axis=self.axis, **numbers)
+        name = self.name(table.get("name", "vehicle"), "[vehicle] name")
+        return Vehicle(name=name, thrusters=thrusters, axis=self.axis, **numbers)
 
     def thruster(self, index: int, block: Mapping[str, Any]) -> tuple[Thruster, Signal] | None:
         """The thruster and its command; None for one that does not push along the axis."""
@@ -289,7 +284,7 @@ class _Reader:
         if not isinstance(block, dict):
             raise self.complain(place, f"is {block!r}; a block [[thrusters]] was expected.")
         self.known(block, _THRUSTER_KEYS, place)
-        name = str(block.get("name", f"thruster_{index + 1}"))
+        name = self.name(block.get("name", f"thruster_{index + 1}"), f"{place} name")
         place = f"[[thrusters]] {name!r}"
         arm = self.axis.arm
         if arm not in block and any(other in block for other in _ARMS):
@@ -313,6 +308,8 @@ class _Reader:
         return thruster, self.signal(f"command.{name}", block["command"], f"{place} command")
 
     def signals(self, table: Mapping[str, Any]) -> dict[str, Signal]:
+        for name in table:
+            self.name(name, f"[signals] {name}")
         return {name: self.signal(name, value, f"[signals] {name}") for name, value in table.items()}
 
     def signal(self, name: str, value: Any, place: str) -> Signal:
@@ -346,7 +343,11 @@ def read_curve(path: Path) -> ThrustCurve:
     RovidError
         The file is missing, has other columns, text in a number, fewer than two points or a repeated command.
     """
-    if not path.is_file():
+    try:
+        there = path.is_file()
+    except OSError:  # a name longer than any file's
+        there = False
+    if not there:
         raise ConfigError(
             "there is no such thrust curve.",
             where=path,

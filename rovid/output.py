@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rovid.errors import OutputError
+from rovid.quoting import encodable, json_lines
 
 
 def require_writable(path: Path) -> None:
@@ -65,15 +66,17 @@ def _not_written(path: Path, error: OSError) -> OutputError:
 
 def to_json(document: Any) -> str:
     """JSON text; numbers that are not finite become null."""
-    return json.dumps(_finite(document), indent=2, ensure_ascii=False)
+    return json_lines(json.dumps(_finite(document), indent=2, ensure_ascii=False))
 
 
 def _finite(value: Any) -> Any:
     if isinstance(value, dict):
-        return {str(key): _finite(item) for key, item in value.items()}
+        return {encodable(str(key)): _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_finite(item) for item in value]
-    if isinstance(value, bool) or value is None or isinstance(value, str):
+    if isinstance(value, str):
+        return encodable(value)
+    if isinstance(value, bool) or value is None:
         return value
     if isinstance(value, int):
         return value

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from rovid.config import FILE_NAME, Config, Signal, read_curve
-from rovid.errors import ConfigError, DataError, RovidError
+from rovid.errors import LINE_LENGTH, ConfigError, DataError, RovidError, shown
 from rovid.guess import Guess, Guesses, Seen, Thrusting, guess
+from rovid.quoting import toml_text
 from rovid.readers.csv_header import read_layout
 from rovid.readers.formats import READERS
 from rovid.tables import CURVE_COLUMNS, curve_text
@@ -207,7 +207,7 @@ def _head(found: Survey) -> Iterator[str]:
     yield "# wrong."
     yield ""
     yield "[vehicle]"
-    yield f"name = {_quoted(found.folder.resolve().name)}"
+    yield f"name = {toml_text(found.folder.resolve().name)}"
     yield "# Mass and size are not in the logs; with them rovid tells the added inertia."
     yield "# mass = 100.0     # kg; length and width in m"
     yield "# length = 1.0"
@@ -229,9 +229,9 @@ def _thrusters(found: Survey) -> Iterator[str]:
         yield ""
         yield from _why(ones)
         yield f"{mark}[[thrusters]]"
-        yield f"{mark}name = {_quoted(name)}"
+        yield f"{mark}name = {toml_text(name)}"
         yield f"{mark}yaw_arm = {way:.1f}     # m: the sense is that of the logs, the distance is not in them"
-        yield f"{mark}curve = {_quoted(found.curve)}"
+        yield f"{mark}curve = {toml_text(found.curve)}"
         yield f"{mark}command = {_sources({kind: one.source for kind, one in ones.items()})}"
 
 
@@ -250,21 +250,16 @@ def _signals(found: Survey) -> Iterator[str]:
 
 def _signal(ones: Mapping[str, Guess]) -> str:
     first = next(iter(ones.values()))
-    parts = [f"{kind} = {_quoted(one.source)}" for kind, one in ones.items()]
-    parts += [f"unit = {_quoted(first.unit)}"] if first.unit else []
+    parts = [f"{kind} = {toml_text(one.source)}" for kind, one in ones.items()]
+    parts += [f"unit = {toml_text(first.unit)}"] if first.unit else []
     parts += ["sign = -1"] if first.sign < 0 else []
     return "{ " + ", ".join(parts) + " }"
 
 
 def _sources(sources: Mapping[str, str]) -> str:
-    return "{ " + ", ".join(f"{kind} = {_quoted(source)}" for kind, source in sources.items()) + " }"
+    return "{ " + ", ".join(f"{kind} = {toml_text(source)}" for kind, source in sources.items()) + " }"
 
 
 def _why(ones: Mapping[str, Guess] | Mapping[str, Thrusting]) -> Iterator[str]:
     for kind, one in ones.items():
-        yield f"# {kind}: {one.why}"
-
-
-def _quoted(text: str) -> str:
-    # A JSON string is a TOML string.
-    return json.dumps(text, ensure_ascii=False)
+        yield f"# {kind}: {shown(one.why, LINE_LENGTH)}"

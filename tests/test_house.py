@@ -13,6 +13,9 @@ import rovid
 
 HOUSE = [
     "errors",
+    "screen",
+    "quoting",
+    "toml",
     "axis",
     "workers",
     "trial",

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from rovid.effects.base import Actuation, actuation
-from rovid.export.base import Curve, Subject, Target, comment, curve_comment, curve_keys, curves
+from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves
 from rovid.export.manoeuvre import march, thrust_torque
+from rovid.quoting import xml_attribute, xml_comment
 from rovid.trial import FloatArray, Trial
 
 NEWTONS = "Thruster takes newtons: the curves in the file turn commands into them, effects of the curve included."
@@ -120,9 +120,9 @@ def sdf(
         if thruster.curve is not None
     ]
     return f"""<?xml version="1.0"?>
-<!-- {comment(subject.vehicle.name)}: yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
+<!-- {xml_comment(subject.vehicle.name)}: yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
 <sdf version="1.11">
-  <model name={quoteattr(subject.vehicle.name)}>
+  <model name={xml_attribute(subject.vehicle.name)}>
     <link name="base_link">
       <inertial>
         <mass>{subject.mass:.10g}</mass>

@@ -10,6 +10,7 @@ import numpy as np
 from rovid.identify.likelihood import LikelihoodFit
 from rovid.plan.programme import Limits, Pace, programme
 from rovid.plan.worth import DECIDES, Belief, Worth, ranked
+from rovid.quoting import csv_line
 from rovid.trial import Trial
 from rovid.vehicle import Vehicle
 
@@ -98,10 +99,6 @@ def command_rows(worth: Worth) -> tuple[list[float], list[list[float]]]:
 def command_text(found: Plan) -> str:
     """The best run as CSV: time_s and a column for each actuator; each row holds until the next."""
     times, rows = command_rows(found.best)
-    header = ",".join(["time_s", *(_cell(name) for name in found.thrusters)])
+    header = csv_line(["time_s", *found.thrusters])
     lines = (",".join(f"{value:g}" for value in (time, *row)) for time, row in zip(times, rows, strict=True))
     return "\n".join([header, *lines]) + "\n"
-
-
-def _cell(name: str) -> str:
-    return '"' + name.replace('"', '""') + '"' if set(name) & set(',"\n') else name

@@ -13,6 +13,7 @@ import numpy as np
 from rovid import __version__
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.effects import effect_named, restoring_of
+from rovid.errors import visible
 from rovid.identify.inertia import METHODS
 from rovid.model import base_names
 from rovid.output import plus_minus, write_atomic
@@ -64,11 +65,14 @@ def render_page(evidence: Evidence, album: Album, *, today: date) -> str:
 
 def _environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
 
     environment = Environment(
         loader=PackageLoader("rovid.report"),
         autoescape=True,
         undefined=StrictUndefined,
+        # What was escaped already is ours, line ends included.
+        finalize=lambda value: visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value,
         trim_blocks=True,
         lstrip_blocks=True,
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 from rovid.errors import ConfigError
 from rovid.model import Model
 from rovid.output import require_writable, write_atomic
+from rovid.quoting import words
 from rovid.recording import Topic, mcap_bytes, with_unit
 from rovid.report.residual import Residual, left_by_all
 from rovid.runs import Runs
@@ -80,10 +80,8 @@ def topics_of(simulation: TrialSimulation, residual: Residual, vehicle: Vehicle)
     measured = np.full(len(trial.time), np.nan) if trial.integrated else trial.position
     position = {"measured": measured * factor, "simulated": simulation.position * factor}
     push = {"drive": residual.drive, "disturbance": residual.left}
-    commands = {
-        re.sub(r"\W+", "_", thruster.name): values
-        for thruster, values in zip(vehicle.thrusters, trial.commands.T, strict=True)
-    }
+    names = words([thruster.name for thruster in vehicle.thrusters])
+    commands = dict(zip(names, trial.commands.T, strict=True))
     return [
         _topic(axis.rate, rates.time, rate, axis.rate_unit),
         _topic(axis.position, trial.time, position, unit),
