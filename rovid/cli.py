@@ -622,6 +622,7 @@ def export(
     json: Json = False,
 ) -> None:
     """Write the model in the format of a simulator."""
+    from rovid.config import is_there
     from rovid.documents import export_document
     from rovid.export import export as make
     from rovid.export import exporter, subject_of
@@ -631,7 +632,7 @@ def export(
     function, target = exporter(format, output)
     stored = _of_yaw(_known(parameters))
     stored.model()
-    there = bool(stored.logs) and all(path.exists() for path in stored.logs)
+    there = bool(stored.logs) and all(map(is_there, stored.logs))
     study = _open(stored.logs, None, stored.axis) if there else None
     with _busy("Simulating …"):
         made = make(function, subject_of(stored, study))

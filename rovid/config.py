@@ -152,7 +152,7 @@ def find_config(paths: Sequence[Path]) -> Path:
         There is none, or one of ``paths`` does not exist.
     """
     for path in paths:
-        if not path.exists():
+        if not is_there(path):
             raise ConfigError("there is no such file or folder.", where=path)
     start = paths[0].resolve()
     folder = start if start.is_dir() else start.parent
@@ -165,6 +165,14 @@ def find_config(paths: Sequence[Path]) -> Path:
         where=paths[0],
         mend="Run `rovid init LOGS`, which writes one from the logs.",
     )
+
+
+def is_there(path: Path) -> bool:
+    """Whether there is such a file or folder; a name longer than any file's names none."""
+    try:
+        return path.exists()
+    except OSError:
+        return False
 
 
 def load_config(path: Path, axis: Axis = YAW) -> Config:
@@ -343,11 +351,7 @@ def read_curve(path: Path) -> ThrustCurve:
     RovidError
         The file is missing, has other columns, text in a number, fewer than two points or a repeated command.
     """
-    try:
-        there = path.is_file()
-    except OSError:  # a name longer than any file's
-        there = False
-    if not there:
+    if not (is_there(path) and path.is_file()):
         raise ConfigError(
             "there is no such thrust curve.",
             where=path,

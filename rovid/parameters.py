@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import os
-import tomllib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -16,15 +15,20 @@ import numpy as np
 
 from rovid import __version__
 from rovid.axis import YAW, Axis, axis_named
+from rovid.config import is_there
 from rovid.effects import effect_named
 from rovid.errors import ConfigError
 from rovid.identify.estimate import Estimate
 from rovid.model import Model, base_names, effect_ids
 from rovid.output import write_atomic
+from rovid.quoting import encodable
+from rovid.toml import SMALLEST, number_wanted, read_toml
 from rovid.trial import Campaign
 
 SCHEMA = "rovid-parameters"
 SCHEMA_VERSION = 1
+# Of a correlation: numbers rounded to three digits by hand are still a covariance.
+_ROUNDING = 1e-3
 _AGAIN = "Put it back, or delete it and run `rovid fit-drag LOGS` again."
 
 
@@ -103,7 +107,9 @@ class Parameters:
             if campaign is None
             else tuple(_source(trial.name, trial.path, int(trial.measured.sum())) for trial in campaign.trials)
         )
-        return replace(self, vehicle=vehicle, logs=tuple(path.resolve() for path in paths), sources=sources)
+        return replace(
+            self, vehicle=vehicle, logs=tuple(Path(encodable(str(path.resolve()))) for path in paths), sources=sources
+        )
 
     def drag(self) -> Estimate | None:
         """Quadratic and linear drag from elsewhere than the inertia; a refused linear drag is zero.
@@ -168,7 +174,8 @@ class Parameters:
     def changed_sources(self, campaign: Campaign) -> list[str]:
         """Say which logs are not the ones that the parameters were fitted to."""
         known = {source.name: source.sha256 for source in self.sources}
-        changed = [t.name for t in campaign.trials if t.name in known and sha256(t.path) != known[t.name]]
+        trials = [(encodable(trial.name), trial.path) for trial in campaign.trials]
+        changed = [name for name, where in trials if name in known and sha256(where) != known[name]]
         if not changed:
             return []
         return [f"{', '.join(changed)}: not the same file as when the parameters were fitted."]
@@ -206,16 +213,13 @@ def read_parameters(path: Path) -> Parameters:
     ConfigError
         It is missing, not a parameter file, or of a schema newer than this rovid knows.
     """
-    if not path.is_file():
+    if not (is_there(path) and path.is_file()):
         raise ConfigError(
-            "is a folder, not a parameter file." if path.is_dir() else "there is no such parameter file.",
+            "is a folder, not a parameter file." if is_there(path) else "there is no such parameter file.",
             where=path,
             mend="Run `rovid fit-drag LOGS` first, or point to one with -p.",
         )
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigError(f"is not a readable TOML file ({error}).", where=path, mend=_AGAIN) from error
+    document = read_toml(path, mend=_AGAIN)
     _check_schema(path, document.get("schema"))
     try:
         return _parse(path, document)
@@ -234,10 +238,10 @@ def read_parameters(path: Path) -> Parameters:
 
 
 def _check_schema(path: Path, schema: object) -> None:
-    name, _, version = str(schema).partition("/")
-    if name != SCHEMA or not version.isdigit():
+    version = re.fullmatch(rf"{SCHEMA}/([0-9]{{1,9}})", str(schema))
+    if version is None:
         raise ConfigError(f"has schema {schema!r}; {SCHEMA}/{SCHEMA_VERSION} was expected.", where=path, mend=_AGAIN)
-    if int(version) > SCHEMA_VERSION:
+    if int(version[1]) > SCHEMA_VERSION:
         raise ConfigError(
             f"has schema {schema}, newer than the {SCHEMA}/{SCHEMA_VERSION} that rovid {__version__} reads.",
             where=path,
@@ -247,9 +251,9 @@ def _check_schema(path: Path, schema: object) -> None:
 
 def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
     entries = {
-        str(name): Entry(
-            value=float(e["value"]),
-            standard_error=float(e["standard_error"]),
+        name: Entry(
+            value=_number(e["value"], name),
+            standard_error=_number(e["standard_error"], f"standard_error of {name}"),
             unit=str(e["unit"]),
             method=str(e["method"]),
         )
@@ -257,24 +261,60 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
     }
     for name, entry in entries.items():
         # Drag may be zero, not negative.
-        if (
-            not math.isfinite(entry.value)
-            or (name in base_names(YAW) and not entry.value >= 0.0)
-            or (name == "inertia" and not entry.value > 0.0)
-        ):
+        if (name in base_names(YAW) and not entry.value >= 0.0) or (name == "inertia" and entry.value < SMALLEST):
             raise ValueError(f"{name} is {entry.value:g}, which no vehicle has")
-    names, matrix = document["covariance"]["names"], document["covariance"]["matrix"]
+        if entry.standard_error < 0.0:
+            raise ValueError(f"standard_error of {name} is {entry.standard_error:g}; zero or more was expected")
     return Parameters(
         path=path,
         vehicle=str(document.get("vehicle", "")),
         axis=axis_named(str(document.get("axis", YAW.name))),
         logs=tuple((path.parent / str(item)).resolve() for item in document["logs"]),
         entries=entries,
-        covariance={(a, b): float(matrix[i][j]) for i, a in enumerate(names) for j, b in enumerate(names) if i <= j},
+        covariance=_covariance(document["covariance"]["names"], document["covariance"]["matrix"], entries),
         sources=tuple(
-            Source(name=str(s["name"]), sha256=str(s["sha256"]), samples=int(s["samples"])) for s in document["sources"]
+            Source(name=str(s["name"]), sha256=str(s["sha256"]), samples=_count(s["samples"]))
+            for s in document["sources"]
         ),
     )
+
+
+def _number(value: object, place: str) -> float:
+    wanted = number_wanted(value)
+    if wanted or not isinstance(value, int | float):
+        raise ValueError(f"{place} is {value!r}; {wanted} was expected")
+    return float(value)
+
+
+def _count(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise ValueError(f"samples is {value!r}; a whole number was expected")
+    return value
+
+
+def _covariance(
+    names: Sequence[str], matrix: Sequence[Any], entries: Mapping[str, Entry]
+) -> dict[tuple[str, str], float]:
+    """Covariance of each pair of ``names``, where the matrix can be one.
+
+    Its diagonal may be less than the square of the standard errors, which hold the scale of thrust too.
+    """
+    if not set(names) <= set(entries) or len(set(names)) < len(names):
+        raise ValueError("names of the covariance are not those of parameters, each once")
+    if [len(names)] * len(names) != [len(row) for row in matrix]:
+        raise ValueError(f"the covariance of {len(names)} parameters is not a matrix of as many rows and columns")
+    found = np.array([[_number(cell, "a covariance") for cell in row] for row in matrix]).reshape(2 * [len(names)])
+    spread = np.sqrt(np.maximum(np.diag(found), 0.0))
+    most = np.outer(spread, spread)
+    correlation = np.divide(found, most, out=np.zeros_like(found), where=most > 0.0)
+    if not np.allclose(correlation, correlation.T, rtol=0.0, atol=_ROUNDING):
+        raise ValueError("the covariance is not symmetric")
+    if (
+        np.any(np.abs(found) > (1.0 + _ROUNDING) * most)
+        or np.linalg.eigvalsh(correlation).min(initial=0.0) < -_ROUNDING
+    ):
+        raise ValueError("the covariance is none: a variance is negative, or parameters go together more than wholly")
+    return {(a, b): float(found[i, j]) for i, a in enumerate(names) for j, b in enumerate(names) if i <= j}
 
 
 def sha256(path: Path) -> str:
@@ -284,7 +324,8 @@ def sha256(path: Path) -> str:
 
 
 def _source(name: str, path: Path, samples: int) -> Source:
-    return Source(name=name, sha256=sha256(path), samples=samples)
+    # A file may be called by bytes that are no text.
+    return Source(name=encodable(name), sha256=sha256(path), samples=samples)
 
 
 def _relative(path: Path, folder: Path) -> str:

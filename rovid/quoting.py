@@ -31,13 +31,18 @@ def json_lines(text: str) -> str:
 
 
 def xml_attribute(text: str) -> str:
-    """An attribute's value with its quotes. What is not visible becomes an escape: XML has no way to hold it."""
-    return quoteattr(visible(text))
+    """An attribute's value with its quotes."""
+    return quoteattr(_xml_signs(text))
 
 
 def xml_comment(text: str) -> str:
     """Text for a comment, which may hold no two hyphens in a row."""
-    return re.sub("-(?=-)", "- ", escape(visible(text)))
+    return re.sub("-(?=-)", "- ", escape(_xml_signs(text)))
+
+
+def _xml_signs(text: str) -> str:
+    """``text`` in signs that XML can hold, and without what xacro and Stonefish would work out: ${…} and $(…)."""
+    return re.sub(r"\$(?=[{(])", "$ ", visible(text))
 
 
 def toml_text(text: str) -> str:

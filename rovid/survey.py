@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.config import FILE_NAME, Config, Signal, read_curve
+from rovid.config import FILE_NAME, Config, Signal, is_there, read_curve
 from rovid.errors import LINE_LENGTH, ConfigError, DataError, RovidError, shown
 from rovid.guess import Guess, Guesses, Seen, Thrusting, guess
 from rovid.quoting import toml_text
@@ -63,12 +63,13 @@ def survey(paths: Sequence[Path]) -> Survey:
     RovidError
         There are no logs, none can be read, or none holds a heading or a command.
     """
+    files = list(_files(paths))
     folder = paths[0] if paths[0].is_dir() else paths[0].parent
     logs: dict[str, list[Mapping[str, Seen]]] = {}
     clocks: dict[str, str] = {}
     names: dict[str, list[str]] = {}
     problems = []
-    for path in _files(paths):
+    for path in files:
         kind = READERS[path.suffix.lower()].kind
         if len(logs.setdefault(kind, [])) >= _LOGS or _is_table(path):
             continue
@@ -110,7 +111,7 @@ def _lacks(name: str, log: Mapping[str, Seen], found: Guesses) -> str:
 
 def _files(paths: Sequence[Path]) -> Iterator[Path]:
     for path in paths:
-        if not path.exists():
+        if not is_there(path):
             raise ConfigError("there is no such file or folder.", where=path)
         inside = sorted(path.rglob("*")) if path.is_dir() else [path]
         shown = (one for one in inside if not any(part.startswith(".") for part in one.relative_to(path).parts))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from pathlib import Path
@@ -40,7 +41,7 @@ def read_toml(path: Path, mend: str = "") -> dict[str, Any]:
     if len(content) > _SIZE:
         raise ConfigError(f"is larger than {_SIZE / 1e6:g} MB; a short text was expected.", where=path, mend=mend)
     try:
-        text = content.decode("utf-8-sig").replace("\r\n", "\n")
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigError("is not UTF-8 text.", where=path, mend=mend or "Save it as UTF-8.") from error
     too_deep = ConfigError(f"is nested deeper than {_DEPTH} levels.", where=path, mend=mend)
@@ -72,7 +73,7 @@ def _words(place: tuple[str, ...]) -> str:
 
 def number_wanted(value: object, *, positive: bool = False) -> str:
     """What was expected in place of ``value``; nothing where it is a number of a size that something has."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
         return "a number"
     if positive and not value > 0.0:
         return "a positive number"

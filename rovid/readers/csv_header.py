@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from rovid.errors import LogError, nearest
+from rovid.errors import LogError
+from rovid.tables import offered
 
 _HEAD = 1 << 16
 _TAIL = 1 << 16
@@ -113,7 +114,7 @@ class Layout:
                 mend="Rename the others in the header.",
             )
         raise LogError(
-            f"has no column {name!r}, which rovid.toml maps to {signal}. {nearest(name, self.names)}",
+            f"has no column {name!r}, which rovid.toml maps to {signal}. {offered(name, self.names, self.rows)}",
             where=self.path,
             mend=f"Correct the name in rovid.toml ({signal}), or leave this log out.",
         )
