@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -22,7 +23,7 @@ from rovid.identify.estimate import Estimate
 from rovid.model import Model, base_names, effect_ids
 from rovid.output import write_atomic
 from rovid.quoting import encodable
-from rovid.toml import SMALLEST, number_wanted, read_toml
+from rovid.toml import LARGEST, SMALLEST, number_wanted, read_toml
 from rovid.trial import Campaign
 
 SCHEMA = "rovid-parameters"
@@ -253,7 +254,7 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
     entries = {
         name: Entry(
             value=_number(e["value"], name),
-            standard_error=_number(e["standard_error"], f"standard_error of {name}"),
+            standard_error=_number_or_nan(e["standard_error"], f"standard_error of {name}"),
             unit=str(e["unit"]),
             method=str(e["method"]),
         )
@@ -279,11 +280,16 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
     )
 
 
-def _number(value: object, place: str) -> float:
-    wanted = number_wanted(value)
+def _number(value: object, place: str, largest: float = LARGEST) -> float:
+    wanted = number_wanted(value, largest=largest)
     if wanted or not isinstance(value, int | float):
         raise ValueError(f"{place} is {value!r}; {wanted} was expected")
     return float(value)
+
+
+def _number_or_nan(value: object, place: str, largest: float = LARGEST) -> float:
+    """As ``_number``; NaN for an error that one reading alone cannot tell."""
+    return value if isinstance(value, float) and math.isnan(value) else _number(value, place, largest)
 
 
 def _count(value: object) -> int:
@@ -297,13 +303,22 @@ def _covariance(
 ) -> dict[tuple[str, str], float]:
     """Covariance of each pair of ``names``, where the matrix can be one.
 
-    Its diagonal may be less than the square of the standard errors, which hold the scale of thrust too.
+    Its diagonal may be less than the square of the standard errors, which hold the scale of thrust too. Variance and
+    standard error may be NaN together: nothing told them.
     """
     if not set(names) <= set(entries) or len(set(names)) < len(names):
         raise ValueError("names of the covariance are not those of parameters, each once")
     if [len(names)] * len(names) != [len(row) for row in matrix]:
         raise ValueError(f"the covariance of {len(names)} parameters is not a matrix of as many rows and columns")
-    found = np.array([[_number(cell, "a covariance") for cell in row] for row in matrix]).reshape(2 * [len(names)])
+    written = np.array([[_number_or_nan(cell, "a covariance", LARGEST**2) for cell in row] for row in matrix])
+    variance = {name: float(written[i, i]) for i, name in enumerate(names)}
+    for name, entry in entries.items():
+        if math.isnan(entry.standard_error) and not math.isnan(variance.get(name, 0.0)):
+            raise ValueError(f"standard_error of {name} is nan; a number was expected")
+    known = [i for i, name in enumerate(names) if not math.isnan(entries[name].standard_error)]
+    found = written.reshape(len(names), len(names))[np.ix_(known, known)]
+    if np.isnan(found).any():
+        raise ValueError("a covariance is nan; a number was expected")
     spread = np.sqrt(np.maximum(np.diag(found), 0.0))
     most = np.outer(spread, spread)
     correlation = np.divide(found, most, out=np.zeros_like(found), where=most > 0.0)
@@ -314,7 +329,7 @@ def _covariance(
         or np.linalg.eigvalsh(correlation).min(initial=0.0) < -_ROUNDING
     ):
         raise ValueError("the covariance is none: a variance is negative, or parameters go together more than wholly")
-    return {(a, b): float(found[i, j]) for i, a in enumerate(names) for j, b in enumerate(names) if i <= j}
+    return {(a, b): float(written[i, j]) for i, a in enumerate(names) for j, b in enumerate(names) if i <= j}
 
 
 def sha256(path: Path) -> str:

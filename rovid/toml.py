@@ -71,12 +71,12 @@ def _words(place: tuple[str, ...]) -> str:
     return ".".join(shown(part, 60) for part in place)
 
 
-def number_wanted(value: object, *, positive: bool = False) -> str:
+def number_wanted(value: object, *, positive: bool = False, largest: float = LARGEST) -> str:
     """What was expected in place of ``value``; nothing where it is a number of a size that something has."""
     if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
         return "a number"
     if positive and not value > 0.0:
         return "a positive number"
-    if not abs(value) <= LARGEST or (positive and value < SMALLEST):
-        return f"a number between {SMALLEST:g} and {LARGEST:g}" if positive else f"a number up to {LARGEST:g} in size"
+    if not abs(value) <= largest or (positive and value < SMALLEST):
+        return f"a number between {SMALLEST:g} and {largest:g}" if positive else f"a number up to {largest:g} in size"
     return ""

@@ -163,13 +163,23 @@ def test_a_file_edited_by_hand_is_refused_by_name(pattern: str, text: str, words
     [
         "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]",  # less than the standard errors, which hold more
         "[[1e4, -7.071e4, 0.0], [-7.07e4, 5e5, 0.0], [0.0, 0.0, 1e-6]]",  # rounded by hand, wholly correlated
-        "[[1e12, 0.0, 0.0], [0.0, 1e-12, 0.0], [0.0, 0.0, 1e-30]]",
+        "[[1e22, 0.0, 0.0], [0.0, 1e-12, 0.0], [0.0, 0.0, 1e-30]]",
     ],
 )
 def test_whatever_can_be_a_covariance_is_one(matrix: str, tmp_path: Path) -> None:
     path = written(tmp_path).path
     path.write_text(re.sub(MATRIX, f"matrix = {matrix}", path.read_text()))
     assert len(read_parameters(path).covariance) == 6
+
+
+def test_an_error_that_nothing_told_stays_unknown(tmp_path: Path) -> None:
+    # As `rovid fit-drag` writes it of a table with one row.
+    unknown = replace(estimate(("quadratic_drag",)), covariance=np.array([[np.nan]]))
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(("inertia",))).with_estimate(unknown)
+    stored.write()
+    found = read_parameters(stored.path)
+    assert np.isnan(found.entries["quadratic_drag"].standard_error)
+    assert found.covariance["inertia", "inertia"] == 100.0
 
 
 def test_logs_of_bytes_that_are_no_text_can_be_written(tmp_path: Path) -> None:
