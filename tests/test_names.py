@@ -30,6 +30,9 @@ from rovid.export.uuv import export_yaml
 from rovid.model import Model
 from rovid.output import to_json
 from rovid.parameters import Entry
+from rovid.plan.design import Plan, command_text
+from rovid.plan.programme import Planned
+from rovid.plan.worth import Worth
 from rovid.quoting import csv_line, identifiers, toml_text, words, xml_attribute, xml_comment
 from rovid.recording import Topic, mcap_bytes
 from rovid.report.page import _environment
@@ -191,6 +194,13 @@ def test_a_recording_keeps_the_commands_of_thrusters_with_names_alike() -> None:
     fields = dict(zip(words(NAMES), np.ones((len(NAMES), 3)), strict=True))
     assert len(fields) == len(NAMES)
     assert mcap_bytes([Topic(name="/commands", time=np.arange(3.0), fields=fields, units=dict.fromkeys(fields, ""))])
+
+
+def test_a_plan_starts_no_formula() -> None:
+    run = Planned(name="", time=np.array([0.0, 1.0]), commands=np.zeros((2, 2)))
+    worth = Worth(run=run, gain=1.0, rates=np.zeros((1, 2)))
+    found = Plan(beliefs=(), narrow="", runs=(worth,), thrusters=("=1+1", "fore"), noise_rate=0.0)
+    assert command_text(found).splitlines()[0] == "time_s,'=1+1,fore"
 
 
 @pytest.mark.parametrize("name", [*NAMES, os.fsdecode(b"\xff")])
