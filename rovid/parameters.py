@@ -6,7 +6,7 @@ import hashlib
 import math
 import os
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,9 +18,10 @@ from rovid import __version__
 from rovid.axis import YAW, Axis, axis_named
 from rovid.effects import effect_named
 from rovid.errors import ConfigError
+from rovid.files import Claim, Output
+from rovid.files.form import PARAMETERS
 from rovid.identify.estimate import Estimate
 from rovid.model import Model, base_names, effect_ids
-from rovid.output import write_atomic
 from rovid.trial import Campaign
 
 SCHEMA = "rovid-parameters"
@@ -173,8 +174,54 @@ class Parameters:
             return []
         return [f"{', '.join(changed)}: not the same file as when the parameters were fitted."]
 
+    @property
+    def output(self) -> Output:
+        """The file."""
+        return Output(self.path, PARAMETERS)
+
+    def update(self, claim: Claim, change: Callable[[Parameters], Parameters]) -> Parameters:
+        """Make ``change`` to what the file holds now, another process' results included; return what was written.
+
+        Raises
+        ------
+        OutputError
+            It cannot be written, or what came to stand there is no parameter file of this axis; it says where the
+            result is instead.
+        """
+        written = self
+
+        def changed() -> str:
+            nonlocal written
+            written = change(self._as_it_is_now())
+            return written.text()
+
+        try:
+            claim.write({self.output: changed})
+        except ConfigError as error:
+            claim.rescue({self.output: change(self).text().encode()}, error)
+        return written
+
     def write(self) -> None:
-        """Write the file; the old one stays whole if that fails."""
+        """Write the file as it is here, whatever another process wrote.
+
+        Raises
+        ------
+        OutputError
+            It cannot be written, or what stands there is no parameter file.
+        """
+        Claim([self.output]).write({self.output: self.text()})
+
+    def _as_it_is_now(self) -> Parameters:
+        # One that was deleted meanwhile, or replaced where that was asked for, begins with what was read of it.
+        if not self.path.exists() or not PARAMETERS.marks(self.path):
+            return self
+        now = read_parameters(self.path)
+        if now.axis is not self.axis:
+            raise ConfigError(f"holds the parameters of {now.axis.name} by now.", where=self.path)
+        return replace(now, path=self.path)
+
+    def text(self) -> str:
+        """The content of the file."""
         import tomli_w
 
         names = [name for name in base_names(self.axis) if name in self.entries] + [
@@ -195,7 +242,7 @@ class Parameters:
             "covariance": {"names": names, "matrix": matrix},
             "sources": [{"name": s.name, "sha256": s.sha256, "samples": s.samples} for s in self.sources],
         }
-        write_atomic(self.path, tomli_w.dumps(document))
+        return tomli_w.dumps(document)
 
 
 def read_parameters(path: Path) -> Parameters:

@@ -13,6 +13,8 @@ import rovid
 
 HOUSE = [
     "errors",
+    "caches",
+    "files",
     "axis",
     "workers",
     "trial",

@@ -12,6 +12,7 @@ import numpy as np
 
 from rovid.export.base import Curve, Subject, Target, curve_keys, curves
 from rovid.export.manoeuvre import stepped
+from rovid.files.form import export_mark
 from rovid.trial import FloatArray
 
 _STEP = 0.02  # s, of the simulator's main.py
@@ -68,6 +69,8 @@ def _module(subject: Subject, propulsion: list[Curve], lag: str) -> str:
     start = [0.0 if behind else curve.neutral for curve in propulsion]
     time_constant = subject.effects[lag]["time_constant"] if lag else 0.0
     return f'''"""Yaw of {_plain(subject.vehicle.name)}, identified by rovid, as a vehicle of PythonVehicleSimulator.
+
+{export_mark("python-vehicle-simulator")}.
 
 NED: the yaw rate nu[5] in rad/s and the heading eta[5] in rad are positive clockwise from above.
 """
