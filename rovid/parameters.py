@@ -27,6 +27,7 @@ from rovid.trial import Campaign
 SCHEMA = "rovid-parameters"
 SCHEMA_VERSION = 1
 _AGAIN = "Put it back, or delete it and run `rovid fit-drag LOGS` again."
+_ANOTHER = "Point to a parameter file with -p, or to a name that is free."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -262,7 +263,8 @@ def read_parameters(path: Path) -> Parameters:
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigError(f"is not a readable TOML file ({error}).", where=path, mend=_AGAIN) from error
+        mend = _AGAIN if PARAMETERS.marks(path) else _ANOTHER
+        raise ConfigError(f"is not a readable TOML file ({error}).", where=path, mend=mend) from error
     _check_schema(path, document.get("schema"))
     try:
         return _parse(path, document)
@@ -283,7 +285,7 @@ def read_parameters(path: Path) -> Parameters:
 def _check_schema(path: Path, schema: object) -> None:
     name, _, version = str(schema).partition("/")
     if name != SCHEMA or not version.isdigit():
-        raise ConfigError(f"has schema {schema!r}; {SCHEMA}/{SCHEMA_VERSION} was expected.", where=path, mend=_AGAIN)
+        raise ConfigError(f"has schema {schema!r}; {SCHEMA}/{SCHEMA_VERSION} was expected.", where=path, mend=_ANOTHER)
     if int(version) > SCHEMA_VERSION:
         raise ConfigError(
             f"has schema {schema}, newer than the {SCHEMA}/{SCHEMA_VERSION} that rovid {__version__} reads.",
