@@ -12,6 +12,8 @@ import pandas as pd
 
 from rovid.config import ANGLE, UNITS, Config
 from rovid.errors import ConfigError
+from rovid.files import Output
+from rovid.files.form import LOG
 from rovid.quoting import toml_text, words
 from rovid.readers import read_log
 from rovid.readers.raw import library
@@ -51,8 +53,8 @@ class _Column:
     unit: str
 
 
-def check_target(target: Path, log: Path) -> None:
-    """Refuse what cannot be written, before ``log`` is read.
+def output_at(target: Path, log: Path) -> Output:
+    """The output at ``target``; refuse what cannot be written, before ``log`` is read.
 
     Raises
     ------
@@ -67,6 +69,7 @@ def check_target(target: Path, log: Path) -> None:
         )
     if target.exists() and log.exists() and target.samefile(log):
         raise ConfigError("is the log itself.", where=f"-o {target}", mend="Choose another name.")
+    return Output(target, LOG)
 
 
 def convert(log: Path, config: Config, target: Path) -> Converted:

@@ -11,6 +11,7 @@ import numba
 import numpy as np
 
 from rovid import effects
+from rovid.caches import keeps_compiled
 from rovid.effects import MOTION, TERMS
 from rovid.effects.base import TERM_STATES
 from rovid.effects.base import compiled as _compiled
@@ -787,11 +788,18 @@ def _congruence(f: Any, p: Any, q: Any, room: Any) -> None:
             p[i, j] = p[j, i] = q[i, j] + total
 
 
+def is_compiled() -> bool:
+    """Whether this machine has compiled the simulation before."""
+    return keeps_compiled() and any(Path(str(simulate.stats.cache_path)).glob("kernels.simulate*.nbi"))
+
+
 def _forget_stale() -> None:
     """Delete compiled kernels that were made from other effects.
 
     Numba looks at the age of this file alone, and would run the old terms under the new numbers.
     """
+    if not keeps_compiled():
+        return
     folder = Path(str(simulate.stats.cache_path))
     mark, digest = folder / "kernels.sources", hashlib.sha256()
     for source in (*sorted(Path(effects.__file__).parent.glob("*.py")), Path(__file__)):

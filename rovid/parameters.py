@@ -6,7 +6,7 @@ import hashlib
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,9 +19,10 @@ from rovid.axis import YAW, Axis, axis_named
 from rovid.config import is_there
 from rovid.effects import effect_named
 from rovid.errors import ConfigError
+from rovid.files import Claim, Output
+from rovid.files.form import PARAMETERS
 from rovid.identify.estimate import Estimate
 from rovid.model import Model, base_names, effect_ids
-from rovid.output import write_atomic
 from rovid.quoting import encodable
 from rovid.toml import LARGEST, SMALLEST, number_wanted, read_toml
 from rovid.trial import Campaign
@@ -31,6 +32,7 @@ SCHEMA_VERSION = 1
 # Of a correlation: numbers rounded to three digits by hand are still a covariance.
 _ROUNDING = 1e-3
 _AGAIN = "Put it back, or delete it and run `rovid fit-drag LOGS` again."
+_ANOTHER = "Point to a parameter file with -p, or to a name that is free."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,8 +183,54 @@ class Parameters:
             return []
         return [f"{', '.join(changed)}: not the same file as when the parameters were fitted."]
 
+    @property
+    def output(self) -> Output:
+        """The file."""
+        return Output(self.path, PARAMETERS)
+
+    def update(self, claim: Claim, change: Callable[[Parameters], Parameters]) -> Parameters:
+        """Make ``change`` to what the file holds now, another process' results included; return what was written.
+
+        Raises
+        ------
+        OutputError
+            It cannot be written, or what came to stand there is no parameter file of this axis; it says where the
+            result is instead.
+        """
+        written = self
+
+        def changed() -> str:
+            nonlocal written
+            written = change(self._as_it_is_now())
+            return written.text()
+
+        try:
+            claim.write({self.output: changed})
+        except ConfigError as error:
+            claim.rescue({self.output: change(self).text().encode()}, error)
+        return written
+
     def write(self) -> None:
-        """Write the file; the old one stays whole if that fails."""
+        """Write the file as it is here, whatever another process wrote.
+
+        Raises
+        ------
+        OutputError
+            It cannot be written, or what stands there is no parameter file.
+        """
+        Claim([self.output]).write({self.output: self.text()})
+
+    def _as_it_is_now(self) -> Parameters:
+        # One that was deleted meanwhile, or replaced where that was asked for, begins with what was read of it.
+        if not self.path.exists() or not PARAMETERS.marks(self.path):
+            return self
+        now = read_parameters(self.path)
+        if now.axis is not self.axis:
+            raise ConfigError(f"holds the parameters of {now.axis.name} by now.", where=self.path)
+        return replace(now, path=self.path)
+
+    def text(self) -> str:
+        """The content of the file."""
         import tomli_w
 
         names = [name for name in base_names(self.axis) if name in self.entries] + [
@@ -203,7 +251,7 @@ class Parameters:
             "covariance": {"names": names, "matrix": matrix},
             "sources": [{"name": s.name, "sha256": s.sha256, "samples": s.samples} for s in self.sources],
         }
-        write_atomic(self.path, tomli_w.dumps(document))
+        return tomli_w.dumps(document)
 
 
 def read_parameters(path: Path) -> Parameters:
@@ -220,7 +268,7 @@ def read_parameters(path: Path) -> Parameters:
             where=path,
             mend="Run `rovid fit-drag LOGS` first, or point to one with -p.",
         )
-    document = read_toml(path, mend=_AGAIN)
+    document = read_toml(path, mend=_AGAIN if PARAMETERS.marks(path) else _ANOTHER)
     _check_schema(path, document.get("schema"))
     try:
         return _parse(path, document)
@@ -241,7 +289,7 @@ def read_parameters(path: Path) -> Parameters:
 def _check_schema(path: Path, schema: object) -> None:
     version = re.fullmatch(rf"{SCHEMA}/([0-9]{{1,9}})", str(schema))
     if version is None:
-        raise ConfigError(f"has schema {schema!r}; {SCHEMA}/{SCHEMA_VERSION} was expected.", where=path, mend=_AGAIN)
+        raise ConfigError(f"has schema {schema!r}; {SCHEMA}/{SCHEMA_VERSION} was expected.", where=path, mend=_ANOTHER)
     if int(version[1]) > SCHEMA_VERSION:
         raise ConfigError(
             f"has schema {schema}, newer than the {SCHEMA}/{SCHEMA_VERSION} that rovid {__version__} reads.",

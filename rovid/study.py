@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +16,7 @@ from rovid.diagnose.amplitudes import Amplitudes, explain
 from rovid.diagnose.diagnosis import Diagnosis, diagnose
 from rovid.effects import Effect, forms_for
 from rovid.errors import ConfigError, DataError, nearest
+from rovid.files.form import PLAN
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit, fit_inertia, fit_inertia_table, unlike_rigid_body
 from rovid.identify.likelihood import LikelihoodFit, fit_likelihood
@@ -21,6 +24,7 @@ from rovid.identify.steady import DragFit, fit_drag, points_from_table, steady_p
 from rovid.plan.design import Plan, belief_of, plan
 from rovid.plan.programme import Limits
 from rovid.readers import read_campaign
+from rovid.readers.campaign import files_in
 from rovid.runs import Runs, channels, prepare
 from rovid.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_table
 from rovid.trial import Campaign
@@ -210,6 +214,19 @@ class Study:
         side = found.extended or found.base
         odd = unlike_rigid_body(side.estimate, self.vehicle.rigid_body_inertia) if side else ()
         return replace(found, warnings=(*found.warnings, *odd))
+
+
+def files_at_hand(paths: Sequence[Path]) -> list[Path]:
+    """What may be read where ``paths`` are: logs, tables, rovid.toml and its thrust curves; not what rovid planned."""
+    found = [path for path in files_in(paths) if path.is_file() and not PLAN.marks(path)]
+    # Whatever is wrong with rovid.toml is said by those who need it.
+    with contextlib.suppress(ConfigError, OSError, ValueError):
+        config = find_config(paths)
+        found.append(config)
+        blocks = tomllib.loads(config.read_text(encoding="utf-8")).get("thrusters")
+        tables = [block for block in (blocks if isinstance(blocks, list) else ()) if isinstance(block, dict)]
+        found += [config.parent / str(table["curve"]) for table in tables if "curve" in table]
+    return found
 
 
 def open_study(paths: Sequence[Path], *, cutoff: float | None = None, axis: Axis = YAW) -> Study:

@@ -10,6 +10,9 @@ import numpy as np
 
 from rovid.config import FILE_NAME, Config, Signal, is_there, read_curve
 from rovid.errors import LINE_LENGTH, ConfigError, DataError, RovidError, shown
+from rovid.files import Output
+from rovid.files.form import CONFIG
+from rovid.files.form import GUESSED_CURVE as GUESSED
 from rovid.guess import Guess, Guesses, Seen, Thrusting, guess
 from rovid.quoting import toml_text
 from rovid.readers.csv_header import read_layout
@@ -64,7 +67,7 @@ def survey(paths: Sequence[Path]) -> Survey:
         There are no logs, none can be read, or none holds a heading or a command.
     """
     files = list(_files(paths))
-    folder = paths[0] if paths[0].is_dir() else paths[0].parent
+    folder = _folder(paths)
     logs: dict[str, list[Mapping[str, Seen]]] = {}
     clocks: dict[str, str] = {}
     names: dict[str, list[str]] = {}
@@ -101,6 +104,10 @@ def survey(paths: Sequence[Path]) -> Survey:
         logs=sum(map(len, logs.values())),
         lacking=(*problems, *lacking),
     )
+
+
+def _folder(paths: Sequence[Path]) -> Path:
+    return paths[0] if paths[0].is_dir() else paths[0].parent
 
 
 def _lacks(name: str, log: Mapping[str, Seen], found: Guesses) -> str:
@@ -185,11 +192,18 @@ def _curve(folder: Path, commands: Sequence[Thrusting]) -> tuple[str, ThrustCurv
     return GUESSED_CURVE, ThrustCurve(command=ends, thrust=thrust)
 
 
-def files_of(found: Survey) -> dict[Path, str]:
+def outputs_beside(paths: Sequence[Path]) -> tuple[Output, Output]:
+    """Where rovid.toml and a guessed curve for the logs in ``paths`` go."""
+    folder = _folder(paths)
+    return Output(folder / FILE_NAME, CONFIG), Output(folder / GUESSED_CURVE, GUESSED)
+
+
+def files_of(found: Survey) -> dict[Output, str]:
     """What to write where: rovid.toml, and the guessed curve where there is no other."""
-    files = {found.folder / FILE_NAME: toml_of(found)}
+    config, curve = outputs_beside([found.folder])
+    files = {config: toml_of(found)}
     if found.curve_guessed is not None:
-        files[found.folder / found.curve] = curve_text(found.curve_guessed.command, found.curve_guessed.thrust)
+        files[curve] = curve_text(found.curve_guessed.command, found.curve_guessed.thrust)
     return files
 
 

@@ -184,6 +184,7 @@ def _is_table(path: Path) -> bool:
 
 
 def curve_text(command: FloatArray, thrust: FloatArray) -> str:
-    """A thrust curve as CSV."""
+    """A thrust curve as CSV; the quotes in its header are the mark of what rovid wrote."""
     rows = [f"{c:.10g},{t:.7g}" for c, t in zip(command, thrust, strict=True)]
-    return "\n".join([",".join(CURVE_COLUMNS), *rows]) + "\n"
+    first, second = CURVE_COLUMNS
+    return "\n".join([f'"{first}",{second}', *rows]) + "\n"

@@ -110,7 +110,7 @@ def with_effects(fitted: Path, keys: tuple[str, ...], folder: Path) -> Path:
 
 
 def exported(name: str, parameters: Path, folder: Path, suffix: str = ".out") -> tuple[dict[str, Any], Path]:
-    file = folder / f"model{suffix}"
+    file = folder / f"{name}{suffix}"
     return run_rovid("export", name, "-p", parameters, "-o", file, "--json").document, file
 
 

@@ -16,6 +16,8 @@ HOUSE = [
     "screen",
     "quoting",
     "toml",
+    "caches",
+    "files",
     "axis",
     "workers",
     "trial",

@@ -20,11 +20,12 @@ from dataclasses import dataclass, field
 import numba
 import numpy as np
 
+from rovid.caches import keeps_compiled
 from rovid.trial import FloatArray, Trial
 from rovid.vehicle import ThrustCurve, Vehicle
 
 # Compiled for the machine at first use; the result is kept on disk. Several may run at once.
-compiled = numba.njit(cache=True, error_model="numpy", nogil=True)
+compiled = numba.njit(cache=keeps_compiled(), error_model="numpy", nogil=True)
 
 # Room for each term of the equation of motion: parameters and states of its own.
 TERM_PARAMETERS = 4

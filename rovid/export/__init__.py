@@ -14,6 +14,8 @@ from rovid.errors import ConfigError, nearest
 from rovid.export import gz_sim, mujoco, plain, python_vehicle_simulator, stonefish, uuv, vrx
 from rovid.export.base import Subject, Target
 from rovid.export.manoeuvre import PERIOD, Mismatch, compare, manoeuvre, rovid_rate
+from rovid.files import Output
+from rovid.files.form import export_form
 from rovid.parameters import Parameters
 from rovid.study import Study
 from rovid.trial import FloatArray
@@ -61,7 +63,7 @@ class Exported:
     warnings: tuple[str, ...]
 
 
-def exporter(name: str, path: Path | None) -> tuple[Callable[[Subject], Target], Path]:
+def exporter(name: str, path: Path | None) -> tuple[Callable[[Subject], Target], Output]:
     """The exporter of this format and the file to write.
 
     Raises
@@ -73,7 +75,9 @@ def exporter(name: str, path: Path | None) -> tuple[Callable[[Subject], Target],
         raise ConfigError(f"is {name!r}. {nearest(name, EXPORTERS)}", where="FORMAT")
     function, default = EXPORTERS[name]
     target = path or Path(default)
-    return (uuv.export_yaml if name == "uuv" and target.suffix in {".yaml", ".yml"} else function), target
+    if name == "uuv" and target.suffix in {".yaml", ".yml"}:
+        return uuv.export_yaml, Output(target, export_form("uuv as yaml"))
+    return function, Output(target, export_form(name))
 
 
 def subject_of(stored: Parameters, study: Study | None) -> Subject:

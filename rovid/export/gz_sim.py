@@ -14,6 +14,7 @@ import numpy as np
 from rovid.effects.base import Actuation, actuation
 from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves
 from rovid.export.manoeuvre import march, thrust_torque
+from rovid.files.form import export_mark
 from rovid.quoting import xml_attribute, xml_comment
 from rovid.trial import FloatArray, Trial
 
@@ -32,7 +33,7 @@ def export(subject: Subject) -> Target:
       <nRabsR>{-model.quadratic_drag:.10g}</nRabsR>
     </plugin>"""
     fluid = f"<fluid_added_mass><rr>{added:.10g}</rr></fluid_added_mass>"
-    content = sdf(subject, propulsion, bands, izz, fluid, hydrodynamics)
+    content = sdf("gz-sim", subject, propulsion, bands, izz, fluid, hydrodynamics)
 
     def advance(rate: float, _: float, torque: float) -> float:
         drag = (-model.linear_drag - model.quadratic_drag * abs(rate)) * rate
@@ -109,9 +110,15 @@ def plant_of(
 
 
 def sdf(
-    subject: Subject, propulsion: list[Curve], bands: list[float], izz: float, fluid: str, hydrodynamics: str
+    name: str,
+    subject: Subject,
+    propulsion: list[Curve],
+    bands: list[float],
+    izz: float,
+    fluid: str,
+    hydrodynamics: str,
 ) -> str:
-    """An SDF model with one link, its thrusters and these hydrodynamics."""
+    """An SDF model with one link, its thrusters and these hydrodynamics, for the format ``name``."""
     parts = [
         _thruster(curve, band, sign)
         for curve, band, sign, thruster in zip(
@@ -120,7 +127,8 @@ def sdf(
         if thruster.curve is not None
     ]
     return f"""<?xml version="1.0"?>
-<!-- {xml_comment(subject.vehicle.name)}: yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
+<!-- {export_mark(name)}.
+     {xml_comment(subject.vehicle.name)}: yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
 <sdf version="1.11">
   <model name={xml_attribute(subject.vehicle.name)}>
     <link name="base_link">

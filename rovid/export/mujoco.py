@@ -13,6 +13,7 @@ import numpy as np
 
 from rovid.export.base import Curve, Subject, Target, curve_keys, curves, numbers
 from rovid.export.manoeuvre import lagged, march, stepped
+from rovid.files.form import export_mark
 from rovid.quoting import xml_attribute
 from rovid.trial import FloatArray
 
@@ -69,7 +70,7 @@ def _mjcf(subject: Subject, propulsion: list[Curve]) -> str:
     joint = f'<joint name="yaw" type="hinge" axis="0 0 1" damping="{numbers(damping)}"'
     joint += f' stiffness="{stiffness:.10g}"/>' if stiffness else "/>"
     return f"""<mujoco model={xml_attribute(subject.vehicle.name)}>
-  <!-- Yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
+  <!-- {export_mark("mujoco")}. Yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
   <option timestep="{_STEP:g}" gravity="0 0 0" integrator="implicitfast"/>
   <custom>
 {chr(10).join(tables)}

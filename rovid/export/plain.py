@@ -10,6 +10,7 @@ import numpy as np
 
 from rovid.export.base import Subject, Target
 from rovid.export.manoeuvre import rovid_rate
+from rovid.files.form import export_mark
 from rovid.model import Model
 from rovid.output import to_json
 from rovid.quoting import identifiers, toml_text
@@ -44,19 +45,21 @@ def export_matlab(subject: Subject) -> Target:
     }
     stream: Any = io.BytesIO()
     savemat(stream, {"rovid": values}, oned_as="column", long_field_names=True)
-    again: Any = io.BytesIO(stream.getvalue())
+    # 116 bytes of text for people begin such a file.
+    content = f"MATLAB 5.0 MAT-file. {export_mark('matlab')}.".ljust(116).encode() + stream.getvalue()[116:]
+    again: Any = io.BytesIO(content)
     read = loadmat(again, simplify_cells=True)["rovid"]
     base = [float(read[name]) for name in ("inertia", "quadratic_drag", "linear_drag")]
     effects = {
         key: {name: float(read["effects"][keys[key]][name]) for name in parameters}
         for key, parameters in subject.effects.items()
     }
-    return _target(subject, stream.getvalue(), base, effects)
+    return _target(subject, content, base, effects)
 
 
 def export_ros2(subject: Subject) -> Target:
     """A parameter YAML for any node; names with a colon keep it as an underscore."""
-    lines = [f"# {EQUATION}", f"# {_AXES}", "/**:", "  ros__parameters:"]
+    lines = [f"# {export_mark('ros2')}.", f"# {EQUATION}", f"# {_AXES}", "/**:", "  ros__parameters:"]
     lines += [f"    {name}: {_yaml(value)}" for name, value in _base(subject).items()]
     lines.append(f"    thruster_names: [{', '.join(toml_text(t.name) for t in subject.vehicle.thrusters)}]")
     for index in range(len(subject.vehicle.thrusters)):

@@ -12,6 +12,7 @@ import numpy as np
 
 from rovid.export.base import Curve, Subject, Target, curve_keys, curves
 from rovid.export.manoeuvre import stepped
+from rovid.files.form import export_mark
 from rovid.quoting import python_docstring
 from rovid.trial import FloatArray
 
@@ -70,6 +71,8 @@ def _module(subject: Subject, propulsion: list[Curve], lag: str) -> str:
     time_constant = subject.effects[lag]["time_constant"] if lag else 0.0
     title = python_docstring(subject.vehicle.name)
     return f'''"""Yaw of {title}, identified by rovid, as a vehicle of PythonVehicleSimulator.
+
+{export_mark("python-vehicle-simulator")}.
 
 NED: the yaw rate nu[5] in rad/s and the heading eta[5] in rad are positive clockwise from above.
 """

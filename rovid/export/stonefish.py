@@ -15,6 +15,7 @@ from scipy.optimize import nnls
 from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves, numbers
 from rovid.export.manoeuvre import march, thrust_torque
 from rovid.export.rotor import first_order, input_notes, inputs_of
+from rovid.files.form import export_mark
 from rovid.quoting import xml_attribute
 from rovid.trial import FloatArray
 
@@ -148,7 +149,7 @@ def _scenario(
         if thruster.curve is not None
     ]
     return f"""<?xml version="1.0"?>
-<!-- Yaw identified by rovid; z down, a yaw rate is the heading's.
+<!-- {export_mark("stonefish")}. Yaw identified by rovid; z down, a yaw rate is the heading's.
      Torque of drag: {torques[0]:.10g}*r + {torques[1]:.10g}*r^3 N m. -->
 <scenario>
   <robot name={xml_attribute(subject.vehicle.name)} fixed="false" self_collisions="false">

@@ -14,6 +14,7 @@ from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys,
 from rovid.export.gz_sim import frame_notes, place
 from rovid.export.manoeuvre import march, settling_time, thrust_torque
 from rovid.export.rotor import first_order, input_notes, inputs_of
+from rovid.files.form import export_mark
 from rovid.quoting import identifiers
 from rovid.trial import FloatArray
 
@@ -49,6 +50,7 @@ def export_yaml(subject: Subject) -> Target:
     rows.append(f"    - [{', '.join([*zeros, f'{added:.10g}'])}]")
     content = "\n".join(
         [
+            f"# {export_mark('uuv as yaml')}.",
             "# Yaw identified by rovid; z up, a yaw rate is minus the heading's. Only the yaw entries are known.",
             f"mass: {subject.mass:.10g}",
             "inertial:",
@@ -113,7 +115,7 @@ def _xacro(subject: Subject, split: tuple[float, float], inputs: list[Curve], ta
         if thruster.curve is not None
     ]
     return f"""<?xml version="1.0"?>
-<!-- Yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
+<!-- {export_mark("uuv")}. Yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
 <robot name="{name}" xmlns:xacro="http://www.ros.org/wiki/xacro">
   <link name="{name}/base_link">
     <inertial>

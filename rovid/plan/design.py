@@ -97,8 +97,11 @@ def command_rows(worth: Worth) -> tuple[list[float], list[list[float]]]:
 
 
 def command_text(found: Plan) -> str:
-    """The best run as CSV: time_s and a column for each actuator; each row holds until the next."""
+    """The best run as CSV: time_s and a column for each actuator; each row holds until the next.
+
+    The quotes about time_s are the mark of what rovid wrote.
+    """
     times, rows = command_rows(found.best)
-    header = csv_line(["time_s", *found.thrusters])
+    header = ",".join(['"time_s"', csv_line(found.thrusters)])
     lines = (",".join(f"{value:g}" for value in (time, *row)) for time, row in zip(times, rows, strict=True))
     return "\n".join([header, *lines]) + "\n"

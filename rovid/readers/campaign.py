@@ -103,6 +103,11 @@ def find_logs(paths: Sequence[Path], config: Config) -> tuple[list[tuple[str, Pa
     return [(one.name, one.path) for one in _without_copies(logs, remarks)], remarks
 
 
+def files_in(paths: Sequence[Path]) -> list[Path]:
+    """Every file in ``paths`` that may be a log or a table, whatever is in it."""
+    return [one.path for path in paths if path.exists() for one in _search(path)]
+
+
 def _search(path: Path) -> Iterator[_Found]:
     """The file itself, or what the folder holds, by name."""
     if path.is_dir():

@@ -17,8 +17,10 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from numpy.typing import NDArray
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from rovid.errors import visible
+from rovid.files.form import plot_mark
 from rovid.trial import FloatArray
 
 # Okabe and Ito's palette: told apart by every kind of colour vision; markers and dashes say the same again.
@@ -107,8 +109,8 @@ def sheet(
 
 
 @styled
-def png(figure: Figure) -> bytes:
-    """The figure as PNG with a palette, a third of the size of one in full colour."""
+def png(figure: Figure, of: str = "report") -> bytes:
+    """The figure as PNG with a palette, a third of the size of one in full colour; ``of`` is what it belongs to."""
     canvas: Any = FigureCanvasAgg(figure)  # its methods carry no annotations
     with warnings.catch_warnings():
         _accept_any_name(figure)
@@ -118,7 +120,9 @@ def png(figure: Figure) -> bytes:
     # The octree rounds white down by a shade, which shows beside the page's own white.
     image.putpalette([255 if level > _NEARLY_WHITE else level for level in image.getpalette() or ()])
     buffer = io.BytesIO()
-    image.save(buffer, format="png")
+    text = PngInfo()
+    text.add_text("Software", plot_mark(of))
+    image.save(buffer, format="png", pnginfo=text)
     return buffer.getvalue()
 
 
@@ -129,7 +133,7 @@ def svg(figure: Figure) -> bytes:
     canvas: Any = FigureCanvasSVG(figure)  # its methods carry no annotations
     with warnings.catch_warnings():
         _accept_any_name(figure)
-        canvas.print_svg(buffer, metadata={"Date": None})
+        canvas.print_svg(buffer, metadata={"Date": None, "Creator": plot_mark("report")})
     return buffer.getvalue()
 
 
