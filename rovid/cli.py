@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -97,6 +98,12 @@ def main() -> None:
         # The reader of our output went away, as `| head` does.
         sys.stderr.close()
         raise SystemExit(1) from None
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        where = shown(str(error.filename))
+        sys.stderr.write(f"rovid: {where}: there is no such file or folder: no file's name is as long. Give a shorter one.\n")
+        raise SystemExit(2) from None
 
 
 def _version(wanted: bool) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from rovid.readers import read_campaign
 from rovid.readers.campaign import files_in
 from rovid.runs import Runs, channels, prepare
 from rovid.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_table
+from rovid.toml import read_toml
 from rovid.trial import Campaign
 from rovid.vehicle import Vehicle
 
@@ -220,10 +220,10 @@ def files_at_hand(paths: Sequence[Path]) -> list[Path]:
     """What may be read where ``paths`` are: logs, tables, rovid.toml and its thrust curves; not what rovid planned."""
     found = [path for path in files_in(paths) if path.is_file() and not PLAN.marks(path)]
     # Whatever is wrong with rovid.toml is said by those who need it.
-    with contextlib.suppress(ConfigError, OSError, ValueError):
+    with contextlib.suppress(ConfigError):
         config = find_config(paths)
         found.append(config)
-        blocks = tomllib.loads(config.read_text(encoding="utf-8")).get("thrusters")
+        blocks = read_toml(config).get("thrusters")
         tables = [block for block in (blocks if isinstance(blocks, list) else ()) if isinstance(block, dict)]
         found += [config.parent / str(table["curve"]) for table in tables if "curve" in table]
     return found
