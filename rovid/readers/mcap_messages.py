@@ -24,9 +24,9 @@ def decoder(channel: Channel, schema: Schema | None, where: str) -> Decoder:
         return _json
     try:
         if schema is not None and encodings == ("cdr", "ros2msg"):
-            from mcap_ros2.decoder import DecoderFactory as Ros2
+            from rovid.readers.ros2 import decoder as ros2
 
-            found = Ros2().decoder_for("cdr", schema)
+            found = ros2(schema.name, schema.data.decode())
         elif schema is not None and encodings == ("protobuf", "protobuf"):
             from mcap_protobuf.decoder import DecoderFactory as Protobuf
 
