@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import zlib
 from collections.abc import Callable, Iterable, Iterator
-from typing import IO, Any, cast
+from typing import Any, BinaryIO, cast
 
 COMPRESSIONS = ("", "lz4", "zstd")
 _BLOCK = 1 << 20
@@ -20,7 +20,7 @@ class Damage(Exception):  # noqa: N818  no error of the program: what is wrong w
 class _Part(io.RawIOBase):
     """``size`` bytes of a file from ``start`` on, as a file; others may move the file's position meanwhile."""
 
-    def __init__(self, file: IO[bytes], start: int, size: int) -> None:
+    def __init__(self, file: BinaryIO, start: int, size: int) -> None:
         super().__init__()
         self._file, self._at, self._end = file, start, start + size
 
@@ -35,8 +35,8 @@ class _Part(io.RawIOBase):
         return len(data)
 
 
-def unpacked(file: IO[bytes], start: int, packed: int, compression: str, size: int) -> Iterator[bytes]:
-    """What ``packed`` bytes from ``start`` on hold: ``size`` bytes, one more where there is more, fewer where it is cut.
+def unpacked(file: BinaryIO, start: int, packed: int, compression: str, size: int) -> Iterator[bytes]:
+    """What is packed from ``start`` on: ``size`` bytes, one more where there is more, fewer where it is cut.
 
     Raises
     ------
@@ -68,7 +68,9 @@ def _reader(part: _Part, compression: str) -> Callable[[int], bytes]:
 def _zstd(part: _Part) -> Callable[[int], bytes]:
     import zstandard
 
-    stream = zstandard.ZstdDecompressor(max_window_size=_WINDOW).stream_reader(part, read_across_frames=True)
+    stream = zstandard.ZstdDecompressor(max_window_size=_WINDOW).stream_reader(
+        cast("BinaryIO", part), read_across_frames=True
+    )
 
     def read(size: int) -> bytes:
         try:

@@ -13,7 +13,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO
+from typing import BinaryIO
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -71,7 +71,7 @@ class Recording:
 
     path: Path
     size: int
-    file: IO[bytes]
+    file: BinaryIO
     open_channel: Callable[[Channel, Schema | None], Handler | None]
     end: int = len(MAGIC)
     damage: str = ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO
+from typing import BinaryIO
 
 from mcap.records import Channel, Schema
 
@@ -50,7 +50,7 @@ def read(path: Path, config: Config) -> RawLog:
 
 
 def _collect(
-    path: Path, file: IO[bytes], signals: Mapping[str, Signal], time: Signal, *, by_index: bool
+    path: Path, file: BinaryIO, signals: Mapping[str, Signal], time: Signal, *, by_index: bool
 ) -> tuple[Topics, Recording]:
     topics = Topics(path, KIND, signals, time)
 

@@ -10,6 +10,7 @@ import re
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import groupby
 from types import SimpleNamespace
 from typing import Any
@@ -46,6 +47,10 @@ class _Type:
     count: int = 0
 
 
+class Message(SimpleNamespace):
+    """What a message holds, by the names of its fields."""
+
+
 _Fields = dict[str, _Type]
 _SECONDS = {"sec": _Type("uint32"), "nanosec": _Type("uint32")}
 # Definitions may leave these out.
@@ -60,7 +65,7 @@ def _definitions(name: str, text: str) -> dict[str, _Fields]:
     """Fields of each message that ``text`` defines; the first is ``name``, behind each separator another begins."""
     found: dict[str, _Fields] = dict(_BUILTIN)
     fields = found[_full(name)] = {}
-    package = name.split("/")[0]
+    package = name.partition("/")[0]
     named = True
     for line in text.splitlines():
         words = line.partition("#")[0].split(None, 2)
@@ -72,7 +77,7 @@ def _definitions(name: str, text: str) -> dict[str, _Fields]:
             if len(words) != 2 or words[0] != "MSG:":
                 raise ValueError(f"{line[:60]!r} does not name the message that is defined next")
             fields = found[_full(words[1])] = {}
-            package, named = words[1].split("/")[0], True
+            package, named = words[1].partition("/")[0], True
         elif not _constant(words):
             label, kind = _field(words, package)
             if label in fields:
@@ -92,14 +97,22 @@ def _constant(words: list[str]) -> bool:
 
 
 def _field(words: list[str], package: str) -> tuple[str, _Type]:
-    found = _TYPE.fullmatch(words[0])
-    if found is None or len(words) == 1 or not _NAME.fullmatch(words[1]):
+    kind = _type(words[0], package)
+    if kind is None or len(words) == 1 or not _NAME.fullmatch(words[1]):
         raise ValueError(f"{' '.join(words)[:60]!r} is no field")
+    return words[1], kind
+
+
+@lru_cache(1000)
+def _type(text: str, package: str) -> _Type | None:
+    found = _TYPE.fullmatch(text)
+    if found is None:
+        return None
     kind = _SHORT.get(found["kind"], found["kind"])
     if kind not in _NUMBERS and kind != "string":
         kind = _full(kind) if "/" in kind else f"{package}/{kind}"
     size = found["list"] or ""
-    return words[1], _Type(kind, is_list=bool(size), count=int(size[1:-1]) if size[1:-1].isdigit() else 0)
+    return _Type(kind, is_list=bool(size), count=int(size[1:-1]) if size[1:-1].isdigit() else 0)
 
 
 # --- bytes --------------------------------------------------------------------------------------------------------
@@ -128,8 +141,8 @@ class _Cursor:
         return list(struct.unpack(f"{self.order}{count}{code}", self.take(count * size)))
 
     def count(self) -> int:
-        found: int = self.numbers("I", 1)[0]
-        return found
+        self.take(-self.at % 4)
+        return int.from_bytes(self.take(4), "little" if self.order == "<" else "big")
 
     def string(self) -> str:
         return self.take(self.count())[:-1].decode()  # the last is NUL
@@ -163,35 +176,32 @@ def _layout(codes: str, at: int, order: str) -> struct.Struct:
     return struct.Struct("".join(parts))
 
 
-def _other(name: str, kind: _Type, steps: _Steps) -> _Step:
-    """Reads what is no single number."""
-    one = _reader(kind.kind, steps)
-    if not kind.is_list:
-        return lambda cursor, values: values.__setitem__(name, one(cursor))
-    code = _NUMBERS.get(kind.kind, "")
-
+def _other(name: str, read: Callable[[_Cursor], Any]) -> _Step:
     def step(cursor: _Cursor, values: dict[str, Any]) -> None:
-        count = kind.count or cursor.count()
-        if kind.kind in _RAW:
-            values[name] = cursor.take(count)
-        elif code:
-            values[name] = cursor.numbers(code, count)
-        else:
-            values[name] = [one(cursor) for _ in range(count)]
+        values[name] = read(cursor)
 
     return step
 
 
-def _reader(kind: str, steps: _Steps) -> Callable[[_Cursor], Any]:
-    return _Cursor.string if kind == "string" else lambda cursor: _message(steps[kind], cursor)
+def _reader(kind: _Type, steps: _Steps) -> Callable[[_Cursor], Any]:
+    """What reads anything but a single number."""
+    if not kind.is_list:
+        return _Cursor.string if kind.kind == "string" else lambda cursor: _message(steps[kind.kind], cursor)
+    if kind.kind in _RAW:
+        return lambda cursor: cursor.take(kind.count or cursor.count())
+    if kind.kind in _NUMBERS:
+        code = _NUMBERS[kind.kind]
+        return lambda cursor: cursor.numbers(code, kind.count or cursor.count())
+    one = _reader(_Type(kind.kind), steps)
+    return lambda cursor: [one(cursor) for _ in range(kind.count or cursor.count())]
 
 
-def _message(steps: list[_Step], cursor: _Cursor) -> SimpleNamespace:
+def _message(steps: list[_Step], cursor: _Cursor) -> Message:
     cursor.messages += 1
     cursor.depth += 1
     if cursor.messages > _MESSAGES or cursor.depth > _DEPTH:
         raise ValueError("it holds too many messages inside, or one inside another too deep")
-    message = SimpleNamespace()
+    message = Message()
     values = vars(message)
     for step in steps:
         step(cursor, values)
@@ -199,15 +209,21 @@ def _message(steps: list[_Step], cursor: _Cursor) -> SimpleNamespace:
     return message
 
 
+def _nothing(cursor: _Cursor, _: dict[str, Any]) -> None:
+    """Reads the one byte that ROS 2 gives a message without fields."""
+    cursor.take(1)
+
+
 def _steps(fields: _Fields, steps: _Steps) -> Iterator[_Step]:
-    if not fields:  # ROS 2 gives such a message one byte
-        yield lambda cursor, _: cursor.take(1) and None
+    readers = {kind: _reader(kind, steps) for kind in set(fields.values())}
+    if not fields:
+        yield _nothing
     for plain, group in groupby(fields.items(), lambda one: one[1].kind in _NUMBERS and not one[1].is_list):
         run = list(group)
         if plain:
             yield _run(tuple(name for name, _ in run), "".join(_NUMBERS[kind.kind] for _, kind in run))
         else:
-            yield from (_other(name, kind, steps) for name, kind in run)
+            yield from (_other(name, readers[kind]) for name, kind in run)
 
 
 def _linked(root: str, definitions: Mapping[str, _Fields]) -> _Steps:
