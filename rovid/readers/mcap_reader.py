@@ -5,12 +5,13 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO
+from typing import BinaryIO
 
 from mcap.records import Channel, Schema
 
 from rovid.config import Config, Signal
-from rovid.readers.mcap_container import Recording
+from rovid.errors import LogError
+from rovid.readers.mcap_container import LARGEST, Recording
 from rovid.readers.mcap_messages import decoder
 from rovid.readers.raw import RawLog, mapped
 from rovid.readers.topics import Handler, Topics, numeric_fields
@@ -35,15 +36,21 @@ def read(path: Path, config: Config) -> RawLog:
     signals = mapped(config, KIND, path)
     with path.open("rb", buffering=1 << 16) as file:
         topics, recording = _collect(path, file, signals, config.time, by_index=True)
-        if recording.missed > 0:  # messages outside the index: rare, legal
+        if recording.missed > 0 and not recording.too_large:  # messages outside the index: rare, legal
             topics, recording = _collect(path, file, signals, config.time, by_index=False)
+    for topic, size in recording.too_large.items():
+        raise LogError(
+            f"topic {topic!r} has a message of {size / 1e6:.1f} MB; at most {LARGEST / 1e6:.1f} MB was expected.",
+            where=path,
+            mend="Map a topic of smaller messages.",
+        )
     unread = recording.size - recording.end
     damage = f" The recording is cut: {recording.damage}, {unread} bytes were not read." if recording.damage else ""
     return topics.result(lambda last: _cut(recording, last), damage)
 
 
 def _collect(
-    path: Path, file: IO[bytes], signals: Mapping[str, Signal], time: Signal, *, by_index: bool
+    path: Path, file: BinaryIO, signals: Mapping[str, Signal], time: Signal, *, by_index: bool
 ) -> tuple[Topics, Recording]:
     topics = Topics(path, KIND, signals, time)
 

@@ -6,6 +6,7 @@ import operator
 import re
 from array import array
 from collections.abc import Callable, Iterator
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -81,7 +82,7 @@ def _descend(value: Any, fields: tuple[str, ...]) -> Any:
 
 def field_names(message: Any, depth: int = 3) -> list[str]:
     """Paths of the fields of ``message``, as one would write them in rovid.toml."""
-    return list(_field_names(message, "", depth))[:_SHOWN]
+    return list(islice(_field_names(message, "", depth), _SHOWN))
 
 
 def _field_names(value: Any, prefix: str, depth: int) -> Iterator[str]:
