@@ -9,6 +9,8 @@ from pathlib import Path
 import typer
 
 from rovid.axis import AXES, YAW
+from rovid.errors import RovidError
+from rovid.files import refuse_odd
 
 # In the order of `rovid.export.EXPORTERS`, and of `rovid.identify.bench.THRUST_UNITS`; a test compares.
 FORMATS = ("gz-sim", "uuv", "vrx", "stonefish", "mujoco", "ros2", "matlab", "json", "python-vehicle-simulator")
@@ -53,8 +55,9 @@ def parameters(context: typer.Context) -> list[str]:
     axis = context.params.get("axis") or YAW.name
     path = Path(context.params.get("parameters") or parameter_file(axis))
     try:
+        refuse_odd(path)
         return list(tomllib.loads(path.read_text(encoding="utf-8"))["parameters"])
-    except (OSError, ValueError, LookupError, TypeError):
+    except (RovidError, OSError, ValueError, LookupError, TypeError):
         return list(BASE)
 
 

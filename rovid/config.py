@@ -13,6 +13,7 @@ import numpy as np
 
 from rovid.axis import AXES, YAW, Axis
 from rovid.errors import ConfigError, nearest
+from rovid.files import odd, refuse_odd, require
 from rovid.tables import CURVE_COLUMNS, read_table
 from rovid.vehicle import ThrustCurve, Thruster, Vehicle
 
@@ -152,12 +153,11 @@ def find_config(paths: Sequence[Path]) -> Path:
         There is none, or one of ``paths`` does not exist.
     """
     for path in paths:
-        if not path.exists():
-            raise ConfigError("there is no such file or folder.", where=path)
+        require(path)
     start = paths[0].resolve()
     folder = start if start.is_dir() else start.parent
     for candidate in (folder, *folder.parents):
-        if (candidate / FILE_NAME).is_file():
+        if (candidate / FILE_NAME).is_file() or odd(candidate / FILE_NAME):
             return candidate / FILE_NAME
     raise ConfigError(
         f"no {FILE_NAME} here or in any folder above it; it says which column holds which signal and what "
@@ -189,6 +189,7 @@ def vehicle_of_tables(paths: Sequence[Path]) -> Vehicle:
 
 
 def _document(path: Path) -> dict[str, Any]:
+    refuse_odd(path)
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
@@ -346,6 +347,7 @@ def read_curve(path: Path) -> ThrustCurve:
     RovidError
         The file is missing, has other columns, text in a number, fewer than two points or a repeated command.
     """
+    refuse_odd(path)
     if not path.is_file():
         raise ConfigError(
             "there is no such thrust curve.",

@@ -18,6 +18,7 @@ from rovid import __version__
 from rovid.axis import YAW, Axis, axis_named
 from rovid.effects import effect_named
 from rovid.errors import ConfigError
+from rovid.files import refuse_odd
 from rovid.identify.estimate import Estimate
 from rovid.model import Model, base_names, effect_ids
 from rovid.output import write_atomic
@@ -206,6 +207,7 @@ def read_parameters(path: Path) -> Parameters:
     ConfigError
         It is missing, not a parameter file, or of a schema newer than this rovid knows.
     """
+    refuse_odd(path)
     if not path.is_file():
         raise ConfigError(
             "is a folder, not a parameter file." if path.is_dir() else "there is no such parameter file.",

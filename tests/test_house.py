@@ -13,6 +13,7 @@ import rovid
 
 HOUSE = [
     "errors",
+    "files",
     "axis",
     "workers",
     "trial",

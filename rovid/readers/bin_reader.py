@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rovid.config import Config
 from rovid.readers.columns import Columns, channels_of, missing_topic, numeric_sources, of_sensor, raw_log, split_sensor
-from rovid.readers.raw import RawLog, foreign, mapped
+from rovid.readers.raw import Contents, RawLog, foreign, mapped
 from rovid.trial import Remark
 
 KIND = "bin"
@@ -59,8 +59,8 @@ def read(path: Path, config: Config) -> RawLog:
     return raw_log(channels, tuple(log.remarks))
 
 
-def sources(path: Path) -> tuple[str, list[str]]:
-    """Nothing, for every message has its time, and what tells of motion, thrusters and supply.
+def sources(path: Path) -> Contents:
+    """What tells of motion, thrusters and supply.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def sources(path: Path) -> tuple[str, list[str]]:
             log = Log(path, data, set(_TELLING))
             present = [name for name in _TELLING if name in log.kinds and log.kinds[name].offsets]
             topics = {name: log.columns(name) for name in present}
-    return "", [source for source in numeric_sources(topics) if ".Des" not in source]
+    return Contents(sources=tuple(source for source in numeric_sources(topics) if ".Des" not in source))
 
 
 class _Kind:

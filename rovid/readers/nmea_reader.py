@@ -18,9 +18,10 @@ import numpy as np
 
 from rovid.config import Config
 from rovid.errors import ConfigError, LogError, nearest
+from rovid.files import odd
 from rovid.readers.formats import READERS
 from rovid.readers.instants import EPOCH_FROM, seconds
-from rovid.readers.raw import Channel, RawLog, foreign
+from rovid.readers.raw import Channel, Contents, RawLog, foreign
 from rovid.trial import FloatArray, Remark
 
 KIND = "nmea"
@@ -74,8 +75,8 @@ def read(path: Path, config: Config) -> RawLog:
     return RawLog(channels=everything, place=place, remarks=(*text.remarks, *log.remarks), sortable=log.sortable)
 
 
-def sources(path: Path) -> tuple[str, list[str]]:
-    """Nothing: what it holds says something only beside another log.
+def sources(path: Path) -> Contents:
+    """None: what it holds says something only beside another log.
 
     Raises
     ------
@@ -92,7 +93,8 @@ def sources(path: Path) -> tuple[str, list[str]]:
 def _beside(path: Path, config: Config) -> tuple[Path, RawLog]:
     """The log that holds the commands."""
     suffixes = [suffix for suffix, form in READERS.items() if form.kind != KIND]
-    found = [one for one in sorted(path.parent.glob(f"{escape(path.stem)}.*")) if one.suffix.lower() in suffixes]
+    near = sorted(path.parent.glob(f"{escape(path.stem)}.*"))
+    found = [one for one in near if one.suffix.lower() in suffixes and not odd(one)]
     if len(found) != 1:
         there = f"{len(found)} logs of its name stand beside it" if found else "no log of its name stands beside it"
         raise LogError(

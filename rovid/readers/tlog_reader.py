@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rovid.config import Config
 from rovid.readers.columns import Columns, channels_of, missing_topic, numeric_sources, of_sensor, raw_log, split_sensor
-from rovid.readers.raw import RawLog, foreign, library, mapped
+from rovid.readers.raw import Contents, RawLog, foreign, library, mapped
 from rovid.trial import Remark
 
 KIND = "tlog"
@@ -49,8 +49,8 @@ def read(path: Path, config: Config) -> RawLog:
     return raw_log(channels, tuple(log.remarks))
 
 
-def sources(path: Path) -> tuple[str, list[str]]:
-    """Nothing, for every record has its time, and what tells of motion, thrusters and supply.
+def sources(path: Path) -> Contents:
+    """What tells of motion, thrusters and supply.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def sources(path: Path) -> tuple[str, list[str]]:
     log = Log(path, set(_TELLING))
     present = {name for name, system, _ in log.frames if system == log.system}
     topics = {name: log.columns(name) for name in _TELLING if name in present}
-    return "", [source for source in numeric_sources(topics) if not source.endswith(_CLOCK)]
+    return Contents(sources=tuple(source for source in numeric_sources(topics) if not source.endswith(_CLOCK)))
 
 
 class Log:
