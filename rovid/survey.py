@@ -67,6 +67,8 @@ def survey(paths: Sequence[Path]) -> Survey:
     RovidError
         There are no logs, none can be read, or none holds a heading or a command.
     """
+    for path in paths:
+        require(path)
     folder = paths[0] if paths[0].is_dir() else paths[0].parent
     logs: dict[str, list[Mapping[str, Seen]]] = {}
     clocks: dict[str, str] = {}
@@ -122,7 +124,6 @@ def _files(paths: Sequence[Path], problems: list[str]) -> Iterator[Path]:
         problems.append(f"{error.filename}: cannot be read ({error.strerror}).")
 
     for path in paths:
-        require(path)
         inside = search(path, unreadable)
         problems += [f"{one}: is {what}." for one, what in inside.odd.items()]
         yield from (one for one in inside.files if one.suffix.lower() in READERS)

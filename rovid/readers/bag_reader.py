@@ -55,7 +55,8 @@ class _Connection:
 
 
 _Messages = Callable[[Collection[int]], Iterable[tuple[int, int, bytes]]]
-_Bag = tuple[list[_Connection], _Messages]
+# Connections, messages of some of them, and what is known to be lacking.
+_Bag = tuple[list[_Connection], _Messages, list[str]]
 
 
 def read(path: Path, config: Config) -> RawLog:
@@ -69,8 +70,7 @@ def read(path: Path, config: Config) -> RawLog:
         rovid.toml does not map the heading or a command for bags or MCAP.
     """
     topics = Topics(path, KIND, mapped(config, KIND, path), config.time)
-    damage: list[str] = []
-    with _opened(path) as (connections, messages):
+    with _opened(path) as (connections, messages, damage):
         handlers = {
             one.number: handler
             for one in connections
@@ -93,11 +93,11 @@ def sources(path: Path) -> Contents:
     """
     listing = Listing(path, KIND)
     library("rosbags.typesys", _EXTRA, path)
-    with _opened(path) as (connections, messages):
+    with _opened(path) as (connections, messages, damage):
         for one in connections:
             handler = listing.handler(one.topic, partial(_decoder, path, one), mapping=False)
             if handler is not None:
-                for _, stamp, data in islice(_until_damage(messages, [one.number], []), 1):
+                for _, stamp, data in islice(_until_damage(messages, [one.number], damage), 1):
                     handler(data, stamp, stamp)
     return listing.contents()
 
@@ -105,8 +105,8 @@ def sources(path: Path) -> Contents:
 def _until_damage(messages: _Messages, wanted: Collection[int], damage: list[str]) -> Iterator[tuple[int, int, bytes]]:
     """The messages of the connections ``wanted``; what ends them early is put into ``damage``."""
     try:
-        # An empty choice would be every connection to rosbags.
-        yield from messages(wanted) if wanted else ()
+        # An empty choice would be every connection to rosbags, and a damaged index leads to messages of any.
+        yield from (message for message in (messages(wanted) if wanted else ()) if message[0] in wanted)
     except Exception as error:  # noqa: BLE001 - damaged files make the libraries raise anything
         damage.append(f"The bag is cut or damaged ({str(error)[:100]}); what comes behind was not read.")
 
@@ -141,6 +141,7 @@ def _ros1(path: Path) -> Iterator[_Bag]:
                 (c.id, stamp, data)
                 for c, stamp, data in reader.messages(connections=[c for c in reader.connections if c.id in wanted])
             ),
+            [],
         )
     finally:
         reader.close()
@@ -177,9 +178,13 @@ def _ros2(path: Path) -> Iterator[_Bag]:
                 )
                 for number, topic, kind, encoding in bag.execute(_TOPICS)
             ]
-        except sqlite3.Error as error:
+            ((pages,),) = bag.execute("PRAGMA page_count")
+            ((page,),) = bag.execute("PRAGMA page_size")
+        except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite quotes what is damaged, text or not
             raise _unreadable(path, error, "Record the log again, or leave it out.") from error
-        yield connections, lambda wanted: bag.execute(_MESSAGES, (json.dumps(sorted(wanted)),))
+        lost = pages * page - path.stat().st_size
+        damage = [f"The bag is cut: {lost} bytes of it are not there."] if lost > 0 else []
+        yield connections, lambda wanted: bag.execute(_MESSAGES, (json.dumps(sorted(wanted)),)), damage
 
 
 def _unreadable(path: Path, error: Exception, mend: str) -> LogError:

@@ -7,6 +7,7 @@ message to message only notes where the wanted ones begin; numpy then takes them
 from __future__ import annotations
 
 import struct
+from array import array
 from collections.abc import Callable
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
@@ -83,14 +84,17 @@ class _Kind:
     def __init__(self, letters: str, labels: list[str]) -> None:
         fields = list(zip(labels, letters, strict=True))
         self.labels, self.instance = labels, next((label for label, kind in _INSTANCES if (label, kind) in fields), "")
-        self.offsets: list[int] = []
+        self.offsets = array("q")
         self.factors = {label: _FACTORS[letter] for label, letter in fields if letter in _FACTORS}
         self.layout = np.dtype([("", "V3"), *((label, _TYPES[letter]) for label, letter in fields)])
 
     def columns(self, data: mmap | bytes) -> dict[str, NDArray[Any]]:
         """Every field of the messages found, (n,) each, scaled."""
         size = self.layout.itemsize
-        rows = np.frombuffer(b"".join([data[at : at + size] for at in self.offsets]), dtype=self.layout)
+        found = bytearray()
+        for at in self.offsets:
+            found += data[at : at + size]
+        rows = np.frombuffer(found, dtype=self.layout)
         return {
             label: rows[label] * self.factors[label] if label in self.factors else rows[label] for label in self.labels
         }
@@ -143,7 +147,7 @@ class Log:
         names = labels.split(",") if labels else []
         if number == _FMT or number in self._names:
             return
-        whole = len(names) == len(set(names)) == len(letters) and set(letters) <= set(_TYPES)
+        whole = all(names) and len(names) == len(set(names)) == len(letters) and set(letters) <= set(_TYPES)
         kind = _Kind(letters, names) if whole else None
         if kind is None or kind.layout.itemsize != length:  # a damaged description would lead the walk astray
             return

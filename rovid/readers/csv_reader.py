@@ -18,7 +18,7 @@ import pandas as pd
 from rovid.config import Config, Signal
 from rovid.errors import LogError
 from rovid.guess import CLOCK, NOT_CLOCK, words
-from rovid.readers.csv_header import Layout, last_whole_line, read_layout
+from rovid.readers.csv_header import Layout, last_whole_line, read_layout, refuse_long_lines
 from rovid.readers.instants import epoch_of, stamps
 from rovid.readers.raw import Channel, Contents, RawLog, mapped, time_signal
 from rovid.trial import FloatArray, Remark
@@ -46,6 +46,7 @@ def read(path: Path, config: Config) -> RawLog:
     with path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
         end, nul = (size, 0) if layout.wide else last_whole_line(file, size)
+    refuse_long_lines(path, end)
     table = _Table(layout=layout, columns=columns, signals=signals, end=end, size=size)
     frame = table.read()
     if not len(frame):

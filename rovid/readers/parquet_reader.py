@@ -67,10 +67,15 @@ def _columns(path: Path, wanted: Mapping[str, str]) -> tuple[pd.Series[Any], dic
     at = 0
     for batch in _batches(path, list({clock: None, **names}), texts):
         times.append(_moments(path, batch[clock], clock, at))
+        after = at + len(times[-1])
+        if after > footer.num_rows:
+            break
         for column, numbers in columns.items():
-            numbers[at : at + len(times[-1])] = _numbers(path, batch[column], column, names[column], at)
-        at += len(times[-1])
-    return pd.concat(times, ignore_index=True), {column: numbers[:at] for column, numbers in columns.items()}
+            numbers[at:after] = _numbers(path, batch[column], column, names[column], at)
+        at = after
+    if at != footer.num_rows:
+        raise _damaged(path, ValueError(f"it does not hold the {footer.num_rows} rows that it tells of"))
+    return pd.concat(times, ignore_index=True), columns
 
 
 def _require(path: Path, footer: Any, wanted: Mapping[str, str]) -> list[str]:
@@ -88,11 +93,10 @@ def _require(path: Path, footer: Any, wanted: Mapping[str, str]) -> list[str]:
             raise _no_column(path, column, name, present)
         if present.count(column) > 1:
             raise LogError(f"has {present.count(column)} columns {column!r} ({name}).", where=path, mend="Rename one.")
-    places = [at for at, leaf in enumerate(leaves) if leaf.path in wanted.values()]
-    groups = [footer.row_group(number) for number in range(footer.num_row_groups)]
-    unpacked = sum(group.column(at).total_uncompressed_size for group in groups for at in places)
-    require_room(path, footer.num_rows, len(places), unpacked)
-    blobs = [leaf for leaf in (leaves[at] for at in places) if leaf.physical_type.endswith("BYTE_ARRAY")]
+    chosen = [leaf for leaf in leaves if leaf.path in wanted.values()]
+    # What the footer says of single columns is not asked for: where it is damaged, pyarrow ends the whole process.
+    require_room(path, footer.num_rows, len(chosen))
+    blobs = [leaf for leaf in chosen if leaf.physical_type.endswith("BYTE_ARRAY")]
     for leaf in blobs:
         if leaf.logical_type.type not in _READABLE:
             raise LogError(

@@ -146,20 +146,15 @@ def library(module: str, extra: str, path: Path) -> ModuleType:
         ) from error
 
 
-def require_room(path: Path, rows: int, columns: int, unpacked: int = 0) -> None:
+def require_room(path: Path, rows: int, columns: int) -> None:
     """Refuse a table that is too large, before it is unpacked.
-
-    Parameters
-    ----------
-    unpacked
-        Bytes of the columns, where the file says so.
 
     Raises
     ------
     LogError
-        Its numbers, or what they are made of, take more than rovid reads of one log.
+        Its numbers take more than rovid reads of one log.
     """
-    needed = max(8 * rows * columns, unpacked)
+    needed = 8 * rows * columns
     if needed > _ROOM:
         raise LogError(
             f"holds {rows} rows, of which {columns} columns are wanted: {needed >> 20} MB unpacked; "
