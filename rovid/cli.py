@@ -102,7 +102,9 @@ def main() -> None:
         if error.errno != errno.ENAMETOOLONG:
             raise
         where = shown(str(error.filename))
-        sys.stderr.write(f"rovid: {where}: there is no such file or folder: no file's name is as long. Give a shorter one.\n")
+        sys.stderr.write(
+            f"rovid: {where}: there is no such file or folder: no file's name is as long. Give a shorter one.\n"
+        )
         raise SystemExit(2) from None
 
 
@@ -656,10 +658,10 @@ def export(
     json: Json = False,
 ) -> None:
     """Write the model in the format of a simulator."""
-    from rovid.config import is_there
     from rovid.documents import export_document
     from rovid.export import export as make
     from rovid.export import exporter, subject_of
+    from rovid.places import is_there
     from rovid.terminal import show_export
 
     function, target = exporter(format, output)

@@ -12,6 +12,7 @@ import numpy as np
 
 from rovid.axis import AXES, YAW, Axis
 from rovid.errors import NAME_LENGTH, ConfigError, nearest
+from rovid.places import is_there, odd, refuse_odd, require
 from rovid.tables import CURVE_COLUMNS, read_table
 from rovid.toml import number_wanted, read_toml
 from rovid.vehicle import ThrustCurve, Thruster, Vehicle
@@ -152,12 +153,11 @@ def find_config(paths: Sequence[Path]) -> Path:
         There is none, or one of ``paths`` does not exist.
     """
     for path in paths:
-        if not is_there(path):
-            raise ConfigError("there is no such file or folder.", where=path)
+        require(path)
     start = paths[0].resolve()
     folder = start if start.is_dir() else start.parent
     for candidate in (folder, *folder.parents):
-        if (candidate / FILE_NAME).is_file():
+        if (candidate / FILE_NAME).is_file() or odd(candidate / FILE_NAME):
             return candidate / FILE_NAME
     raise ConfigError(
         f"no {FILE_NAME} here or in any folder above it; it says which column holds which signal and what "
@@ -165,14 +165,6 @@ def find_config(paths: Sequence[Path]) -> Path:
         where=paths[0],
         mend="Run `rovid init LOGS`, which writes one from the logs.",
     )
-
-
-def is_there(path: Path) -> bool:
-    """Whether there is such a file or folder; a name longer than any file's names none."""
-    try:
-        return path.exists()
-    except OSError:
-        return False
 
 
 def load_config(path: Path, axis: Axis = YAW) -> Config:
@@ -351,6 +343,7 @@ def read_curve(path: Path) -> ThrustCurve:
     RovidError
         The file is missing, has other columns, text in a number, fewer than two points or a repeated command.
     """
+    refuse_odd(path)
     if not (is_there(path) and path.is_file()):
         raise ConfigError(
             "there is no such thrust curve.",

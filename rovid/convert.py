@@ -14,6 +14,7 @@ from rovid.config import ANGLE, UNITS, Config
 from rovid.errors import ConfigError
 from rovid.files import Output
 from rovid.files.form import LOG
+from rovid.places import require
 from rovid.quoting import toml_text, words
 from rovid.readers import read_log
 from rovid.readers.raw import library
@@ -59,15 +60,16 @@ def output_at(target: Path, log: Path) -> Output:
     Raises
     ------
     ConfigError
-        ``log`` is a folder; ``target`` has no suffix of a format that can be written, or is the log itself.
+        ``log`` is a folder or no file; ``target`` has no suffix of a format that can be written, or is the log itself.
     """
+    require(log)
     if log.is_dir():
         raise ConfigError("is a folder; one log was expected.", where=log)
     if target.suffix.lower() not in _WRITERS:
         raise ConfigError(
             f"has the suffix {target.suffix!r}; one of {', '.join(_WRITERS)} was expected.", where=f"-o {target}"
         )
-    if target.exists() and log.exists() and target.samefile(log):
+    if target.exists() and target.samefile(log):
         raise ConfigError("is the log itself.", where=f"-o {target}", mend="Choose another name.")
     return Output(target, LOG)
 

@@ -16,13 +16,13 @@ import numpy as np
 
 from rovid import __version__
 from rovid.axis import YAW, Axis, axis_named
-from rovid.config import is_there
 from rovid.effects import effect_named
 from rovid.errors import ConfigError
 from rovid.files import Claim, Output
 from rovid.files.form import PARAMETERS
 from rovid.identify.estimate import Estimate
 from rovid.model import Model, base_names, effect_ids
+from rovid.places import is_there
 from rovid.quoting import encodable
 from rovid.toml import LARGEST, SMALLEST, number_wanted, read_toml
 from rovid.trial import Campaign

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from rovid.config import FILE_NAME, Config, Signal, is_there, read_curve
-from rovid.errors import LINE_LENGTH, ConfigError, DataError, RovidError, shown
+from rovid.config import FILE_NAME, Config, Signal, read_curve
+from rovid.errors import LINE_LENGTH, DataError, RovidError, shown
 from rovid.files import Output
 from rovid.files.form import CONFIG
 from rovid.files.form import GUESSED_CURVE as GUESSED
 from rovid.guess import Guess, Guesses, Seen, Thrusting, guess
+from rovid.places import require, search
 from rovid.quoting import toml_text
 from rovid.readers.csv_header import read_layout
 from rovid.readers.formats import READERS
@@ -23,6 +24,8 @@ from rovid.vehicle import ThrustCurve, Vehicle
 GUESSED_CURVE = "thrust_guess.csv"
 # Logs are many and alike: so many of each format tell enough.
 _LOGS = 12
+# What cannot be read of one log is told in so many lines.
+_SHOWN = 3
 # Of the guessed curve, N at its ends; a constant scale of all thrust never shows in yaw data.
 _FULL_THRUST = 100.0
 _PULSES = np.array([1100.0, 1500.0, 1900.0])
@@ -46,7 +49,8 @@ class Survey:
     logs
         How many were looked at.
     lacking
-        What `rovid check` will say of some logs: that they cannot be read, or lack what is mapped.
+        What was not looked at: files that are no logs or cannot be read, what of a log cannot be, and what
+        `rovid check` will say of some: that they lack what is mapped.
     """
 
     folder: Path
@@ -66,29 +70,35 @@ def survey(paths: Sequence[Path]) -> Survey:
     RovidError
         There are no logs, none can be read, or none holds a heading or a command.
     """
-    files = list(_files(paths))
+    for path in paths:
+        require(path)
     folder = _folder(paths)
     logs: dict[str, list[Mapping[str, Seen]]] = {}
     clocks: dict[str, str] = {}
     names: dict[str, list[str]] = {}
-    problems = []
-    for path in files:
+    problems: list[str] = []
+    for path in _files(paths, problems):
         kind = READERS[path.suffix.lower()].kind
         if len(logs.setdefault(kind, [])) >= _LOGS or _is_table(path):
             continue
         try:
-            clock, seen = _seen(path)
-        except (OSError, RovidError) as error:
+            clock, seen, left_out = _seen(path)
+        except RovidError as error:
             problems.append(str(error))
             continue
+        problems += left_out
         clocks.setdefault(kind, clock)
         logs[kind].append(seen)
         names.setdefault(kind, []).append(path.name)
-    guesses = {kind: guess(found) for kind, found in logs.items() if found}
-    if not guesses:
+    every = {kind: guess(found) for kind, found in logs.items() if found}
+    if not every:
         raise DataError(problems[0] if problems else "holds no logs.", where="" if problems else folder)
-    _require(guesses, logs, folder)
-    curve, guessed = _curve(folder, [one for found in guesses.values() for one in found.commands])
+    unknown = [_not_recognised(found, logs[kind], folder, problems) for kind, found in every.items() if found.lacking]
+    guesses = {kind: found for kind, found in every.items() if not found.lacking}
+    if not guesses:
+        raise unknown[0]
+    problems += map(str, unknown)
+    curve, guessed = _curve(folder, [one for found in guesses.values() for one in found.commands], problems)
     lacking = [
         text
         for kind, found in guesses.items()
@@ -116,13 +126,14 @@ def _lacks(name: str, log: Mapping[str, Seen], found: Guesses) -> str:
     return f"{name}: holds no {', '.join(missing)}; is it of another vehicle?" if missing else ""
 
 
-def _files(paths: Sequence[Path]) -> Iterator[Path]:
+def _files(paths: Sequence[Path], problems: list[str]) -> Iterator[Path]:
+    def unreadable(error: OSError) -> None:
+        problems.append(f"{error.filename}: cannot be read ({error.strerror}).")
+
     for path in paths:
-        if not is_there(path):
-            raise ConfigError("there is no such file or folder.", where=path)
-        inside = sorted(path.rglob("*")) if path.is_dir() else [path]
-        shown = (one for one in inside if not any(part.startswith(".") for part in one.relative_to(path).parts))
-        yield from (one for one in shown if one.suffix.lower() in READERS and one.is_file())
+        inside = search(path, unreadable)
+        problems += [f"{one}: is {what}." for one, what in inside.odd.items()]
+        yield from (one for one in inside.files if one.suffix.lower() in READERS)
 
 
 def _is_table(path: Path) -> bool:
@@ -136,16 +147,16 @@ def _is_table(path: Path) -> bool:
         return False  # reading it says what is wrong
 
 
-def _seen(path: Path) -> tuple[str, dict[str, Seen]]:
-    """Everything in one log, by source."""
+def _seen(path: Path) -> tuple[str, dict[str, Seen], list[str]]:
+    """The clock, everything in one log by source, and what of it cannot be read."""
     form = READERS[path.suffix.lower()]
-    clock, sources = form.sources(path)
-    if not sources:
-        raise DataError("holds no column of numbers.", where=path)
+    found = form.sources(path)
+    if not found.sources:
+        raise DataError("holds no column of numbers.", where=path, mend=next(iter(found.left_out), ""))
     # An orientation is made into a heading where that is asked for.
-    names = {source: "heading" if source.endswith(_ORIENTATIONS) else source for source in sources}
-    signals = {name: Signal(name=name, sources={form.kind: source}) for source, name in names.items()}
-    time = Signal(name="time", sources={form.kind: clock} if clock else {}, unit="auto")
+    names = {source: "heading" if source.endswith(_ORIENTATIONS) else source for source in found.sources}
+    signals = {name: Signal(name=name, sources={form.kind: source}, optional=True) for source, name in names.items()}
+    time = Signal(name="time", sources={form.kind: found.clock} if found.clock else {}, unit="auto")
     config = Config(
         path=path,
         vehicle=Vehicle(name="", thrusters=()),
@@ -154,31 +165,45 @@ def _seen(path: Path) -> tuple[str, dict[str, Seen]]:
         commands=(),
         measured=next(iter(signals)),
     )
-    channels = form.read(path, config).channels
-    return clock, {
+    raw = form.read(path, config)
+    skipped = (remark.text for remark in raw.remarks if remark.kind == "skipped")
+    seen = {
         one.source: Seen(source=one.source, time=one.time, values=one.values, radians=one.radians)
-        for one in channels.values()
+        for one in raw.channels.values()
     }
+    return found.clock, seen, _few(path, dict.fromkeys((*found.left_out, *skipped)))
 
 
-def _require(guesses: Mapping[str, Guesses], logs: Mapping[str, Sequence[Mapping[str, Seen]]], folder: Path) -> None:
-    for kind, found in guesses.items():
-        if found.lacking:
-            there = sorted({source for log in logs[kind] for source in log})
-            raise DataError(
-                f"no {' and no '.join(found.lacking)} was recognised among {', '.join(there[:20])}.",
-                where=folder,
-                mend=f"Write {FILE_NAME} by hand: see the README, sample_logs for examples, and docs/axes.md where "
-                "the runs are along another axis than yaw, which alone is guessed.",
-            )
+def _few(path: Path, texts: Iterable[str]) -> list[str]:
+    """The first of ``texts``, and how many more there are."""
+    every = list(texts)
+    more = [f"{path}: {len(every) - _SHOWN} more cannot be read."] if len(every) > _SHOWN else []
+    return every[:_SHOWN] + more
 
 
-def _curve(folder: Path, commands: Sequence[Thrusting]) -> tuple[str, ThrustCurve | None]:
+def _not_recognised(
+    found: Guesses, logs: Sequence[Mapping[str, Seen]], folder: Path, problems: Sequence[str]
+) -> DataError:
+    there = sorted({source for log in logs for source in log})
+    unread = f" What could not be read: {problems[0]}" if problems else ""
+    return DataError(
+        f"no {' and no '.join(found.lacking)} was recognised among {', '.join(there[:20])}.{unread}",
+        where=folder,
+        mend=f"Write {FILE_NAME} by hand: see the README, sample_logs for examples, and docs/axes.md where the runs "
+        "are along another axis than yaw, which alone is guessed.",
+    )
+
+
+def _curve(folder: Path, commands: Sequence[Thrusting], problems: list[str]) -> tuple[str, ThrustCurve | None]:
     """A curve beside the logs that knows these commands, or a straight line."""
     lowest, highest = min(one.lowest for one in commands), max(one.highest for one in commands)
-    for path in sorted(folder.glob("*.csv")):
-        if path.name != GUESSED_CURVE and _is_table(path):
-            curve = read_curve(path)
+    for path in search(folder, lambda _: None).files:
+        if path.parent == folder and path.name != GUESSED_CURVE and _is_table(path):
+            try:
+                curve = read_curve(path)
+            except RovidError as error:
+                problems.append(str(error))
+                continue
             room = 0.01 * curve.span
             if curve.command[0] <= lowest + room and highest - room <= curve.command[-1]:
                 return path.name, None

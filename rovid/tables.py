@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from rovid.errors import LogError, nearest
+from rovid.places import refuse_odd, require, search
 from rovid.toml import LARGEST
 from rovid.trial import FloatArray
 
@@ -93,6 +94,7 @@ def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> Table:
     LogError
         The file cannot be read or holds no rows.
     """
+    refuse_odd(path, LogError)
     try:
         with path.open("rb") as file:
             content = file.read(_SIZE + 1)
@@ -159,8 +161,16 @@ def header(path: Path) -> tuple[str, ...]:
 
 
 def find_table(paths: Sequence[Path], columns: Sequence[str]) -> Path | None:
-    """The first table with all ``columns`` among ``paths`` and in their folders; None where there is a log too."""
-    inside = {path: sorted(path.rglob("*.*")) if path.is_dir() else [path] for path in paths}
+    """The first table with all ``columns`` among ``paths`` and in their folders; None where there is a log too.
+
+    Raises
+    ------
+    LogError
+        One of ``paths`` is neither file nor folder.
+    """
+    for path in paths:
+        require(path, LogError)
+    inside = {path: search(path, lambda _: None).files for path in paths}
     if any(map(_is_log, chain.from_iterable(inside.values()))):
         return None
     for path, files in inside.items():

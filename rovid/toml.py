@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rovid.errors import ConfigError, shown
+from rovid.places import refuse_odd
 
 # No quantity of a vehicle is larger, in whatever unit, and no size of one smaller: squares and quotients stay finite.
 LARGEST, SMALLEST = 1e18, 1e-12
@@ -33,6 +34,7 @@ def read_toml(path: Path, mend: str = "") -> dict[str, Any]:
     ConfigError
         It cannot be read, is too large, or is not TOML.
     """
+    refuse_odd(path)
     try:
         with path.open("rb") as file:
             content = file.read(_SIZE + 1)

@@ -15,6 +15,7 @@ HOUSE = [
     "errors",
     "screen",
     "quoting",
+    "places",
     "toml",
     "caches",
     "files",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,9 +18,9 @@ import pandas as pd
 from rovid.config import Config, Signal
 from rovid.errors import LogError
 from rovid.guess import CLOCK, NOT_CLOCK, words
-from rovid.readers.csv_header import Layout, last_whole_line, read_layout
+from rovid.readers.csv_header import Layout, last_whole_line, read_layout, refuse_long_lines
 from rovid.readers.instants import epoch_of, stamps
-from rovid.readers.raw import Channel, RawLog, mapped, time_signal
+from rovid.readers.raw import Channel, Contents, RawLog, mapped, time_signal
 from rovid.trial import FloatArray, Remark
 
 KIND = "csv"
@@ -45,6 +46,7 @@ def read(path: Path, config: Config) -> RawLog:
     with path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
         end, nul = (size, 0) if layout.wide else last_whole_line(file, size)
+    refuse_long_lines(path, end)
     table = _Table(layout=layout, columns=columns, signals=signals, end=end, size=size)
     frame = table.read()
     if not len(frame):
@@ -239,7 +241,7 @@ class _Slice(io.RawIOBase):
         return int(count)
 
 
-def sources(path: Path) -> tuple[str, list[str]]:
+def sources(path: Path) -> Contents:
     """The column of the clock, empty if none looks like one, and every other column that begins with numbers.
 
     Raises
@@ -248,7 +250,12 @@ def sources(path: Path) -> tuple[str, list[str]]:
         It is no table, or none of its columns is a time.
     """
     layout = read_layout(path, ())
-    columns = {name: [row[at] for row in layout.rows if at < len(row)] for at, name in enumerate(layout.names) if name}
+    twice = {name for name, count in Counter(layout.names).items() if count > 1}
+    columns = {
+        name: [row[at] for row in layout.rows if at < len(row)]
+        for at, name in enumerate(layout.names)
+        if name and name not in twice
+    }
     numbers = {name: found for name, cells in columns.items() if (found := _numbers(cells, layout)) is not None}
     rising = [name for name in columns if name not in numbers or _rises(numbers[name])]
     called = [name for name in rising if words(name) & CLOCK]
@@ -260,7 +267,11 @@ def sources(path: Path) -> tuple[str, list[str]]:
             where=path,
             mend="Export the log with a column of times, or leave it out.",
         )
-    return clock, [name for name in numbers if name != clock]
+    return Contents(
+        clock=clock,
+        sources=tuple(name for name in numbers if name != clock),
+        left_out=tuple(f"{path}: several columns are named {name!r}; none was looked at." for name in sorted(twice)),
+    )
 
 
 def _numbers(cells: Sequence[str], layout: Layout) -> FloatArray | None:

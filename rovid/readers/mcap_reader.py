@@ -13,8 +13,8 @@ from rovid.config import Config, Signal
 from rovid.errors import LogError
 from rovid.readers.mcap_container import LARGEST, Recording
 from rovid.readers.mcap_messages import decoder
-from rovid.readers.raw import RawLog, mapped
-from rovid.readers.topics import Handler, Topics, numeric_fields
+from rovid.readers.raw import Contents, RawLog, mapped
+from rovid.readers.topics import Handler, Listing, Topics
 from rovid.trial import Remark
 
 KIND = "mcap"
@@ -57,7 +57,7 @@ def _collect(
     def opened(channel: Channel, schema: Schema | None) -> Handler | None:
         mapping = channel.message_encoding == "json"
         topic = topics.open(channel.topic, mapping=mapping)
-        return topic.handler(decoder(channel, schema, str(path)), mapping=mapping) if topic else None
+        return topic.handler(lambda: decoder(channel, schema, str(path)), mapping=mapping) if topic else None
 
     recording = Recording(path=path, size=file.seek(0, io.SEEK_END), file=file, open_channel=opened)
     recording.read(by_index=by_index)
@@ -77,27 +77,21 @@ def _cut(recording: Recording, last: float) -> tuple[Remark, ...]:
     return (Remark(kind="truncated", count=unread, text=text),)
 
 
-def sources(path: Path) -> tuple[str, list[str]]:
-    """Nothing, for the clock is that of the recording, and every field that holds a number or an orientation.
+def sources(path: Path) -> Contents:
+    """Every field that holds a number or an orientation.
 
     Raises
     ------
     LogError
-        It is no MCAP file, or an encoding is not supported.
+        It is no MCAP file.
     """
-    found: dict[str, None] = {}
+    listing = Listing(path, KIND)
 
     def opened(channel: Channel, schema: Schema | None) -> Handler | None:
-        decode, topic, first = decoder(channel, schema, str(path)), channel.topic, [True]
-
-        def take(payload: bytes, _log: int, _publish: int) -> None:
-            if first:
-                first.clear()
-                found.update(dict.fromkeys(numeric_fields(decode(payload), topic)))
-
-        return take
+        mapping = channel.message_encoding == "json"
+        return listing.handler(channel.topic, lambda: decoder(channel, schema, str(path)), mapping=mapping)
 
     with path.open("rb", buffering=1 << 16) as file:
         size = file.seek(0, io.SEEK_END)
         Recording(path=path, size=size, file=file, open_channel=opened).read(by_index=True)
-    return "", list(found)
+    return listing.contents()
