@@ -51,6 +51,8 @@ def odd(path: Path) -> str:
     """What ``path`` is where it is neither file nor folder, as "a pipe"; empty where it is, or where nothing is."""
     try:
         mode = path.stat().st_mode
+    except ValueError:  # a NUL, which no name holds
+        return ""
     except OSError as error:
         return _LOOP if error.errno == errno.ELOOP else ""
     return next((what for test, what in _ODD.items() if test(mode)), "")
