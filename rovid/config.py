@@ -13,6 +13,7 @@ import numpy as np
 
 from rovid.axis import AXES, YAW, Axis
 from rovid.errors import ConfigError, nearest
+from rovid.files import settle
 from rovid.tables import CURVE_COLUMNS, read_table
 from rovid.vehicle import ThrustCurve, Thruster, Vehicle
 
@@ -156,6 +157,7 @@ def find_config(paths: Sequence[Path]) -> Path:
             raise ConfigError("there is no such file or folder.", where=path)
     start = paths[0].resolve()
     folder = start if start.is_dir() else start.parent
+    settle(folder)  # a `rovid init` that was killed
     for candidate in (folder, *folder.parents):
         if (candidate / FILE_NAME).is_file():
             return candidate / FILE_NAME
