@@ -24,7 +24,7 @@ def keeps_compiled() -> bool:
     private = _private_folder()
     if private is not None:
         os.environ["NUMBA_CACHE_DIR"] = str(private / "numba")
-        numba.config.reload_config()  # type: ignore[no-untyped-call]  # numba leaves its annotation out
+        numba.config.reload_config()  # type: ignore[no-untyped-call]  # numba ships no types
         if _numba_keeps():
             return True
     sys.stderr.write(

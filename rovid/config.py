@@ -12,6 +12,7 @@ import numpy as np
 
 from rovid.axis import AXES, YAW, Axis
 from rovid.errors import NAME_LENGTH, ConfigError, nearest
+from rovid.files import settle
 from rovid.places import is_there, odd, refuse_odd, require
 from rovid.tables import CURVE_COLUMNS, read_table
 from rovid.toml import number_wanted, read_toml
@@ -156,6 +157,7 @@ def find_config(paths: Sequence[Path]) -> Path:
         require(path)
     start = paths[0].resolve()
     folder = start if start.is_dir() else start.parent
+    settle(folder)  # a `rovid init` that was killed
     for candidate in (folder, *folder.parents):
         if (candidate / FILE_NAME).is_file() or odd(candidate / FILE_NAME):
             return candidate / FILE_NAME
