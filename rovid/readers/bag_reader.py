@@ -99,7 +99,7 @@ def sources(path: Path) -> Contents:
             if handler is not None:
                 for _, stamp, data in islice(_until_damage(messages, [one.number], damage), 1):
                     handler(data, stamp, stamp)
-    return listing.contents()
+    return listing.contents(dict.fromkeys(damage))
 
 
 def _until_damage(messages: _Messages, wanted: Collection[int], damage: list[str]) -> Iterator[tuple[int, int, bytes]]:

@@ -124,6 +124,8 @@ def epoch_of(column: pd.Series[Any], time: FloatArray, name: str, declared: str)
     if not known.size:
         return None
     first = column.iloc[int(known[0])]
+    if isinstance(first, pd.Timedelta):
+        return None
     if isinstance(first, str | pd.Timestamp):
         moment = pd.to_datetime(str(first).strip().replace(",", "."), utc=True).timestamp()
     else:

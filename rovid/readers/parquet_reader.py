@@ -60,7 +60,7 @@ def _columns(path: Path, wanted: Mapping[str, str]) -> tuple[pd.Series[Any], dic
     with _reading(path):
         footer = parquet.read_metadata(path)
     texts = _require(path, footer, wanted)
-    if not footer.num_rows:
+    if footer.num_rows < 1:
         raise LogError("has columns but no rows.", where=path, mend="Leave it out.")
     columns = {column: np.empty(footer.num_rows) for column in names}
     times: list[pd.Series[Any]] = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -283,11 +283,12 @@ class Listing:
 
         return first
 
-    def contents(self) -> Contents:
-        """Every number and orientation."""
+    def contents(self, damage: Iterable[str] = ()) -> Contents:
+        """Every number and orientation; ``damage`` is what is known to be lacking."""
         fields = (numeric_fields(topic.last, topic.name) for topic in self._topics)
         trouble = (str(topic.trouble) for topic in self._topics if topic.trouble)
-        return Contents(sources=tuple(dict.fromkeys(chain.from_iterable(fields))), left_out=tuple(trouble))
+        lost = (f"{self.path}: {text}" for text in damage)
+        return Contents(sources=tuple(dict.fromkeys(chain.from_iterable(fields))), left_out=(*trouble, *lost))
 
 
 def numeric_fields(message: Any, topic: str) -> Iterator[str]:
