@@ -8,7 +8,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -27,6 +27,8 @@ KIND = "csv"
 _MISSING = ("", "nan", "NaN", "NAN", "-nan")
 # A whole number this long does not fit a float64 without loss: nanoseconds since 1970.
 _LONG_INTEGER = 16
+# Columns that are left out for what they hold; each costs another look at the file.
+_MOST_LEFT_OUT = 8
 
 
 def read(path: Path, config: Config) -> RawLog:
@@ -48,7 +50,7 @@ def read(path: Path, config: Config) -> RawLog:
         end, nul = (size, 0) if layout.wide else last_whole_line(file, size)
     refuse_long_lines(path, end)
     table = _Table(layout=layout, columns=columns, signals=signals, end=end, size=size)
-    frame = table.read()
+    frame, left_out = _read(table)
     if not len(frame):
         raise LogError("has a header but no rows.", where=path, mend="Leave it out.")
     time = table.time(frame)
@@ -60,14 +62,34 @@ def read(path: Path, config: Config) -> RawLog:
             values=time if columns[name] == columns["time"] else frame[columns[name]].to_numpy(dtype=np.float64),
         )
         for name, signal in signals.items()
-        if name != "time"
+        if name != "time" and columns[name] in frame
     }
     return RawLog(
         channels=channels,
         place=lambda _, row: f"line {table.line(row)}",
-        remarks=_cut(size - nul - end, nul),
+        remarks=(*_cut(size - nul - end, nul), *left_out),
         epoch=table.epoch(frame, time),
     )
+
+
+def _read(table: _Table) -> tuple[pd.DataFrame, list[Remark]]:
+    """The wanted columns, and what is said of those that hold text and that a log may lack."""
+    left_out: list[Remark] = []
+    while True:
+        try:
+            return table.read(), left_out
+        except _NoNumberError as error:
+            if not table.signals[error.signal].optional or len(left_out) == _MOST_LEFT_OUT:
+                raise
+            left_out.append(Remark(kind="skipped", count=1, text=str(error)))
+            columns = {name: at for name, at in table.columns.items() if at != table.columns[error.signal]}
+            table = replace(table, columns=columns)
+
+
+class _NoNumberError(LogError):
+    """A cell that holds no number; ``signal`` is what it would be of."""
+
+    signal = ""
 
 
 def _cut(line: int, nul: int) -> tuple[Remark, ...]:
@@ -197,11 +219,13 @@ class _Table:
             for at, name in numeric.items():
                 cell = cells[at].strip() if at < len(cells) else ""
                 if cell not in _MISSING and not _is_number(cell, self.decimal):
-                    return LogError(
+                    error = _NoNumberError(
                         f"{self.signals[name].sources[KIND]} is {_short(cell)}, a number was expected.",
                         where=f"{self.layout.path}:{number}",
                         mend="Delete the row or leave the cell empty.",
                     )
+                    error.signal = name
+                    return error
         return LogError(f"cannot be read as a table ({reason.strip()}).", where=self.layout.path)
 
 

@@ -114,10 +114,12 @@ class _Source(io.BufferedReader):
     def read(self, size: int | None = -1, /) -> bytes:
         """As of any file."""
         count = size or 0
+        data = io.BufferedReader.read(self, size)  # called twice a message: super() takes its time
         self._left -= count
-        data = super().read(size) if self._left > 0 else b""
-        # A message begins with three bytes; where there is none the file may end.
-        self.cut |= len(data) < count and (bool(data) or count != _HEAD or self._before == _HEAD)
+        if len(data) < count or self._left < 0:
+            # A message begins with three bytes; where there is none the file may end.
+            self.cut |= bool(data) or count != _HEAD or self._before == _HEAD
+            return data if self._left >= 0 else b""
         self._before = count
         return data
 

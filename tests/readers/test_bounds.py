@@ -275,6 +275,12 @@ def test_a_file_of_one_line_is_not_taken_apart(what: str, size: int, tmp_path: P
     assert memory < _ALWAYS
 
 
+def test_a_stamp_weeks_away_makes_no_grid_of_weeks(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(csv_text(standard()) + "2900000.0,1.0,1.0\n")
+    memory, _ = read(tmp_path / "a.csv", "init")
+    assert memory < _ALWAYS
+
+
 def test_zeros_behind_a_log_are_not_taken_for_a_line(tmp_path: Path) -> None:
     campaign(tmp_path)
     with (tmp_path / "a.csv").open("wb") as file:
