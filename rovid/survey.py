@@ -18,6 +18,7 @@ from rovid.places import require, search
 from rovid.quoting import toml_text
 from rovid.readers.csv_header import read_layout
 from rovid.readers.formats import READERS
+from rovid.readers.raw import Channel, sensible
 from rovid.tables import CURVE_COLUMNS, curve_text
 from rovid.vehicle import ThrustCurve, Vehicle
 
@@ -165,11 +166,15 @@ def _seen(path: Path) -> tuple[str, dict[str, Seen], list[str]]:
     )
     raw = form.read(path, config)
     skipped = (remark.text for remark in raw.remarks if remark.kind == "skipped")
-    seen = {
-        one.source: Seen(source=one.source, time=one.time, values=one.values, radians=one.radians)
-        for one in raw.channels.values()
-    }
+    seen = {one.source: _sane(one) for one in raw.channels.values() if sensible(one.time).any()}
     return found.clock, seen, _few(path, dict.fromkeys((*found.left_out, *skipped)))
+
+
+def _sane(one: Channel) -> Seen:
+    """What was measured of a channel, at the times that are known."""
+    known = sensible(one.time)
+    values = np.where(sensible(one.values), one.values, np.nan)
+    return Seen(source=one.source, time=one.time[known], values=values[known], radians=one.radians)
 
 
 def _few(path: Path, texts: Iterable[str]) -> list[str]:

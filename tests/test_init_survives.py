@@ -227,3 +227,14 @@ def test_what_sqlite_quotes_of_a_damaged_schema_is_told(tmp_path: Path, rovid: R
     (tmp_path / "a.db3").write_bytes(data.replace(b"CREATE TABLE topics", b"CREATE \xff\xff\xff\xff\xff topics"))
     assert_one_message(rovid("fit-drag", tmp_path), "a.db3", "cut or damaged")
     assert_one_message(rovid("init", tmp_path, "--force"), "a.db3", "cut or damaged")
+
+
+@pytest.mark.parametrize("absurd", ["1e308", "-1e308"])
+def test_a_number_that_nothing_measures_guides_no_guess(absurd: str, tmp_path: Path, rovid: Rovid) -> None:
+    lines = csv_text(standard()).splitlines()
+    for at, sign in ((5, ""), (9, "-")):
+        lines[at] = ",".join([*lines[at].split(",")[:-1], f"{sign}{absurd}".replace("--", "")])
+    (tmp_path / "dive.csv").write_text("\n".join(lines) + "\n")
+    (curve,) = rovid("init", tmp_path, "--json").document["written"][1:]
+    assert absurd.strip("-") not in (tmp_path / curve).read_text()
+    assert rovid("check", tmp_path).code in {0, 2}

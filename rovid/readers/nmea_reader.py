@@ -282,5 +282,5 @@ def _zda(cells: list[bytes]) -> float:
     try:
         day, month, year = (int(cell) for cell in cells[2:5])
         return datetime(year, month, day, tzinfo=UTC).timestamp() + _time_of_day(cells)
-    except ValueError:
+    except (ValueError, OverflowError):  # a year of many digits
         return np.nan
