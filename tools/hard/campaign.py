@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tools.hard import layout as at
-from tools.hard.causes import EFFECTS, MAKERS, NEEDS_RUNS, NOT_WITH_PODS, Cause, Scene
+from tools.hard.causes import EFFECTS, MAKERS, ALONE, COUPLES, NEEDS_RUNS, NOT_WITH_COUPLES, NOT_WITH_PODS, Cause, Scene
 from tools.hard.drives import Drive, demand_of, draw_drive
 from tools.hard.layout import Floats, Ints, no_cause
 from tools.hard.motion import run as simulate
@@ -92,6 +92,7 @@ class _Plan:
     noise: Floats
     rate_noise: Floats
     jitter: Floats
+    alone: int  # the one thruster that turns the vehicle in this run, or -1
 
 
 def draw(seed: int, vehicle: str | None = None, effect: str | None = None, share_without: float = 1 / 3) -> Campaign:
@@ -102,9 +103,11 @@ def draw(seed: int, vehicle: str | None = None, effect: str | None = None, share
     nothing = rng.random() < share_without
     pods = any(one.pod_angle for one in chosen.thrusters)
     runs = int(rng.choice([1, 1, 2, 2, 3, 4, 5, 6, 8]))
-    able = [name for name in EFFECTS if not (pods and name in NOT_WITH_PODS) and not (runs == 1 and name in NEEDS_RUNS)]
+    barred = (NOT_WITH_PODS if pods else frozenset()) | (NEEDS_RUNS if runs == 1 else frozenset())
+    barred |= NOT_WITH_COUPLES if key in COUPLES else frozenset()
+    able = [name for name in EFFECTS if name not in barred]
     hidden = effect or ("none" if nothing else str(rng.choice(able)))
-    if hidden in NEEDS_RUNS:
+    if hidden in NEEDS_RUNS | ALONE:
         runs = max(runs, 3)
     sea = draw_sea(chosen, rng)
     tau = chosen.time_constant
@@ -125,7 +128,7 @@ def draw(seed: int, vehicle: str | None = None, effect: str | None = None, share
             speed=max(float(usual[at.R_SURGE]), 0.05 * chosen.length / tau),
             sway=max(float(usual[at.R_SWAY]), 0.01 * chosen.length / tau),
         )  # fmt: skip
-        cause = MAKERS[hidden](scene, float(rng.random()))
+        cause = MAKERS[hidden](scene, float(rng.beta(1.7, 1.0)))
     done = []
     for index, plan in enumerate(plans):
         record, commands, law, series = _simulated(chosen, sea, plan, cause, index)
@@ -140,12 +143,17 @@ def draw(seed: int, vehicle: str | None = None, effect: str | None = None, share
 def _plans(vehicle: Vehicle, hidden: str, lengths: Floats, tick: float, instruments: Instruments,
            rng: np.random.Generator) -> tuple[list[_Plan], bool]:  # fmt: skip
     tau = vehicle.time_constant
-    main = str(rng.choice(["open", "autopilot", "zigzag", "stick"], p=[0.45, 0.2, 0.15, 0.2]))
+    main = str(rng.choice(["open", "autopilot", "zigzag", "stick"], p=[0.5, 0.17, 0.13, 0.2]))
+    if hidden in ALONE:
+        main = "open"
     one_way = main == "open" and bool(rng.random() < 0.2)
     every = max(1, int(np.ceil(tick / (tau / 60.0))))
     least, most = vehicle.cruise
-    if hidden in FAST and most:
-        least, most = 0.7 * most, 1.6 * most
+    wide = hidden in FAST or bool(rng.random() < 0.2)
+    if wide:
+        least, most = 0.8 * most, 1.8 * most
+    turning = [index for index, one in enumerate(vehicle.thrusters) if one.yaw]
+    often = 0.6 if hidden in ALONE else 0.1
     start = 0.0
     plans = []
     for seconds in lengths.tolist():
@@ -153,11 +161,12 @@ def _plans(vehicle: Vehicle, hidden: str, lengths: Floats, tick: float, instrume
         mode = main if rng.random() < 0.75 else str(rng.choice(list(("open", "autopilot", "zigzag", "stick"))))
         heading = float(rng.uniform(-np.pi, np.pi))
         cruise = float(rng.uniform(least, most))
-        drive = draw_drive(vehicle, "open" if one_way else mode, ticks, tick, heading, cruise, one_way, rng)
+        drive = draw_drive(vehicle, "open" if one_way else mode, ticks, tick, heading, cruise, one_way, wide, rng)
+        alone = int(rng.choice(turning)) if drive.mode == at.OPEN_LOOP and rng.random() < often else -1
         noise, rate_noise, jitter = instruments.noise(ticks, tick, tau, rng)
         plans.append(
             _Plan(drive, start, heading, ticks * every, every, tick / every, int(rng.integers(2**31)), noise, rate_noise,
-                  jitter)
+                  jitter, alone)
         )  # fmt: skip
         start += seconds + float(rng.uniform(20.0, 200.0)) * tau
     return plans, one_way
@@ -184,9 +193,10 @@ def _simulated(
     commands = np.zeros((ticks, count))
     start = np.array([0.0, 0.0, 0.0, plan.heading, 0.0, 0.0])
     drive = plan.drive
+    yaw = np.array([one.yaw if plan.alone in {-1, index} else 0.0 for index, one in enumerate(vehicle.thrusters)])
     simulate(
         start, plan.step, plan.every, vehicle.hull(), thrusters, sea.weather(vehicle), series, law, no_cause(), rotors,
-        delays, np.array([one.yaw for one in vehicle.thrusters]), np.array([one.surge for one in vehicle.thrusters]),
+        delays, yaw, np.array([one.surge for one in vehicle.thrusters]),
         vehicle.fineness, drive.mode, drive.pilot, drive.wanted, drive.surge, drive.decide, plan.noise, plan.rate_noise,
         record, commands,
     )  # fmt: skip

@@ -96,13 +96,13 @@ Maker = Callable[[Scene, float], Cause]
 
 def _deadband(s: Scene, k: float) -> Cause:
     soft = float(s.rng.choice([0.05, 0.25]))
-    size = s.between(0.08, 0.45, k) * s.command
+    size = s.between(0.1, 0.8, k) * s.command
     form = "hard edge" if soft < 0.1 else "soft edge"
     return Cause("thruster_deadband", form, k, {at.DEADBAND: size, at.DEADBAND_SOFT: soft})
 
 
 def _asymmetry(s: Scene, k: float) -> Cause:
-    gain = 1.0 - s.between(0.06, 0.45, k)
+    gain = 1.0 - s.between(0.1, 0.6, k)
     pure = bool(s.rng.random() < 0.5)
     thrust = 1e-6 if pure else 0.3 * s.vehicle.torque_in_use
     return Cause("thrust_asymmetry", "gain" if pure else "grows with thrust", k,
@@ -112,11 +112,11 @@ def _asymmetry(s: Scene, k: float) -> Cause:
 def _imbalance(s: Scene, k: float) -> Cause:
     turning = [index for index, one in enumerate(s.vehicle.thrusters) if one.yaw]
     return Cause("thruster_imbalance", "one gain", k,
-                 {at.UNEQUAL: float(s.rng.choice(turning)), at.UNEQUAL_GAIN: 1.0 - s.between(0.06, 0.5, k)})  # fmt: skip
+                 {at.UNEQUAL: float(s.rng.choice(turning)), at.UNEQUAL_GAIN: 1.0 - s.between(0.1, 0.7, k)})  # fmt: skip
 
 
 def _shape(s: Scene, k: float) -> Cause:
-    bend = s.between(0.06, 0.5, k)
+    bend = s.between(0.1, 0.8, k)
     return Cause(
         "thrust_curve_shape", "power of the thrust", k, {at.SHAPE: 1.0 + bend if s.either() > 0 else 1 / (1 + bend)}
     )
@@ -137,7 +137,7 @@ def _scale(s: Scene, k: float) -> Cause:
 
 def _lag(s: Scene, k: float) -> Cause:
     damping = float(s.rng.choice([0.0, 0.8, 1.2]))
-    tau = s.between(0.1, 0.8, k) * s.vehicle.time_constant
+    tau = s.between(0.12, 1.2, k) * s.vehicle.time_constant
     form = "first-order rotor" if damping == 0.0 else "second-order rotor"
     return Cause("thruster_lag", form, k, rotor=tau, rotor_damping=damping)
 
@@ -145,7 +145,7 @@ def _lag(s: Scene, k: float) -> Cause:
 def _delay(s: Scene, k: float) -> Cause:
     jitter = float(s.rng.choice([0.0, 0.3]))
     return Cause("command_delay", "jittery" if jitter else "constant", k,
-                 delay=s.between(0.1, 0.6, k) * s.vehicle.time_constant, jitter=jitter)  # fmt: skip
+                 delay=s.between(0.12, 0.9, k) * s.vehicle.time_constant, jitter=jitter)  # fmt: skip
 
 
 def _slew(s: Scene, k: float) -> Cause:
@@ -156,7 +156,7 @@ def _slew(s: Scene, k: float) -> Cause:
 
 
 def _hysteresis(s: Scene, k: float) -> Cause:
-    size = s.between(0.1, 0.6, k) * s.command
+    size = s.between(0.15, 0.9, k) * s.command
     if s.rng.random() < 0.5:
         return Cause("command_hysteresis", "play", k, {at.PLAY: size})
     zone = max(one.zone[0] for one in s.vehicle.thrusters)
@@ -168,9 +168,9 @@ def _advance(s: Scene, k: float) -> Cause:
     # The ratio of the advance speed to the root of the thrust of a thruster in use: what the loss goes by.
     thrusters = [one for one in s.vehicle.thrusters if one.yaw]
     each = s.vehicle.torque_in_use / sum(abs(one.arm) for one in thrusters)
-    moved = max(s.speed * abs(float(np.cos(one.angle))) + abs(one.arm) * s.vehicle.rate_in_use for one in thrusters)
+    moved = s.speed + max(abs(one.arm) for one in thrusters) * s.vehicle.rate_in_use
     ratio = moved / np.sqrt(each)
-    loss = s.between(0.08, 0.5, k)
+    loss = s.between(0.1, 0.7, k)
     return Cause("advance_speed_loss", "open water", k,
                  {at.ADVANCE: 0.7 * loss / ratio, at.ADVANCE_2: 0.3 * loss / ratio**2})  # fmt: skip
 
@@ -183,19 +183,19 @@ def _bias(s: Scene, k: float) -> Cause:
 def _curvature(s: Scene, k: float) -> Cause:
     vehicle = s.vehicle
     if s.rng.random() < 0.5:
-        cubic = s.between(0.1, 1.2, k) * vehicle.torque_in_use / vehicle.rate_in_use**3
+        cubic = s.between(0.15, 2.0, k) * vehicle.torque_in_use / vehicle.rate_in_use**3
         return Cause("drag_curvature", "cubic", k, {at.CUBIC: cubic})
     return Cause("drag_curvature", "power", k,
-                 {at.POWER: s.either() * s.between(0.15, 0.8, k), at.POWER_RATE: vehicle.rate_in_use})  # fmt: skip
+                 {at.POWER: s.either() * s.between(0.2, 1.0, k), at.POWER_RATE: vehicle.rate_in_use})  # fmt: skip
 
 
 def _drag_asymmetry(s: Scene, k: float) -> Cause:
     return Cause("drag_asymmetry", "quadratic part alone", k,
-                 {at.ASYMMETRY: s.between(0.12, 1.5, k), at.ASYMMETRY_RATE: 0.05 * s.vehicle.rate_in_use})  # fmt: skip
+                 {at.ASYMMETRY: s.between(0.2, 3.0, k), at.ASYMMETRY_RATE: 0.05 * s.vehicle.rate_in_use})  # fmt: skip
 
 
 def _coulomb(s: Scene, k: float) -> Cause:
-    size = s.between(0.05, 0.45, k) * s.vehicle.torque_in_use
+    size = s.between(0.08, 0.6, k) * s.vehicle.torque_in_use
     rate = s.vehicle.rate_in_use
     stribeck = bool(s.rng.random() < 0.5)
     return Cause("coulomb_resistance", "Stribeck" if stribeck else "plain", k, {
@@ -206,7 +206,7 @@ def _coulomb(s: Scene, k: float) -> Cause:
 
 def _oscillatory(s: Scene, k: float) -> Cause:
     return Cause("oscillatory_drag", "wake swept through", k, {
-        at.OSCILLATORY: s.between(0.4, 4.0, k), at.OSCILLATORY_ANGLE: float(s.rng.uniform(0.3, 1.2)),
+        at.OSCILLATORY: s.between(0.8, 8.0, k), at.OSCILLATORY_ANGLE: float(s.rng.uniform(0.3, 1.2)),
         at.COULOMB_RATE: 0.03 * s.vehicle.rate_in_use,
     })  # fmt: skip
 
@@ -215,7 +215,7 @@ def _memory(s: Scene, k: float) -> Cause:
     vehicle = s.vehicle
     quadratic = 0.5 * vehicle.rate_in_use if s.rng.random() < 0.4 else 0.0
     return Cause("added_mass_memory", "trapped water, quadratic" if quadratic else "trapped water", k, {
-        at.MEMORY: s.between(0.15, 1.2, k) * vehicle.total_inertia, at.MEMORY_QUADRATIC: quadratic,
+        at.MEMORY: s.between(0.3, 3.0, k) * vehicle.total_inertia, at.MEMORY_QUADRATIC: quadratic,
         at.MEMORY_TIME: float(s.rng.uniform(0.5, 2.5)) * vehicle.time_constant,
     })  # fmt: skip
 
@@ -223,7 +223,7 @@ def _memory(s: Scene, k: float) -> Cause:
 def _swirl(s: Scene, k: float) -> Cause:
     vehicle = s.vehicle
     inertia = vehicle.total_inertia * float(s.rng.uniform(5.0, 20.0))
-    coupling = s.between(0.08, 0.45, k)  # the water's rate over the vehicle's, in the long run
+    coupling = s.between(0.1, 0.6, k)  # the water's rate over the vehicle's, in the long run
     brake = vehicle.torque_in_use / (coupling * vehicle.rate_in_use) ** 2 * (1.0 - coupling)
     return Cause("entrained_swirl", "lumped, braked by its square", k, {at.SWIRL: inertia, at.SWIRL_BRAKE: brake})
 
@@ -260,7 +260,7 @@ def _seiche(s: Scene, k: float) -> Cause:
 
 
 def _deviation(s: Scene, k: float) -> Cause:
-    size = np.radians(s.between(1.0, 15.0, k))
+    size = np.radians(s.between(2.0, 20.0, k))
     share = float(s.rng.choice([0.0, 0.3, 0.6]))
     return Cause("heading_deviation", "sin and sin 2", k, {
         at.DEVIATION_1: size * (1 - share), at.DEVIATION_1_PHASE: s.phase(), at.DEVIATION_2: size * share,
@@ -269,7 +269,7 @@ def _deviation(s: Scene, k: float) -> Cause:
 
 
 def _speed(s: Scene, k: float) -> Cause:
-    share = s.between(0.1, 1.2, k) * s.vehicle.torque_in_use / s.vehicle.rate_in_use  # N m s/rad at the usual speed
+    share = s.between(0.2, 2.5, k) * s.vehicle.torque_in_use / s.vehicle.rate_in_use  # N m s/rad at the usual speed
     square = float(s.rng.choice([0.0, 0.5]))
     return Cause("speed_dependent_damping", "linear and square" if square else "linear", k, {
         at.SPEED_LINEAR: share * (1.0 - square) / s.speed, at.SPEED_QUADRATIC: share * square / s.speed**2,
@@ -296,4 +296,9 @@ MAKERS: dict[str, Maker] = {
 EFFECTS = tuple(MAKERS)
 # What cannot be in a campaign: a difference between runs where there is one, pods that have no rotor's advance or zone.
 NEEDS_RUNS = frozenset({"trial_scale"})
+# What shows where a thruster runs alone for a run or two.
+ALONE = frozenset({"thruster_imbalance"})
 NOT_WITH_PODS = frozenset({"advance_speed_loss", "supply_sag"})
+# Thrusters in pairs against each other: a weak reverse thrust is a scale of the torque both ways, which nobody can see.
+COUPLES = frozenset({"inspection", "boat"})
+NOT_WITH_COUPLES = frozenset({"thrust_asymmetry"})

@@ -78,7 +78,7 @@ def _programme(vehicle: Vehicle, kind: str, ticks: int, tick: float, surge: floa
     while begin < ticks:
         end = begin + max(1, int(float(rng.uniform(least, most)) * tau / tick))
         if kind == "prbs":
-            value = size * float(rng.choice([0.35, 1.0] if one_way else [-1.0, 1.0]))
+            value = size * float(rng.choice([0.35, 0.7, 1.0])) * (1.0 if one_way else float(rng.choice([-1.0, 1.0])))
         else:
             value = 0.0 if rng.random() < 0.15 else level()
         wanted[begin:end] = value
@@ -99,7 +99,7 @@ def _headings(ticks: int, tick: float, tau: float, start: float, rng: np.random.
 
 
 def draw_drive(vehicle: Vehicle, mode: str, ticks: int, tick: float, start: float, cruise: float, one_way: bool,
-               rng: np.random.Generator) -> Drive:  # fmt: skip
+               wide: bool, rng: np.random.Generator) -> Drive:  # fmt: skip
     """How one run is driven."""
     tau = vehicle.time_constant
     in_use = demand_of(vehicle, vehicle.torque_in_use, cruise)
@@ -107,11 +107,12 @@ def draw_drive(vehicle: Vehicle, mode: str, ticks: int, tick: float, start: floa
     pilot = np.zeros(at.N_PILOT)
     decide = np.zeros(ticks, dtype=np.int64)
     surge = np.full(ticks, cruise)
-    changes = rng.random() < 0.6
+    changes = wide or rng.random() < 0.6
+    least, most = (0.1, 1.6) if wide else (0.4, 1.4)
     begin = 0
     while begin < ticks and cruise:
         end = begin + max(1, int(float(rng.uniform(10.0, 30.0)) * tau / tick))
-        surge[begin:end] = cruise * (float(rng.uniform(0.4, 1.4)) if changes else 1.0)
+        surge[begin:end] = cruise * (float(rng.uniform(least, most)) if changes else 1.0)
         begin = end
     kind = mode
     if mode == "open":

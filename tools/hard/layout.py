@@ -32,7 +32,7 @@ def compiled(function: _F) -> _F:
 
 # The hull: masses with the water's share, drag, and what couples yaw to surge and sway.
 (
-    M11, M22, M23, M33, X_U, X_UU, Y_V, Y_VV, DL, DQ, CROSS_FLOW, N_V, N_UR, LENGTH, N_HULL,
+    M11, M22, M23, M33, X_U, X_UU, Y_V, Y_VV, DL, DQ, CROSS_FLOW, N_UV, N_UR, LENGTH, N_HULL,
 ) = range(15)  # fmt: skip
 
 # One thruster: direction, place, bench curve, nominal loss to advance speed.
@@ -52,7 +52,7 @@ OPEN_LOOP, AUTOPILOT, ZIGZAG, STICK = range(4)
 (GAIN_P, GAIN_I, GAIN_D, DEMAND_LIMIT, ZIGZAG_ANGLE, STICK_DELAY, STICK_LEVELS, N_PILOT) = range(8)
 
 # What a run records at every step.
-(R_PSI, R_RATE, R_SURGE, R_SWAY, R_TORQUE, R_TORQUE_PLAIN, R_BENCH, R_WATER_0, R_WATER_1, N_RECORD) = range(10)
+(R_PSI, R_RATE, R_SURGE, R_SWAY, R_TORQUE, R_TORQUE_PLAIN, R_BENCH, R_WATER_0, R_WATER_1, R_WAVES, N_RECORD) = range(11)
 
 
 def no_cause() -> Floats:

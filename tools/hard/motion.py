@@ -32,9 +32,8 @@ from tools.hard.layout import (
     M22,
     M23,
     M33,
-    N_RECORD,
     N_UR,
-    N_V,
+    N_UV,
     OPEN_LOOP,
     POD,
     R_BENCH,
@@ -46,6 +45,7 @@ from tools.hard.layout import (
     R_TORQUE_PLAIN,
     R_WATER_0,
     R_WATER_1,
+    R_WAVES,
     SAG,
     SAG_TIME,
     SCALE,
@@ -120,7 +120,7 @@ def push(
 def rates(
     state: Floats, pushed: Floats, series: Floats, hull: Floats, weather: Floats, cause: Floats, out: Floats
 ) -> None:
-    """Time derivative of (u, v, r, psi, two states of the water); velocities are those through the water."""
+    """Time derivative of (u, v, r, psi, two states of the water), and the waves' moment; speeds are through the water."""
     u, v, r, psi = state[0], state[1], state[2], state[3]
     angle = weather[WAVE_DIRECTION] - psi
     ahead, beam, quartering = math.cos(angle), math.sin(angle), math.sin(2.0 * angle)
@@ -138,10 +138,11 @@ def rates(
     y += weather[WAVE_SWAY] * wave * beam + weather[WAVE_DRIFT] * envelope * beam
     y += weather[WIND_SWAY] * gust * math.sin(wind)
     # The drag of turning alone stands in `moment`, where causes act on it; the strips add what sway does to it.
-    n = pushed[2] + strip_n - turning_alone - hull[N_V] * v - hull[N_UR] * abs(u) * r
+    n = pushed[2] + strip_n - turning_alone - hull[N_UV] * u * v - hull[N_UR] * abs(u) * r
     n += moment(r, psi, u, v, state[4:6], cause, hull[DQ], hull[DL], out[4:6])
-    n += weather[WAVE_YAW] * (wave * quartering + 0.5 * quadrature * ahead)
-    n += weather[WAVE_DRIFT_YAW] * envelope * quartering
+    waves = weather[WAVE_YAW] * (wave * quartering + 0.5 * quadrature * ahead)
+    waves += weather[WAVE_DRIFT_YAW] * envelope * quartering
+    n += waves
     n += weather[WIND_YAW] * gust * math.sin(2.0 * wind) + weather[EDDY_YAW] * series[EDDY]
     n += cause[SWELL] * series[SWELL_MOMENT]
 
@@ -154,6 +155,7 @@ def rates(
     out[1] = (hull[M33] * y - hull[M23] * n) / determinant
     out[2] = (hull[M22] * n - hull[M23] * y) / determinant
     out[3] = r
+    out[6] = waves
 
 
 @compiled
@@ -225,7 +227,7 @@ def run(
     sags = np.zeros(2)
     pushed = np.zeros((3, 3))
     other = np.zeros(3)
-    slopes = np.zeros((4, 6))
+    slopes = np.zeros((4, 7))
     trial = np.zeros(6)
     last = np.zeros(count)
     most = 0.0
@@ -283,6 +285,7 @@ def run(
                 record[k, R_BENCH] = bench_torque
                 record[k, R_WATER_0] = state[4]
                 record[k, R_WATER_1] = state[5]
+                record[k, R_WAVES] = slopes[0, 6]
         for j in range(6):
             state[j] += step / 6.0 * (slopes[0, j] + 2.0 * slopes[1, j] + 2.0 * slopes[2, j] + slopes[3, j])
         if cause[SAG] > 0.0:
@@ -293,6 +296,3 @@ def run(
         for bank in range(2):
             for index in range(count):
                 spins[bank, 0, index] = spins[bank, 2, index]
-
-
-assert R_WATER_1 + 1 == N_RECORD, "every column of a record is written"  # noqa: S101

@@ -17,6 +17,8 @@ import numpy as np
 
 from tools.hard import layout as at
 from tools.hard.campaign import Campaign, Run
+from numpy.typing import NDArray
+
 from tools.hard.layout import Floats, Ints, compiled, no_cause
 from tools.hard.motion import deviation
 from tools.hard.water import moment
@@ -24,6 +26,7 @@ from tools.hard.water import moment
 HORIZONS = (0.5, 1.0, 2.0, 4.0, 8.0)  # time constants
 STEPS = 12  # of the oracle's grid, in a time constant
 RESTARTS = 300  # in a campaign, at most
+ALWAYS = ("thruster_lag", "sideslip_moment", "speed_dependent_damping", "wave_torque")
 SHOWS = 0.05  # from here on what is always there counts as a cause too
 
 
@@ -153,8 +156,9 @@ class Judge:
             psi = psi + offset
         if always == "sideslip_moment":
             hull = self.campaign.vehicle.hull()
-            cause[at.SIDESLIP] += hull[at.N_V]
-            cause[at.MUNK] += hull[at.M22] - hull[at.M11]
+            cause[at.MUNK] += hull[at.M22] - hull[at.M11] + hull[at.N_UV]
+        if always == "wave_torque":
+            torque += means[:, at.R_WAVES]
         if always == "speed_dependent_damping":
             cause[at.SPEED_LINEAR] += self.campaign.vehicle.hull()[at.N_UR]
         width = max(1, STEPS // 8)  # the rate at a restart is a slope of the heading, as nobody would have it better
@@ -176,11 +180,12 @@ class Judge:
             parts.append(errors)
         return np.nan_to_num(np.concatenate(parts), nan=1e3).clip(-1e3, 1e3)
 
-    def fit(self, stretches: list[Stretch], rows: Floats) -> Floats:
+    def fit(self, stretches: list[Stretch], rows: NDArray[np.bool_], begin: Floats | None = None) -> Floats:
         """Inertia and drags that make the sum over horizons of the logarithm of the mean square error least."""
         lowest = np.log(self.truth) - 7.0
         highest = np.log(self.truth) + 4.0
-        theta = np.log(self.truth)
+        # A drag that has gone to nothing has no slope left in its logarithm: begin where it has.
+        theta = np.log(self.truth if begin is None else np.maximum(begin, 0.1 * self.truth))
         errors = self.errors(stretches, np.exp(theta))[rows]
         cost = _cost(errors)
         damping = 1e-3
@@ -212,11 +217,11 @@ class Judge:
                 break
         return np.exp(theta)
 
-    def held_out(self, stretches: list[Stretch]) -> Floats:
+    def held_out(self, stretches: list[Stretch], begin: Floats) -> Floats:
         """RMS heading error by horizon, each fold with the parameters of the other, rad."""
         squares = np.zeros(len(HORIZONS))
         for fold in (0, 1):
-            theta = self.fit(stretches, self.folds != fold)
+            theta = self.fit(stretches, self.folds != fold, begin)
             squares += np.sum(self.errors(stretches, theta)[self.folds == fold] ** 2, axis=0)
         return np.sqrt(squares / self.folds.size)
 
@@ -241,7 +246,7 @@ def look(campaign: Campaign) -> dict[str, Any]:
     everything = np.full(judge.folds.size, True)
     plain = judge.stretches(with_cause=False)
     theta = judge.fit(plain, everything)
-    without = judge.held_out(plain)
+    without = judge.held_out(plain, theta)
     facts: dict[str, Any] = {
         "plain_r2": judge.rate_r2(plain, theta),
         "plain_fit": dict(zip(("inertia", "quadratic_drag", "linear_drag"), theta.tolist(), strict=True)),
@@ -251,20 +256,18 @@ def look(campaign: Campaign) -> dict[str, Any]:
     told = plain
     if campaign.cause:
         told = judge.stretches(with_cause=True)
-        ratios = judge.held_out(told) / without
+        theta = judge.fit(told, everything)
+        ratios = judge.held_out(told, theta) / without
         facts["ratios"] = ratios.tolist()
         facts["visible"] = 1.0 - float(np.exp(np.mean(np.log(ratios))))
-        theta = judge.fit(told, everything)
         facts["told_r2"] = judge.rate_r2(told, theta)
     facts["told_fit"] = dict(zip(("inertia", "quadratic_drag", "linear_drag"), theta.tolist(), strict=True))
     base = judge.errors(told, theta)
     facts["always_there"] = {}
-    for effect in ("thruster_lag", "sideslip_moment", "speed_dependent_damping"):
+    for effect in ALWAYS:
         more = judge.stretches(campaign.cause is not None, always=effect)
-        better = judge.errors(more, judge.fit(more, everything))
+        better = judge.errors(more, judge.fit(more, everything, theta))
         share = 1.0 - float(np.exp(0.5 * (_cost(better) - _cost(base)) / len(HORIZONS)))
         facts["always_there"][effect] = share
     facts["also_true"] = [effect for effect, share in facts["always_there"].items() if share >= SHOWS]
-    if campaign.sea.waves >= SHOWS:
-        facts["also_true"].append("wave_torque")
     return facts

@@ -104,20 +104,19 @@ def coloured(memory: float, step: float, count: int, rng: np.random.Generator) -
 def draw_sea(vehicle: Vehicle, rng: np.random.Generator) -> Sea:
     """Weather for a campaign: from nearly calm to waves of half of the torque."""
     tau = vehicle.time_constant
-    rough = float(rng.uniform(0.1, 0.45)) if vehicle.surface else float(rng.uniform(0.02, 0.2))
-    if rng.random() < 0.2:
-        rough = float(rng.uniform(0.02, 0.08))
+    calm = float(np.exp(rng.uniform(np.log(0.2), 0.0)))
+    rough = calm * (float(rng.uniform(0.1, 0.5)) if vehicle.surface else float(rng.uniform(0.02, 0.25)))
     return Sea(
         spectrum=str(rng.choice(["JONSWAP", "Pierson-Moskowitz"])),
-        peak=float(rng.uniform(1.5, 5.0)) / tau,
+        peak=float(rng.uniform(0.8, 4.5)) / tau,
         direction=float(rng.uniform(-np.pi, np.pi)),
         waves=rough,
         drift=0.06 * rough,
-        gusts=float(rng.uniform(0.0, 0.12)) if vehicle.wind else 0.0,
+        gusts=calm * float(rng.uniform(0.0, 0.2)) if vehicle.wind else 0.0,
         gust_memory=float(rng.uniform(1.5, 6.0)) * tau,
         wind_direction=float(rng.uniform(-np.pi, np.pi)),
-        eddies=float(rng.uniform(0.02, 0.1)),
-        eddy_memory=float(rng.uniform(0.5, 3.0)) * tau,
+        eddies=calm * float(np.exp(rng.uniform(np.log(0.03), np.log(0.3)))),
+        eddy_memory=float(rng.uniform(0.5, 5.0)) * tau,
         current=float(rng.uniform(0.0, 0.2)) * vehicle.length**0.5 * 0.3,
         current_direction=float(rng.uniform(-np.pi, np.pi)),
     )

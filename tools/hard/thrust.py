@@ -90,7 +90,9 @@ def delivered(spin: float, thruster: Floats, cause: Floats, u: float, v: float, 
     advance = thruster[COS] * (u - thruster[PLACE_Y] * r) + thruster[SIN] * (v + thruster[PLACE_X] * r)
     ratio = advance / spin  # positive where the rotor moves the way it pushes
     ratio = min(max(ratio, -0.6), 1.5)
-    left = 1.0 - (thruster[LOSS] + cause[ADVANCE]) * ratio - cause[ADVANCE_2] * ratio * abs(ratio)
+    # A jet that leaves a tunnel across the way on is bent along the hull, whichever way it goes.
+    lost = min(ratio + abs(thruster[SIN]) * abs(u / spin), 1.5)
+    left = 1.0 - thruster[LOSS] * ratio - cause[ADVANCE] * lost - cause[ADVANCE_2] * lost * abs(lost)
     return bollard * max(left, 0.0)
 
 

@@ -24,7 +24,7 @@ from tools.hard.layout import (
     N_HULL,
     N_THRUSTER,
     N_UR,
-    N_V,
+    N_UV,
     PLACE_X,
     PLACE_Y,
     POD,
@@ -88,7 +88,7 @@ class Vehicle:
     sway_drag: tuple[float, float]
     yaw_drag: tuple[float, float]  # linear, quadratic
     cross_flow: float  # share of the quadratic yaw drag that the strips make
-    sideslip: float  # N_v
+    sideslip: float  # N_uv: what fins and skegs take back of the Munk moment
     turning_at_speed: float  # N_ur
     thrusters: tuple[Thruster, ...]
     unit: str
@@ -131,7 +131,7 @@ class Vehicle:
         hull[[Y_V, Y_VV]] = self.sway_drag
         hull[[DL, DQ]] = self.yaw_drag
         hull[CROSS_FLOW] = 32.0 * self.cross_flow * self.yaw_drag[1] / self.length**4
-        hull[[N_V, N_UR, LENGTH]] = self.sideslip, self.turning_at_speed, self.length
+        hull[[N_UV, N_UR, LENGTH]] = self.sideslip, self.turning_at_speed, self.length
         return hull
 
     def varied(self, rng: np.random.Generator) -> Vehicle:
@@ -157,7 +157,7 @@ class Vehicle:
             surge_drag=(some(self.surge_drag[0]), some(self.surge_drag[1])),
             sway_drag=(some(self.sway_drag[0]), some(self.sway_drag[1])),
             yaw_drag=(some(self.yaw_drag[0], 0.5), some(self.yaw_drag[1], 0.3)),
-            sideslip=some(self.sideslip),
+            sideslip=some(self.sideslip, 0.15),
             turning_at_speed=some(self.turning_at_speed, 0.5),
             cross_flow=float(rng.uniform(0.4, 1.0)),
             thrusters=thrusters,
@@ -171,7 +171,7 @@ _QUARTER = float(np.pi / 4)
 WORK = Vehicle(
     key="work", name="work-class ROV, 3 m", mass=3200.0, length=2.9, width=1.7, added=(2000.0, 3600.0, 2300.0),
     inertia=2900.0, centre=0.04, surge_drag=(120.0, 1500.0), sway_drag=(180.0, 1100.0), yaw_drag=(260.0, 4200.0),
-    cross_flow=0.7, sideslip=-60.0, turning_at_speed=40.0,
+    cross_flow=0.7, sideslip=-1200.0, turning_at_speed=40.0,
     thrusters=(
         Thruster("fore", 1.1, 0.0, _HALF, 900.0, 700.0, (0.05, 0.06), yaw=1.0),
         Thruster("aft", -1.1, 0.0, -_HALF, 900.0, 700.0, (0.05, 0.06), yaw=1.0),
@@ -184,7 +184,7 @@ WORK = Vehicle(
 INSPECTION = Vehicle(
     key="inspection", name="inspection ROV, 0.75 m", mass=34.0, length=0.75, width=0.55, added=(14.0, 28.0, 1.3),
     inertia=2.1, centre=0.01, surge_drag=(6.0, 38.0), sway_drag=(8.0, 60.0), yaw_drag=(0.9, 3.2), cross_flow=0.6,
-    sideslip=-0.5, turning_at_speed=0.25,
+    sideslip=-10.0, turning_at_speed=0.25,
     thrusters=(
         Thruster("fore_port", 0.22, -0.2, _QUARTER, 22.0, 17.0, (0.07, 0.08), yaw=1.0, surge=1.0),
         Thruster("fore_starboard", 0.22, 0.2, -_QUARTER, 22.0, 17.0, (0.07, 0.08), yaw=-1.0, surge=1.0),
@@ -197,7 +197,7 @@ INSPECTION = Vehicle(
 BOAT = Vehicle(
     key="boat", name="twin-screw surface vehicle, 1.6 m", mass=42.0, length=1.6, width=0.9, added=(4.0, 30.0, 5.0),
     inertia=8.5, centre=0.0, surge_drag=(6.0, 22.0), sway_drag=(90.0, 60.0), yaw_drag=(7.0, 9.0), cross_flow=0.7,
-    sideslip=-13.0, turning_at_speed=0.4,
+    sideslip=-21.0, turning_at_speed=0.4,
     thrusters=(
         Thruster("port", -0.6, -0.36, 0.0, 36.0, 28.0, (0.06, 0.07), yaw=1.0, surge=1.0),
         Thruster("starboard", -0.6, 0.36, 0.0, 36.0, 28.0, (0.06, 0.07), yaw=-1.0, surge=1.0),
@@ -208,24 +208,25 @@ BOAT = Vehicle(
 SHIP = Vehicle(
     key="ship", name="ship model with two azimuth pods, 7 m", mass=3270.0, length=7.0, width=1.27,
     added=(160.0, 2900.0, 7600.0), inertia=10000.0, centre=0.05, surge_drag=(12.0, 60.0), sway_drag=(2500.0, 500.0),
-    yaw_drag=(1500.0, 13000.0), cross_flow=0.8, sideslip=-1200.0, turning_at_speed=60.0,
+    yaw_drag=(1500.0, 13000.0), cross_flow=0.8, sideslip=-2330.0, turning_at_speed=60.0,
     thrusters=(
         Thruster("pod_port", -3.2, -0.35, -_HALF, 20.0, 20.0, (0.0, 0.0), pod_angle=0.6, yaw=1.0),
         Thruster("pod_starboard", -3.2, 0.35, -_HALF, 20.0, 20.0, (0.0, 0.0), pod_angle=0.6, yaw=1.0),
+        Thruster("main", -3.4, 0.0, 0.0, 150.0, 80.0, surge=1.0, listed=False),
     ),
-    unit="deg", neutral=0.0, span=float(np.degrees(0.6)), fineness=344.0, rate_in_use=0.03, cruise=(0.0, 0.0),
+    unit="deg", neutral=0.0, span=float(np.degrees(0.6)), fineness=344.0, rate_in_use=0.03, cruise=(0.0, 0.5),
     sample_rate=(2.0, 4.0), rotor_share=0.03, loss=0.0, surface=True, wind=True,
 )  # fmt: skip
 LAUNCH = Vehicle(
     key="launch", name="survey launch with bow and stern tunnel, 12 m", mass=14000.0, length=12.0, width=3.6,
     added=(900.0, 9500.0, 75000.0), inertia=125000.0, centre=0.1, surge_drag=(250.0, 400.0),
-    sway_drag=(1500.0, 3000.0), yaw_drag=(26000.0, 190000.0), cross_flow=0.8, sideslip=-1000.0, turning_at_speed=2000.0,
+    sway_drag=(1500.0, 3000.0), yaw_drag=(26000.0, 190000.0), cross_flow=0.8, sideslip=-6500.0, turning_at_speed=2000.0,
     thrusters=(
         Thruster("bow", 4.6, 0.0, _HALF, 1900.0, 1700.0, (0.06, 0.06), yaw=1.0),
         Thruster("stern", -4.2, 0.0, -_HALF, 1900.0, 1700.0, (0.06, 0.06), yaw=1.0),
         Thruster("main", -5.5, 0.0, 0.0, 6000.0, 3500.0, surge=1.0, listed=False),
     ),
-    unit="%", neutral=0.0, span=100.0, fineness=200.0, rate_in_use=0.11, cruise=(0.0, 0.12), sample_rate=(4.0, 10.0),
+    unit="%", neutral=0.0, span=100.0, fineness=200.0, rate_in_use=0.11, cruise=(0.0, 0.2), sample_rate=(4.0, 10.0),
     rotor_share=0.03, loss=0.01, surface=True, wind=True,
 )  # fmt: skip
 

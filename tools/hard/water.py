@@ -90,8 +90,9 @@ def moment(
     if cause[TETHER] != 0.0:
         twist = psi - cause[TETHER_REST]
         total -= cause[TETHER] * (twist + cause[TETHER_HARDENING] * twist * twist * twist)
-    total += cause[HEADING_1] * math.sin(psi - cause[HEADING_1_PHASE])
-    total += cause[HEADING_2] * math.sin(2.0 * (psi - cause[HEADING_2_PHASE]))
+    if cause[HEADING_1] != 0.0 or cause[HEADING_2] != 0.0:
+        total += cause[HEADING_1] * math.sin(psi - cause[HEADING_1_PHASE])
+        total += cause[HEADING_2] * math.sin(2.0 * (psi - cause[HEADING_2_PHASE]))
     total -= (cause[SPEED_LINEAR] * abs(u) + cause[SPEED_QUADRATIC] * u * u) * r
     total -= cause[SIDESLIP] * v + cause[MUNK] * u * v
     return total
