@@ -2,7 +2,7 @@
 
 Run ``python -m benchmarks.hard --seed 1 --campaigns 300 --state hard.jsonl``. Each campaign is drawn by tools/hard,
 which shares nothing with rovid; the tool sees files alone. Started again with the same state it goes on where it
-stopped. ``--only 17`` does campaign 17 of the seed again, ``--keep FOLDER`` leaves its logs there, with the truth beside.
+stopped. ``--only 17`` does campaign 17 of the seed again, ``--keep FOLDER`` leaves its logs there, the truth beside.
 """
 
 from __future__ import annotations

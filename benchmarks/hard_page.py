@@ -17,8 +17,8 @@ def write_page(records: list[dict[str, Any]], path: Path | None) -> str:
     scores = [score(record) for record in records]
     odds = [pair for one in scores for pair in one["odds"]]
     parts = [
-        _head(records), _names(scores), _nothing(scores), _ranks(scores), _by_effect(scores), _odds(odds, path is not None),
-        _parameters(scores), _failures(records, scores),
+        _head(records), _names(scores), _nothing(scores), _ranks(scores), _by_effect(scores),
+        _odds(odds, path is not None), _parameters(scores), _failures(records, scores),
     ]  # fmt: skip
     text = "\n\n".join(part for part in parts if part) + "\n"
     if path:
@@ -50,12 +50,12 @@ def _head(records: list[dict[str, Any]]) -> str:
     return (
         f"# Hard water: what the diagnosis names where nothing is easy\n\n{len(records)} campaigns, seed "
         f"{', '.join(map(str, seeds))}. Five simulated vehicles move in surge, sway and yaw through waves, gusts and "
-        "eddies; rotors with their own dynamics, an autopilot, a zigzag, a programme or a person drive them; a compass, "
-        "a gyro and a DVL with noise, rounding, jitter and gaps look at them. One to eight runs of 40 to 180 time "
-        "constants make a campaign. In two of three a cause is hidden, in a form that need not be rovid's. The simulator "
-        "shares no code with rovid, which is given files alone.\n\n*Visible* is by how much the cause, were it known "
-        "exactly, would lower the heading error of held-out blocks, half to eight time constants ahead. R² of the plain "
-        f"model's yaw rate is {low:.2f} to {high:.2f} in eight campaigns of ten. A diagnosis took "
+        "eddies; rotors with their own dynamics, an autopilot, a zigzag, a programme or a person drive them; a "
+        "compass, a gyro and a DVL with noise, rounding, jitter and gaps look at them. One to eight runs of 40 to 180 "
+        "time constants make a campaign. In two of three a cause is hidden, in a form that need not be rovid's. The "
+        "simulator shares no code with rovid, which sees files alone.\n\n*Visible* is by how much the cause, were "
+        "it known exactly, would lower the heading error of held-out blocks, half to eight time constants ahead. R² of "
+        f"the plain model's yaw rate is {low:.2f} to {high:.2f} in eight campaigns of ten. A diagnosis took "
         f"{np.median(seconds):.0f} s in the middle, {np.max(seconds):.0f} s at most."
     )
 
@@ -141,8 +141,8 @@ def _odds(odds: list[tuple[float, bool]], with_picture: bool) -> str:
     ]  # fmt: skip
     picture = "\n\n![Reliability diagram](pictures/hard_reliability.png)" if with_picture else ""
     return (
-        f"## Odds\n\nOf each finding and suspect: its confidence, and whether it or its class acts. Brier score {brier:.3f}, "
-        f"{len(odds)} of them.\n\n" + _table(["confidence", "number", "mean", "acts"], rows) + picture
+        f"## Odds\n\nOf each finding and suspect: its confidence, and whether it or its class acts. Brier score "
+        f"{brier:.3f}, {len(odds)} of them.\n\n" + _table(["confidence", "number", "mean", "acts"], rows) + picture
     )
 
 
@@ -157,12 +157,13 @@ def _parameters(scores: list[dict[str, Any]]) -> str:
             low, middle, high = np.percentile(ratios, [10, 50, 90])
             rows.append([
                 name, str(len(some)), f"{low:.2f}, {middle:.2f}, {high:.2f}",
-                _share(sum(value <= 2 for value in hull), len(hull)), _share(sum(value <= 2 for value in best), len(best)),
+                _share(sum(value <= 2 for value in hull), len(hull)),
+                _share(sum(value <= 2 for value in best), len(best)),
             ])  # fmt: skip
     return (
-        "## Parameters\n\nOf the extended model, or of the plain one where nothing was found: over the hull's own value "
-        "(tenth, half, nine tenths of campaigns lie below); within two stated errors of it; within two of what a fit "
-        "to the heading gives that knows the cause.\n\n"
+        "## Parameters\n\nOf the extended model, or of the plain one where nothing was found: over the hull's own "
+        "value (tenth, half, nine tenths of campaigns lie below); within two stated errors of it; within two of what a "
+        "fit to the heading gives that knows the cause.\n\n"
         + _table(["parameter", "campaigns", "over the hull's", "hull's within two", "best fit's within two"], rows)
     )
 

@@ -110,9 +110,10 @@ def reliability(odds: list[tuple[float, bool]]) -> tuple[list[tuple[int, float, 
     bins: list[list[tuple[float, bool]]] = [[] for _ in range(10)]
     for confidence, acts in odds:
         bins[min(int(confidence * 10), 9)].append((confidence, acts))
-    table = [
-        (len(one), sum(c for c, _ in one) / len(one), sum(a for _, a in one) / len(one)) if one else (0, math.nan, math.nan)
-        for one in bins
-    ]  # fmt: skip
+    table = []
+    for one in bins:
+        mean = sum(confidence for confidence, _ in one) / len(one) if one else math.nan
+        acting = sum(acts for _, acts in one) / len(one) if one else math.nan
+        table.append((len(one), mean, acting))
     brier = sum((confidence - acts) ** 2 for confidence, acts in odds) / len(odds) if odds else None
     return table, brier

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from tools.hard import layout as at
-from tools.hard.causes import EFFECTS, MAKERS, ALONE, COUPLES, NEEDS_RUNS, NOT_WITH_COUPLES, NOT_WITH_PODS, Cause, Scene
-from tools.hard.drives import Drive, demand_of, draw_drive
+from tools.hard.causes import ALONE, COUPLES, EFFECTS, MAKERS, NEEDS_RUNS, NOT_WITH_COUPLES, NOT_WITH_PODS, Cause, Scene
+from tools.hard.drives import Drive, draw_drive
 from tools.hard.layout import Floats, Ints, no_cause
 from tools.hard.motion import run as simulate
 from tools.hard.sea import Sea, draw_sea
@@ -158,15 +158,15 @@ def _plans(vehicle: Vehicle, hidden: str, lengths: Floats, tick: float, instrume
     plans = []
     for seconds in lengths.tolist():
         ticks = int(seconds / tick)
-        mode = main if rng.random() < 0.75 else str(rng.choice(list(("open", "autopilot", "zigzag", "stick"))))
+        mode = main if rng.random() < 0.75 else str(rng.choice(["open", "autopilot", "zigzag", "stick"]))
         heading = float(rng.uniform(-np.pi, np.pi))
         cruise = float(rng.uniform(least, most))
         drive = draw_drive(vehicle, "open" if one_way else mode, ticks, tick, heading, cruise, one_way, wide, rng)
         alone = int(rng.choice(turning)) if drive.mode == at.OPEN_LOOP and rng.random() < often else -1
         noise, rate_noise, jitter = instruments.noise(ticks, tick, tau, rng)
         plans.append(
-            _Plan(drive, start, heading, ticks * every, every, tick / every, int(rng.integers(2**31)), noise, rate_noise,
-                  jitter, alone)
+            _Plan(drive, start, heading, ticks * every, every, tick / every, int(rng.integers(2**31)), noise,
+                  rate_noise, jitter, alone)
         )  # fmt: skip
         start += seconds + float(rng.uniform(20.0, 200.0)) * tau
     return plans, one_way
@@ -201,8 +201,3 @@ def _simulated(
         record, commands,
     )  # fmt: skip
     return record, commands, law, series
-
-
-def command_in_use(vehicle: Vehicle) -> float:
-    """Of full, that the torque in use needs."""
-    return demand_of(vehicle, vehicle.torque_in_use, float(np.mean(vehicle.cruise)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tools.hard import layout as at
-from tools.hard.layout import Floats, no_cause
+from tools.hard.layout import CAUSE_NAMES, Floats, no_cause
 from tools.hard.vehicles import Vehicle
 
 
@@ -46,11 +46,9 @@ class Cause:
     @property
     def sizes(self) -> dict[str, float | list[float]]:
         """The numbers by name, for the record of the truth."""
-        names = {value: name for name, value in vars(at).items() if name.isupper() and isinstance(value, int)}
-        hull = {at.N_HULL, at.N_THRUSTER}
-        sizes: dict[str, float | list[float]] = {}
-        for place, value in self.numbers.items():
-            sizes[_NAMES.get(place, names.get(place, str(place))).lower() if place not in hull else str(place)] = value
+        sizes: dict[str, float | list[float]] = {
+            CAUSE_NAMES[place].lower(): size for place, size in self.numbers.items()
+        }
         for name in ("delay", "jitter", "rotor", "rotor_damping", "swell_frequency", "drift"):
             if value := getattr(self, name):
                 sizes[name] = value
@@ -59,11 +57,6 @@ class Cause:
         if self.bias_by_run:
             sizes["bias_by_run"] = list(self.bias_by_run)
         return sizes
-
-
-# Names of the places in the array of a cause alone: other arrays of the layout count from zero too.
-_CAUSE_NAMES = ["BIAS", "CUBIC", "POWER", "POWER_RATE", "ASYMMETRY", "ASYMMETRY_RATE", "COULOMB", "STICTION", "STRIBECK_RATE", "COULOMB_RATE", "OSCILLATORY", "OSCILLATORY_ANGLE", "MEMORY", "MEMORY_TIME", "MEMORY_QUADRATIC", "SWIRL", "SWIRL_BRAKE", "TETHER", "TETHER_HARDENING", "TETHER_REST", "HEADING_1", "HEADING_1_PHASE", "HEADING_2", "HEADING_2_PHASE", "SEICHE", "SEICHE_FREQUENCY", "SEICHE_DAMPING", "SPEED_LINEAR", "SPEED_QUADRATIC", "SIDESLIP", "MUNK", "SWELL", "DEADBAND", "DEADBAND_SOFT", "REVERSE", "REVERSE_THRUST", "UNEQUAL", "UNEQUAL_GAIN", "SHAPE", "SAG", "SAG_TIME", "DRIFT", "SCALE", "PLAY", "SCHMITT_ON", "SCHMITT_OFF", "SLEW_UP", "SLEW_DOWN", "ADVANCE", "ADVANCE_2", "DEVIATION_1", "DEVIATION_1_PHASE", "DEVIATION_2", "DEVIATION_2_PHASE"]
-_NAMES = {getattr(at, name): name for name in _CAUSE_NAMES}
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 import numpy as np
@@ -11,12 +13,25 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-_F = TypeVar("_F", bound=Callable[..., Any])
+_Signature = ParamSpec("_Signature")
+_Result = TypeVar("_Result")
 
 
-def compiled(function: _F) -> _F:
+# Numba looks at the file of a function alone to tell whether what it kept is still good, not at those it calls into.
+# What is kept therefore stands in a folder by the text of all files here.
+_FOLDER = Path(__file__).parent
+_TEXT = b"".join(path.read_bytes() for path in sorted(_FOLDER.glob("*.py")))
+_KEPT = _FOLDER / "__pycache__" / hashlib.sha256(_TEXT).hexdigest()[:12]
+
+
+def compiled(function: Callable[_Signature, _Result]) -> Callable[_Signature, _Result]:
     """The function as machine code, kept between runs."""
-    return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]  # numba has no types
+    settings: Any = numba.config  # which has more than its types say
+    before = settings.CACHE_DIR
+    settings.CACHE_DIR = str(_KEPT)
+    machine = numba.njit(cache=True, error_model="numpy")(function)
+    settings.CACHE_DIR = before
+    return cast("Callable[_Signature, _Result]", machine)
 
 
 # A hidden cause: one array, in which a zero (or what `no_cause` holds) means that it does not act.
@@ -29,6 +44,11 @@ def compiled(function: _F) -> _F:
     PLAY, SCHMITT_ON, SCHMITT_OFF, SLEW_UP, SLEW_DOWN, ADVANCE, ADVANCE_2, DEVIATION_1, DEVIATION_1_PHASE, DEVIATION_2,
     DEVIATION_2_PHASE, N_CAUSE,
 ) = range(55)  # fmt: skip
+
+# Their names, for the record of a truth.
+CAUSE_NAMES = tuple(name for name, place in list(globals().items()) if name.isupper() and isinstance(place, int))[
+    :N_CAUSE
+]
 
 # The hull: masses with the water's share, drag, and what couples yaw to surge and sway.
 (

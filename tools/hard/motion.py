@@ -79,7 +79,7 @@ from tools.hard.layout import (
 from tools.hard.thrust import aimed, bench, delivered, gain, through_the_drive
 from tools.hard.water import moment
 
-# Where the strips of the cross-flow drag lie along the half length, and their weights (Gauss-Legendre, 4 points a half).
+# Where the strips of the cross-flow drag lie along the hull, and their weights (Gauss-Legendre, 4 points a half).
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 STRIPS = np.concatenate([-(_NODES[::-1] + 1) / 4, (_NODES + 1) / 4])
 STRIP_WEIGHTS = np.concatenate([_WEIGHTS[::-1], _WEIGHTS]) / 4
@@ -120,7 +120,7 @@ def push(
 def rates(
     state: Floats, pushed: Floats, series: Floats, hull: Floats, weather: Floats, cause: Floats, out: Floats
 ) -> None:
-    """Time derivative of (u, v, r, psi, two states of the water), and the waves' moment; speeds are through the water."""
+    """Rates of (u, v, r, psi, two states of the water), and the waves' moment; speeds are through the water."""
     u, v, r, psi = state[0], state[1], state[2], state[3]
     angle = weather[WAVE_DIRECTION] - psi
     ahead, beam, quartering = math.cos(angle), math.sin(angle), math.sin(2.0 * angle)
@@ -168,37 +168,65 @@ def shortest(angle: float) -> float:
 def demanded(
     mode: int, pilot: Floats, wanted: Floats, decide: Ints, tick: int, seen: Floats, rate: Floats, memory: Floats
 ) -> float:
-    """Demand in yaw from -1 to 1: of a programme, an autopilot, a zigzag, or a person who looks late and now and then."""
+    """Demand in yaw from -1 to 1: of a programme, an autopilot, a zigzag, or a person who looks late."""
     if mode == OPEN_LOOP:
-        return wanted[tick]
+        return float(wanted[tick])
     if mode == ZIGZAG:
         if memory[0] == 0.0:
             memory[0] = 1.0
         away = seen[tick] - wanted[tick]
         if away * memory[0] > pilot[ZIGZAG_ANGLE]:
             memory[0] = -memory[0]
-        return memory[0] * pilot[DEMAND_LIMIT]
+        return float(memory[0] * pilot[DEMAND_LIMIT])
     if mode == AUTOPILOT:
         error = shortest(wanted[tick] - seen[tick])
         demand = pilot[GAIN_P] * error - pilot[GAIN_D] * rate[tick] + memory[0]
         held = min(max(demand, -pilot[DEMAND_LIMIT]), pilot[DEMAND_LIMIT])
         if held == demand:  # no winding up
             memory[0] += pilot[GAIN_I] * error
-        return held
+        return float(held)
     if decide[tick] > 0:
         late = max(tick - int(pilot[STICK_DELAY]), 0)
         error = shortest(wanted[tick] - seen[late])
         demand = pilot[GAIN_P] * error - pilot[GAIN_D] * rate[late]
         levels = pilot[STICK_LEVELS]
         memory[0] = round(min(max(demand, -1.0), 1.0) * levels) / levels * pilot[DEMAND_LIMIT]
-    return memory[0]
+    return float(memory[0])
 
 
 @compiled
 def deviation(psi: float, cause: Floats) -> float:
     """What a compass adds to the heading."""
     once = cause[DEVIATION_1] * math.sin(psi - cause[DEVIATION_1_PHASE])
-    return once + cause[DEVIATION_2] * math.sin(2.0 * (psi - cause[DEVIATION_2_PHASE]))
+    return float(once + cause[DEVIATION_2] * math.sin(2.0 * (psi - cause[DEVIATION_2_PHASE])))
+
+
+@compiled
+def turn_rotors(
+    commands: Floats, law: Floats, thrusters: Floats, rotors: Floats, step: float, through: Floats, running: Floats,
+    spins: Floats, spin_rate: Floats,
+) -> None:  # fmt: skip
+    """Rotors through a step: what the drive makes of the commands, then two half steps towards what the curve asks."""
+    for index in range(commands.size):
+        through[index], running[index] = through_the_drive(commands[index], through[index], running[index], step, law)
+        force = aimed(through[index], thrusters[index], law)
+        aim = force if thrusters[index, POD] > 0.0 else math.copysign(math.sqrt(abs(force)), force)
+        for half in range(2):
+            away = spins[half, index] - aim
+            spins[half + 1, index] = aim + rotors[index, 0, 0] * away + rotors[index, 0, 1] * spin_rate[index]
+            spin_rate[index] = rotors[index, 1, 0] * away + rotors[index, 1, 1] * spin_rate[index]
+
+
+@compiled
+def load(spins: Floats, thrusters: Floats) -> float:
+    """Thrust of all thrusters over the most that they have."""
+    total = 0.0
+    most = 0.0
+    for index in range(spins.size):
+        spin = abs(spins[index])
+        total += spin if thrusters[index, POD] > 0.0 else spin * spin
+        most += max(thrusters[index, FORWARD], thrusters[index, BACKWARD])
+    return total / most
 
 
 @compiled
@@ -213,7 +241,6 @@ def run(
     Rotors run twice on the same commands, with the cause (bank 0) and without it (bank 1), so that its part in the
     torque is known. ``rotors`` holds for each bank and thruster the matrix of half a step.
     """
-    steps = record.shape[0]
     count = thrusters.shape[0]
     state = start.copy()
     seen = np.zeros(wanted.size)
@@ -223,76 +250,45 @@ def run(
     running = np.zeros((2, count))
     spins = np.zeros((2, 3, count))  # at the step's start, middle and end
     spin_rate = np.zeros((2, count))
-    aims = np.zeros((2, count))
-    sags = np.zeros(2)
+    sag = 0.0
     pushed = np.zeros((3, 3))
-    other = np.zeros(3)
+    without = np.zeros(3)
     slopes = np.zeros((4, 7))
     trial = np.zeros(6)
-    last = np.zeros(count)
-    most = 0.0
-    for index in range(count):
-        most += max(thrusters[index, FORWARD], thrusters[index, BACKWARD])
-    for k in range(steps):
+    arrived = np.zeros(count)  # the latest command that has come through by now
+    for k in range(record.shape[0]):
         tick = k // every
         if k % every == 0:
             seen[tick] = state[3] + deviation(state[3], cause) + noise[tick]
             rate[tick] = state[2] + rate_noise[tick]
             demand = demanded(mode, pilot, wanted, decide, tick, seen, rate, memory)
-            for index in range(count):
-                asked = mix_yaw[index] * demand + mix_surge[index] * surge[tick]
-                asked = min(max(asked, -1.0), 1.0)
-                commands[tick, index] = round(asked * fineness) / fineness
-        late = k - delays[tick]  # the latest command that has come through by now
-        bench_torque = 0.0
-        for index in range(count):
-            if late >= 0:
-                last[index] = commands[min(late // every, tick), index]
-            bench_torque += thrusters[index, ARM] * bench(commands[tick, index], thrusters[index])
-            for bank in range(2):
-                law = cause if bank == 0 else plain
-                command = last[index] if bank == 0 else commands[tick, index]
-                through[bank, index], running[bank, index] = through_the_drive(
-                    command, through[bank, index], running[bank, index], step, law
-                )
-                force = aimed(through[bank, index], thrusters[index], law)
-                root = math.copysign(math.sqrt(abs(force)), force)
-                aim = force if thrusters[index, POD] > 0.0 else root
-                aims[bank, index] = aim
-                for half in range(2):
-                    away = spins[bank, half, index] - aim
-                    matrix = rotors[bank, index]
-                    spins[bank, half + 1, index] = aim + matrix[0, 0] * away + matrix[0, 1] * spin_rate[bank, index]
-                    spin_rate[bank, index] = matrix[1, 0] * away + matrix[1, 1] * spin_rate[bank, index]
+            asked = np.clip(mix_yaw * demand + mix_surge * surge[tick], -1.0, 1.0)
+            commands[tick] = np.round(asked * fineness) / fineness
+        late = k - delays[tick]
+        if late >= 0:
+            arrived[:] = commands[min(late // every, tick)]
+        turn_rotors(arrived, cause, thrusters, rotors[0], step, through[0], running[0], spins[0], spin_rate[0])
+        turn_rotors(commands[tick], plain, thrusters, rotors[1], step, through[1], running[1], spins[1], spin_rate[1])
+        push(spins[1, 0], thrusters, plain, 0.0, 1.0, state, without)
         scale = cause[SCALE] * (1.0 - cause[DRIFT] * k * step)
-        push(spins[1, 0], thrusters, plain, 0.0, 1.0, state, other)
-
         for stage in range(4):
             moment_of = (stage + 1) // 2  # start, middle, middle, end
-            for j in range(6):
-                trial[j] = state[j]
-                if stage > 0:
-                    trial[j] += (0.5 if stage < 3 else 1.0) * step * slopes[stage - 1, j]
-            push(spins[0, moment_of], thrusters, cause, sags[0], scale, trial, pushed[moment_of])
+            trial[:] = state
+            if stage > 0:
+                trial += (0.5 if stage < 3 else 1.0) * step * slopes[stage - 1, :6]
+            push(spins[0, moment_of], thrusters, cause, sag, scale, trial, pushed[moment_of])
             rates(trial, pushed[moment_of], series[2 * k + moment_of], hull, weather, cause, slopes[stage])
             if stage == 0:
-                record[k, R_PSI] = state[3]
-                record[k, R_RATE] = state[2]
-                record[k, R_SURGE] = state[0]
-                record[k, R_SWAY] = state[1]
                 record[k, R_TORQUE] = pushed[0, 2]
-                record[k, R_TORQUE_PLAIN] = other[2]
-                record[k, R_BENCH] = bench_torque
-                record[k, R_WATER_0] = state[4]
-                record[k, R_WATER_1] = state[5]
-                record[k, R_WAVES] = slopes[0, 6]
+        record[k, R_TORQUE_PLAIN] = without[2]
+        record[k, R_WAVES] = slopes[0, 6]
+        record[k, R_PSI], record[k, R_RATE] = state[3], state[2]
+        record[k, R_SURGE], record[k, R_SWAY] = state[0], state[1]
+        record[k, R_WATER_0], record[k, R_WATER_1] = state[4], state[5]
+        for index in range(count):
+            record[k, R_BENCH] += thrusters[index, ARM] * bench(commands[tick, index], thrusters[index])
         for j in range(6):
             state[j] += step / 6.0 * (slopes[0, j] + 2.0 * slopes[1, j] + 2.0 * slopes[2, j] + slopes[3, j])
         if cause[SAG] > 0.0:
-            load = 0.0
-            for index in range(count):
-                load += abs(spins[0, 2, index]) * (1.0 if thrusters[index, POD] > 0.0 else abs(spins[0, 2, index]))
-            sags[0] += step / cause[SAG_TIME] * (load / most - sags[0])
-        for bank in range(2):
-            for index in range(count):
-                spins[bank, 0, index] = spins[bank, 2, index]
+            sag += step / cause[SAG_TIME] * (load(spins[0, 2], thrusters) - sag)
+        spins[:, 0] = spins[:, 2]

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tools.hard import layout as at
 from tools.hard.campaign import Campaign, Run
-from numpy.typing import NDArray
-
 from tools.hard.layout import Floats, Ints, compiled, no_cause
 from tools.hard.motion import deviation
 from tools.hard.water import moment
@@ -215,7 +214,7 @@ class Judge:
             damping = max(damping / 10.0, 1e-6)
             if gained < 1e-4:
                 break
-        return np.exp(theta)
+        return np.asarray(np.exp(theta))
 
     def held_out(self, stretches: list[Stretch], begin: Floats) -> Floats:
         """RMS heading error by horizon, each fold with the parameters of the other, rad."""

@@ -80,7 +80,7 @@ def read(
         keep[begin : begin + int(float(rng.uniform(1.0, 4.0)) * vehicle.time_constant * instruments.rate)] = False
 
     def at_rows(values: Floats) -> Floats:
-        return np.interp(time, grid, values)
+        return np.asarray(np.interp(time, grid, values))
 
     heading = at_rows(record[:, at.R_PSI])
     measured = heading + np.array([deviation(float(psi), cause) for psi in heading]) + noise

@@ -41,7 +41,7 @@ from tools.hard.layout import (
 def bench(command: float, thruster: Floats) -> float:
     """Steady thrust of a command from -1 to 1, as the bench has it."""
     if thruster[POD] > 0.0:
-        return thruster[FORWARD] * math.sin(thruster[POD] * command)
+        return float(thruster[FORWARD] * math.sin(thruster[POD] * command))
     zone = thruster[ZONE_FORWARD] if command > 0.0 else thruster[ZONE_BACKWARD]
     most = thruster[FORWARD] if command > 0.0 else -thruster[BACKWARD]
     beyond = (abs(command) - zone) / (1.0 - zone)
@@ -81,11 +81,11 @@ def gain(thrust: float, index: int, cause: Floats) -> float:
 
 @compiled
 def delivered(spin: float, thruster: Floats, cause: Floats, u: float, v: float, r: float) -> float:
-    """Thrust of a rotor at its speed (the root of its bollard thrust), less what it loses to advance through the water."""
+    """Thrust of a rotor at its speed (the root of its bollard thrust), less what it loses to advance."""
     if thruster[POD] > 0.0:
         return spin
     bollard = abs(spin) * spin
-    if spin == 0.0:
+    if abs(spin) < 1e-9:
         return 0.0
     advance = thruster[COS] * (u - thruster[PLACE_Y] * r) + thruster[SIN] * (v + thruster[PLACE_X] * r)
     ratio = advance / spin  # positive where the rotor moves the way it pushes
@@ -93,7 +93,7 @@ def delivered(spin: float, thruster: Floats, cause: Floats, u: float, v: float, 
     # A jet that leaves a tunnel across the way on is bent along the hull, whichever way it goes.
     lost = min(ratio + abs(thruster[SIN]) * abs(u / spin), 1.5)
     left = 1.0 - thruster[LOSS] * ratio - cause[ADVANCE] * lost - cause[ADVANCE_2] * lost * abs(lost)
-    return bollard * max(left, 0.0)
+    return float(bollard * max(left, 0.0))
 
 
 @compiled
@@ -114,7 +114,7 @@ def through_the_drive(command: float, before: float, running: float, step: float
 
 
 def rotor_step(time_constant: float, damping: float, step: float) -> Floats:
-    """Matrix that carries (distance to the aim, its rate) over a step: first order, or second with a damping above 0."""
+    """Matrix that carries (distance to the aim, its rate) over a step: second order with a damping above 0."""
     if damping <= 0.0:
         return np.array([[math.exp(-step / time_constant), 0.0], [0.0, 0.0]])
     # A second-order rotor whose delay in the long run, 2 * damping / frequency, is the time constant.

@@ -41,7 +41,7 @@ from tools.hard.layout import (
 
 @dataclass(frozen=True)
 class Thruster:
-    """Where a thruster sits, which way it pushes, what the bench says of it. Angles are from ahead towards starboard."""
+    """Where a thruster sits, which way it pushes, what the bench says of it. Angles go from ahead to starboard."""
 
     name: str
     x: float
@@ -191,8 +191,8 @@ INSPECTION = Vehicle(
         Thruster("aft_port", -0.22, -0.2, -_QUARTER, 22.0, 17.0, (0.07, 0.08), yaw=1.0, surge=1.0),
         Thruster("aft_starboard", -0.22, 0.2, _QUARTER, 22.0, 17.0, (0.07, 0.08), yaw=-1.0, surge=1.0),
     ),
-    unit="us", neutral=1500.0, span=400.0, fineness=400.0, rate_in_use=0.65, cruise=(0.0, 0.2), sample_rate=(10.0, 20.0),
-    rotor_share=0.05, loss=0.04, surface=False, wind=False,
+    unit="us", neutral=1500.0, span=400.0, fineness=400.0, rate_in_use=0.65, cruise=(0.0, 0.2),
+    sample_rate=(10.0, 20.0), rotor_share=0.05, loss=0.04, surface=False, wind=False,
 )  # fmt: skip
 BOAT = Vehicle(
     key="boat", name="twin-screw surface vehicle, 1.6 m", mass=42.0, length=1.6, width=0.9, added=(4.0, 30.0, 5.0),

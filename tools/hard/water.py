@@ -51,7 +51,7 @@ def drag(r: float, cause: Floats, quadratic: float, linear: float) -> float:
     if cause[ASYMMETRY] != 0.0:
         backward = 0.5 * (1.0 - math.tanh(r / cause[ASYMMETRY_RATE]))
         law *= 1.0 + cause[ASYMMETRY] * backward
-    return law + linear * r + cause[CUBIC] * r * r * r
+    return float(law + linear * r + cause[CUBIC] * r * r * r)
 
 
 @compiled
@@ -95,4 +95,4 @@ def moment(
         total += cause[HEADING_2] * math.sin(2.0 * (psi - cause[HEADING_2_PHASE]))
     total -= (cause[SPEED_LINEAR] * abs(u) + cause[SPEED_QUADRATIC] * u * u) * r
     total -= cause[SIDESLIP] * v + cause[MUNK] * u * v
-    return total
+    return float(total)

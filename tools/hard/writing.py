@@ -148,4 +148,4 @@ def _write_mcap(path: Path, campaign: Campaign, run: Run, listed: list[int]) -> 
                     continue
                 data = "{" + ",".join(a + b for a, b in zip(head, row, strict=True)) + "}"
                 writer.add_message(channel, log_time=stamp, publish_time=stamp, data=data.encode())
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]  # the library lacks its type
