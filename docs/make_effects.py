@@ -297,7 +297,7 @@ def _forms(effect: Effect) -> Iterator[str]:
     before: tuple[EffectParameter, ...] = ()
     for form in forms_of(effect):
         place = next(words for name, words in _PLACES.items() if getattr(form, name))
-        needs = f"; needs `{form.needs}` in the log" if form.needs else ""
+        needs = f"; needs {' and '.join(f'`{name}`' for name in form.needs)} in the log" if form.needs else ""
         yield f"**`{form.key}`**: {place}{needs}."
         yield f"```text\n{form.equation}\n```"
         if _rows(form.parameters) != _rows(before):

@@ -309,6 +309,7 @@ class _Reader:
             arm=self.number(block[arm], f"{place} {arm}"),
             curve=read_curve(self.path.parent / str(block["curve"])),
             clamp=outside == "clamp",
+            ahead=self.number(block.get("surge", 0.0), f"{place} surge"),
         )
         return thruster, self.signal(f"command.{name}", block["command"], f"{place} command")
 

@@ -125,11 +125,12 @@ class Study:
         self.require(effects)
         logged = channels(self.runs.items)
         for effect in effects:
-            if effect.needs and effect.needs not in logged:
+            missing = [name for name in effect.needs if name not in logged]
+            if missing:
                 raise ConfigError(
-                    f"needs {effect.needs}, which these logs do not all hold.",
+                    f"needs {' and '.join(missing)}, which these logs do not all hold.",
                     where=effect.key,
-                    mend=f"Map {effect.needs} in [signals] of rovid.toml, or leave the effect out.",
+                    mend=f"Map {' and '.join(missing)} in [signals] of rovid.toml, or leave the effect out.",
                 )
         fit = fit_likelihood(self.runs.items, self.vehicle, effects, gyro=gyro)
         odd = unlike_rigid_body(fit.estimate, self.vehicle.rigid_body_inertia)

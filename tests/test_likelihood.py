@@ -418,8 +418,8 @@ def test_the_filter_knows_how_well_it_knows_a_tank(frequency: float, gain: float
 
     effect = effect_named("tank_seiche")
     terms, kinds = np.array([[gain, frequency, damping, 0.0]]), np.array([MOTION.index(effect)])
-    base, nothing = np.array([inertia, 0.0, drag, 0.0, frequency, 0.0, 0.0, 0.0]), np.zeros(len(time))
-    series = (time, torque, nothing, nothing, nothing, angle, np.full(len(time), np.nan))
+    base, nothing = np.array([inertia, 0.0, drag, 0.0, frequency, *np.zeros(6)]), np.zeros(len(time))
+    series = (time, torque, np.zeros((len(time), 3)), nothing, nothing, angle, np.full(len(time), np.nan))
     numbers = np.array([sigma, tau, white, 1.0])
     error, variance = innovations_wide(*series, base, terms, kinds, numbers, np.zeros(0), np.array([0.0, 1e-4]))
     known = np.isfinite(wanted[:, 0])
@@ -431,9 +431,9 @@ def test_a_tank_rings_out_along_a_course() -> None:
     frequency, damping, period = 5.0, 0.01, 0.1
     time = np.arange(0.0, 100.0, period)
     rate = np.where(time < 5.0, 0.2 * np.sin(0.2 * np.pi * time), 0.0)
-    course = np.column_stack([rate, nothing := np.zeros(len(time)), nothing, nothing])
+    course, beside = np.column_stack([rate, nothing := np.zeros(len(time)), nothing]), np.zeros((len(time), 3))
     terms, kinds = np.array([[0.2, frequency, damping, 0.0]]), np.array([MOTION.index(effect_named("tank_seiche"))])
-    base = np.array([500.0, 0.0, 60.0, 0.0, frequency, 0.0, 0.0])
-    torque, _ = effects_along(period, course, base, terms, kinds)
+    base = np.array([500.0, 0.0, 60.0, 0.0, frequency, *np.zeros(6)])
+    torque, _ = effects_along(period, course, beside, base, terms, kinds)
     first, last = (np.abs(torque[(time > at) & (time < at + 10.0)]).max() for at in (6.0, 86.0))
     assert last / first == pytest.approx(math.exp(-damping * frequency * 80.0), rel=0.3)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rovid.axis import Axis
 from rovid.effects import Effect, restoring_of
-from rovid.effects.base import Actuation, Scales, actuation, neutral_commands, race
+from rovid.effects.base import SPEEDS, Actuation, Scales, actuation, neutral_commands, race
 from rovid.model import MOST_PARTS, Drive, Model
 from rovid.rates import body_position
 from rovid.runs import Run
@@ -218,16 +218,25 @@ class Records:
         """Of the effects' parameters."""
         neutral = 0.0 if self.vehicle is None else neutral_commands(self.vehicle)
         command = max(float(np.max(np.abs(run.trial.commands - neutral))) for run in self.runs)
-        return Scales(command=command, torque=self.torque, rate=self.rate, race=self._race)
+        speeds = (self._speed(name) for name in SPEEDS)
+        race, root = self._races
+        return Scales(command, self.torque, self.rate, race, root, *speeds)
+
+    def _speed(self, name: str) -> float:
+        """Root mean square of a logged speed, m/s; 1 where there is none."""
+        logged = np.concatenate([run.trial.extras.get(name, np.zeros(0)) for run in self.runs])
+        return float(np.sqrt(np.mean(logged[np.isfinite(logged)] ** 2))) if np.nansum(np.abs(logged)) > 0.0 else 1.0
 
     @cached_property
-    def _race(self) -> float:
-        """Root mean square of the race in use, N^0.5 m^2."""
+    def _races(self) -> tuple[float, float]:
+        """Root mean squares of the race in use, N^0.5 m^2, and of the root of a thrust in use, N^0.5."""
         if self.vehicle is None:
-            return math.sqrt(self.torque)
+            return math.sqrt(self.torque), math.sqrt(self.torque)
         arms = np.array([thruster.arm for thruster in self.vehicle.thrusters])
-        races = np.concatenate([race(self.vehicle.thrust(run.trial.commands), arms) for run in self.runs])
-        return float(np.sqrt(np.mean(races[races > 0.0] ** 2)))
+        thrust = np.concatenate([self.vehicle.thrust(run.trial.commands) for run in self.runs])
+        races, roots = race(thrust, arms), np.sqrt(np.abs(thrust))
+        race_in_use, root_in_use = (float(np.sqrt(np.mean(each[each > 0.0] ** 2))) for each in (races, roots))
+        return race_in_use, root_in_use
 
     @cached_property
     def position_noise(self) -> float:
@@ -401,7 +410,7 @@ class Likelihood:
         for number, (run, drive, angle, gyro) in enumerate(parts):
             start = np.array([records.initial_rates[number], _RATE_ERROR * records.rate])
             true, gain = model.true_angle(run.trial, angle, records.instants[number])
-            driven = (records.times[number], drive.torque, drive.race, drive.moment, drive.scatter)
+            driven = (records.times[number], drive.torque, drive.beside, drive.moment, drive.scatter)
             motion = (model.base(run.trial), terms, active, noise)
             if wide:
                 error, variance = innovations_wide(*driven, true, gyro, *motion, wave, start)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,7 +54,8 @@ def plan(
         The thrusters push one way only, or no run stays within the limits.
     """
     names = tuple(thruster.name for thruster in vehicle.thrusters)
-    runs = programme(Pace.of(beliefs[0].model, vehicle, trials, limits.share), names)
+    pace = Pace.of(beliefs[0].model, vehicle, trials, limits.share)
+    runs = [replace(run, reference=trials[0].reference) for run in programme(pace, names)]
     narrow = narrow or ("" if len(beliefs) > 1 else widest(beliefs[0]))
     found = ranked(runs, beliefs, vehicle, limits, narrow=narrow)
     rate = float(np.sqrt(np.mean(found[0].rates ** 2)))
