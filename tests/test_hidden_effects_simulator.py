@@ -326,11 +326,11 @@ def test_a_curve_bent_in_the_command_is_the_same_law_both_ways(way: float) -> No
     assert torque(bent, command=way * 0.29) == 0.0
 
 
-def moved(truth: Truth, command: float) -> tuple[Motion, FloatArray, FloatArray]:
-    """The motion under a held ``command``, what of its torque neither inertia nor drag takes, and where it is known."""
+def moved(truth: Truth, command: float) -> tuple[Motion, FloatArray, slice]:
+    """The motion under a held ``command``, what inertia and drag need beside its torque, and where that is known."""
     motion = move(truth, (0.0, command), duration=300.0)
     left = 5057.0 * np.gradient(motion.rate, motion.instant / MICRO) + np.array([_plain(r) for r in motion.rate])
-    return motion, left - ROSUB.yaw_torque(command), np.arange(2, len(left) - 2)
+    return motion, left - ROSUB.yaw_torque(command), slice(2, -2)
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ EFFECT: Effect = Effect(
     equation="K·(sin x + c·x²·sin x) in place of K·sin x, x = θ − θ0",
     fingerprint="residual torque as the cube of the tilt; a period that changes as a swing dies out",
     experiment="releases from a large and from a small tilt",
-    rivals=("drag_curvature", "tether_torsion"),
+    rivals=("drag_curvature", "oscillatory_drag"),
     term=_term,
 )
 FORMS: tuple[Effect, ...] = (EFFECT,)
