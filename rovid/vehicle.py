@@ -133,8 +133,10 @@ class Vehicle:
 
     def thrust(self, commands: FloatArray) -> FloatArray:
         """(n, k) thrust in N for (n, k) commands; the torque itself for a logged torque."""
-        columns = zip(self.thrusters, commands.T, strict=True)
-        return np.column_stack([u if thruster.curve is None else thruster.curve(u) for thruster, u in columns])
+        thrust = np.empty_like(commands)
+        for at, (thruster, command) in enumerate(zip(self.thrusters, commands.T, strict=True)):
+            thrust[:, at] = command if thruster.curve is None else thruster.curve(command)
+        return thrust
 
     def torque(self, trial: Trial) -> FloatArray:
         """(n,) torque in N m, held until the next instant of ``trial.time``.

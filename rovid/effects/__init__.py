@@ -102,6 +102,8 @@ def forms_for(vehicle: Vehicle, channels: Collection[str] = ()) -> tuple[Effect,
     for effect in FORMS:
         if effect.axes and vehicle.axis.name not in effect.axes:
             continue
+        if not vehicle.thrusters and (effect.actuates or effect.races):
+            continue
         if effect.each_thruster:
             # One thruster alone only scales the torque, which yaw data do not show.
             names = [t.name for t in vehicle.thrusters if t.curve is not None]

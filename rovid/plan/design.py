@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rovid.errors import DataError
 from rovid.identify.likelihood import LikelihoodFit
 from rovid.plan.programme import Limits, Pace, programme
 from rovid.plan.worth import DECIDES, Belief, Worth, ranked
@@ -51,9 +52,14 @@ def plan(
     Raises
     ------
     DataError
-        The thrusters push one way only, or no run stays within the limits.
+        There are no thrusters, they push one way only, or no run stays within the limits.
     """
     names = tuple(thruster.name for thruster in vehicle.thrusters)
+    if not names:
+        raise DataError(
+            f"nothing drives the vehicle in {vehicle.axis.name}: there are no commands to plan.",
+            mend="Let go of it from a large and from a small tilt, at rest and at speed.",
+        )
     pace = Pace.of(beliefs[0].model, vehicle, trials, limits.share)
     runs = [replace(run, reference=trials[0].reference) for run in programme(pace, names)]
     narrow = narrow or ("" if len(beliefs) > 1 else widest(beliefs[0]))
