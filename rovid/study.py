@@ -18,7 +18,7 @@ from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit, fit_inertia, fit_inertia_table, unlike_rigid_body
 from rovid.identify.likelihood import LikelihoodFit, fit_likelihood
 from rovid.identify.steady import DragFit, fit_drag, points_from_table, steady_points
-from rovid.plan.design import Plan, belief_of, plan
+from rovid.plan.design import Plan, belief_of, plan, require_drive
 from rovid.plan.programme import Limits
 from rovid.readers import read_campaign
 from rovid.runs import Runs, channels, prepare
@@ -156,6 +156,7 @@ class Study:
             raise DataError(
                 "a table does not say how fast the vehicle answers.", where=self.paths[0], mend="Give logs."
             )
+        require_drive(self.vehicle)
         others = tuple(effect for effect in effects if effect.id not in {rival.id for rival in between})
         models = [(*others, rival) for rival in between] or [others]
         names = [rival.key for rival in between] or ["the model"]

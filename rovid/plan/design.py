@@ -55,11 +55,7 @@ def plan(
         There are no thrusters, they push one way only, or no run stays within the limits.
     """
     names = tuple(thruster.name for thruster in vehicle.thrusters)
-    if not names:
-        raise DataError(
-            f"nothing drives the vehicle in {vehicle.axis.name}: there are no commands to plan.",
-            mend="Let go of it from a large and from a small tilt, at rest and at speed.",
-        )
+    require_drive(vehicle)
     pace = Pace.of(beliefs[0].model, vehicle, trials, limits.share)
     runs = [replace(run, reference=trials[0].reference) for run in programme(pace, names)]
     narrow = narrow or ("" if len(beliefs) > 1 else widest(beliefs[0]))
@@ -72,6 +68,21 @@ def plan(
         thrusters=names,
         noise_rate=beliefs[0].driven_rate(rate),
     )
+
+
+def require_drive(vehicle: Vehicle) -> None:
+    """Refuse to plan commands where nothing takes any.
+
+    Raises
+    ------
+    DataError
+        There are no thrusters.
+    """
+    if not vehicle.thrusters:
+        raise DataError(
+            f"nothing drives the vehicle in {vehicle.axis.name}: there are no commands to plan.",
+            mend="Let go of it from a large and from a small tilt, at rest and at speed.",
+        )
 
 
 def widest(belief: Belief) -> str:
