@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.torture.commands import Input
+from benchmarks.torture.commands import Input, Place, prepare
 from benchmarks.torture.pool import Batch, Tried, tried
 from benchmarks.torture.samples import FORMATS, samples
 from benchmarks.torture.state import State, summary
@@ -50,10 +51,10 @@ def planned(formats: Sequence[str], inputs: int, cuts: int, seed: int) -> list[B
     each = -(-inputs // len(cells)) if inputs else 0
     found: list[tuple[float, Batch]] = []
     for name, command in cells:
-        size = len(samples(name)[0].data)
-        kinds = [(False, range(each))]
-        if cuts and not FORMATS[name].named:
-            kinds.append((True, range(seed % cuts, size, cuts)))
+        changed = FORMATS[name].changed
+        kinds = [(False, range(each if changed != "nothing" else len(samples(name))))]
+        if cuts and changed == "content":
+            kinds.append((True, range(seed % cuts, len(samples(name)[0].data), cuts)))
         for cut, numbers in kinds:
             for start in range(0, len(numbers), _BATCH):
                 batch = Batch(format=name, command=command, cut=cut, numbers=numbers[start : start + _BATCH])
@@ -79,18 +80,14 @@ def _counted(one: Tried) -> dict[str, Any]:
 
 
 def _only(name: str, seed: int) -> int:
-    """One input, in a folder that stays, and the command to run there."""
-    import tempfile
-
-    from benchmarks.torture.commands import Place, prepare
-
+    """One input, in a folder that stays."""
     format_name, command, number = name.split(":")
-    one = Input(format=format_name, command=command, number=number)
     prepare()
     place = Place(Path(tempfile.mkdtemp(prefix="torture-")))
-    for failure in place.tried(one, seed).failures:
+    failures = place.shown(Input(format=format_name, command=command, number=number), seed).failures
+    for failure in failures:
         print(f"{failure.kind}: {failure.where}: {failure.text}")
-    return 1
+    return int(bool(failures))
 
 
 if __name__ == "__main__":

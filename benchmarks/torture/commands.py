@@ -8,6 +8,7 @@ import json
 import os
 import re
 import resource
+import shlex
 import shutil
 import sys
 import time
@@ -24,12 +25,12 @@ import typer
 import rovid
 from benchmarks.torture.frames import dataflash_ends, sentence_ends, table_ends, tlog_ends, ulog_ends
 from benchmarks.torture.mutations import Case, mutated
-from benchmarks.torture.samples import Sample, samples
+from benchmarks.torture.samples import FORMATS, Sample, samples
 from rovid import cli
 from rovid.config import load_config
 from rovid.errors import RovidError
 
-# Beyond what a process has that has read a whole file of each format.
+# Beyond what the process has, and four times what is needed of the file.
 MEMORY = 300_000_000
 CUT = "cut"
 _ROOT = Path(rovid.__file__).parent
@@ -167,18 +168,18 @@ class Place:
         return self._tried(one, one.case(seed))
 
     def whole(self, name: str, command: str) -> None:
-        """Assert that every sample is read as it is."""
+        """Assert that every sample is read as it is, where it is to be changed."""
         for number, sample in enumerate(samples(name)):
+            if FORMATS[name].changed == "nothing":
+                continue
             one = Input(format=name, command=command, number=str(number))
             result = self._tried(one, Case(sample=sample, name=sample.name, data=sample.data))
             assert result.code == 0, f"{name}:{command}: sample {number} is refused"
             assert not result.failures, f"{name}:{command}: sample {number}: {result.failures}"
 
     def _tried(self, one: Input, case: Case) -> Result:
-        folder, there = self._folder(one, case.sample)
         whole = self._whole_document(one) if one.number.startswith(CUT) else None
-        path = folder / case.name
-        path.write_bytes(case.data)
+        folder, path, there = self._laid(one, case)
         arguments = _arguments(one, path)
         before, peak, said = resident(), _peak(), _printed()
         begun = time.perf_counter()
@@ -186,12 +187,12 @@ class Place:
         seconds = time.perf_counter() - begun
         failures = [*done.failures]
         # A peak that was there before says nothing of this input.
-        if _peak() > max(peak, before + MEMORY):
+        if _peak() > max(peak, before + MEMORY + 4 * case.sample.needed):
             failures.append(Failure(kind="memory", where=one.command, text=f"{(_peak() - before) / 1e6:.0f} MB"))
         if _printed() > said:
             failures.append(Failure(kind="messages", where=f"{one.command}: a library prints by itself"))
         if done.code in {0, 2}:
-            failures += _judged(one, done, arguments)
+            failures += judged(one, done, arguments)
         if not done.code:
             failures += _written(one, folder, arguments)
             if one.number.startswith(CUT):
@@ -199,6 +200,23 @@ class Place:
         path.unlink()
         failures += _cleared(one, folder, there, done.code)
         return Result(code=done.code, seconds=seconds, failures=tuple(failures))
+
+    def shown(self, one: Input, seed: int) -> Result:
+        """As ``tried``, with all that is printed, and where to do it by hand; the input stays there."""
+        case = one.case(seed)
+        folder, path, _ = self._laid(one, case)
+        print(f"cd {shlex.quote(str(folder))}; rovid {shlex.join(map(str, _arguments(one, path)))}")
+        result = self._tried(one, case)
+        self._laid(one, case)
+        print(run(_arguments(one, path), folder))
+        return result
+
+    def _laid(self, one: Input, case: Case) -> tuple[Path, Path, frozenset[str]]:
+        """The folder with the input in it, the input's path, and the names of what else belongs there."""
+        folder, there = self._folder(one, case.sample)
+        path = folder / case.name
+        path.write_bytes(case.data)
+        return folder, path, there
 
     def _whole_document(self, one: Input) -> Any:
         """What is said of the whole file that ``one`` is cut from; None where nothing is said of files."""
@@ -246,7 +264,8 @@ def _arguments(one: Input, path: Path) -> list[object]:
 _SUFFIXES = (".json", ".sdf", ".xacro", ".m")
 
 
-def _judged(one: Input, done: Done, arguments: Sequence[object]) -> Iterator[Failure]:
+def judged(one: Input, done: Done, arguments: Sequence[object]) -> Iterator[Failure]:
+    """What must not be in what was printed."""
     if done.code == 2:
         lines = done.err.removesuffix("\n").split("\n")
         if len(lines) != 1 or not lines[0].startswith("rovid: "):

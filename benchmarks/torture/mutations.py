@@ -44,9 +44,13 @@ class Case:
 
 def mutated(format_name: str, seed: int, command: str, number: int) -> Case:
     """A sample with some changes."""
+    changed = FORMATS[format_name].changed
+    if changed == "nothing":
+        sample = samples(format_name)[number]
+        return Case(sample=sample, name=sample.name, data=sample.data)
     rng = Random(f"{seed}/{format_name}/{command}/{number}")  # noqa: S311 - nothing secret
     sample = rng.choice(samples(format_name))
-    if FORMATS[format_name].named:
+    if changed == "name":
         return Case(sample=sample, name=_named(rng, sample.name), data=sample.data)
     return Case(sample=sample, name=sample.name, data=_changed(rng, sample, format_name))
 
@@ -79,9 +83,11 @@ def _named(rng: Random, name: str) -> str:
 
 def _spliced(rng: Random, data: bytes, format_name: str) -> bytes:
     """The beginning, and the end of another file: mostly of this format."""
-    other = rng.choice(samples(format_name if rng.random() < 0.8 else rng.choice(list(FORMATS)))).data
+    other = rng.choice(samples(format_name if rng.random() < 0.8 else rng.choice(_READ))).data
     return data[: _place(rng, data)] + other[_place(rng, other) :]
 
+
+_READ = [name for name, one in FORMATS.items() if one.changed == "content"]
 
 # Bytes
 

@@ -21,7 +21,8 @@ from typing import TextIO
 
 from benchmarks.torture.commands import CUT, Failure, Input, Place, Result, located, prepare, resident
 
-LONGEST = 10.0  # s
+# s of work that an input may take, and how much longer on the clock: others may be at work on the machine.
+LONGEST, _WAITED = 10.0, 3.0
 # A process ends when it has grown by this: what is leaked slowly is no failure of the input that comes last.
 _GROWN = 150_000_000
 # Far beyond what is a failure: the machine has other work.
@@ -68,8 +69,18 @@ class BrokenError(Exception):
     """The torture itself does not work."""
 
 
-def tried(batches: Sequence[Batch], *, seed: int, jobs: int) -> Iterator[Tried]:
-    """Every batch, in the order in which they are done."""
+def tried(
+    batches: Sequence[Batch], *, seed: int, jobs: int, longest: float = LONGEST, kind: type[Place] = Place
+) -> Iterator[Tried]:
+    """Every batch, in the order in which they are done.
+
+    Parameters
+    ----------
+    longest
+        s that an input may take.
+    kind
+        What tries it.
+    """
     todo: queue.SimpleQueue[Batch] = queue.SimpleQueue()
     for batch in batches:
         todo.put(batch)
@@ -77,7 +88,7 @@ def tried(batches: Sequence[Batch], *, seed: int, jobs: int) -> Iterator[Tried]:
     with tempfile.TemporaryDirectory(dir=_MEMORY_DISK if _MEMORY_DISK.is_dir() else None, prefix="torture-") as root:
         for number in range(jobs):
             work = Path(root) / str(number)
-            threading.Thread(target=_served, args=(todo, done, work, seed), daemon=True).start()
+            threading.Thread(target=_served, args=(todo, done, _Keeper(work, seed, longest, kind)), daemon=True).start()
         for _ in batches:
             one = done.get()
             if isinstance(one, Exception):
@@ -85,8 +96,7 @@ def tried(batches: Sequence[Batch], *, seed: int, jobs: int) -> Iterator[Tried]:
             yield one
 
 
-def _served(todo: queue.SimpleQueue[Batch], done: queue.SimpleQueue[Tried | Exception], root: Path, seed: int) -> None:
-    keeper = _Keeper(root, seed)
+def _served(todo: queue.SimpleQueue[Batch], done: queue.SimpleQueue[Tried | Exception], keeper: _Keeper) -> None:
     try:
         while True:
             batch = todo.get_nowait()
@@ -102,8 +112,8 @@ def _served(todo: queue.SimpleQueue[Batch], done: queue.SimpleQueue[Tried | Exce
 class _Keeper:
     """Has a worker, and a new one when that dies."""
 
-    def __init__(self, root: Path, seed: int) -> None:
-        self.root, self.seed = root, seed
+    def __init__(self, root: Path, seed: int, longest: float, kind: type[Place]) -> None:
+        self.root, self.seed, self.longest, self.kind = root, seed, longest, kind
         self._worker: tuple[multiprocessing.process.BaseProcess, Connection] | None = None
 
     def results(self, inputs: Sequence[Input]) -> list[Result]:
@@ -131,7 +141,9 @@ class _Keeper:
         shutil.rmtree(self.root, ignore_errors=True)
         self.root.mkdir()
         here, there = _CONTEXT.Pipe()
-        process = _CONTEXT.Process(target=_work, args=(there, self.root, self.seed), daemon=True)
+        process = _CONTEXT.Process(
+            target=_work, args=(there, self.root, self.seed, self.longest, self.kind), daemon=True
+        )
         process.start()
         there.close()
         return process, here
@@ -147,18 +159,20 @@ class _Keeper:
     def _post_mortem(self, code: int | None) -> Result:
         """What a worker was at when it died."""
         stack = (self.root / _STACK).read_text(errors="replace")
-        hung = "Timeout (" in stack
+        hung = "Timeout (" in stack or code == -signal.SIGPROF
         kind = "hang" if hung else "crash"
         named = signal.Signals(-code).name if code is not None and code < 0 else f"exit {code}"
         where = located(stack) or ("" if hung else named)
-        text = f"more than {LONGEST:g} s" if hung else named
-        return Result(code=1, seconds=LONGEST if hung else 0.0, failures=(Failure(kind=kind, where=where, text=text),))
+        text = f"more than {self.longest:g} s" if hung else named
+        return Result(
+            code=1, seconds=self.longest if hung else 0.0, failures=(Failure(kind=kind, where=where, text=text),)
+        )
 
 
 # In the worker
 
 
-def _work(connection: Connection, root: Path, seed: int) -> None:
+def _work(connection: Connection, root: Path, seed: int, longest: float, kind: type[Place]) -> None:
     """Try what is sent, one by one, until there is no more or too much memory is in use."""
     os.nice(_NICE)
     with (root / _STACK).open("w") as stack, (root / _PRINTED).open("w") as printed:
@@ -166,18 +180,20 @@ def _work(connection: Connection, root: Path, seed: int) -> None:
         os.dup2(printed.fileno(), 1)
         os.dup2(printed.fileno(), 2)
         faulthandler.enable(stack)
+        # Says where it is, and ends as without it.
+        faulthandler.register(signal.SIGPROF, file=stack, chain=True)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_FSIZE, (_LARGEST_FILE, _LARGEST_FILE))
         prepare()
         try:
-            _serve(connection, Place(root / "work"), seed, stack)
+            _serve(connection, kind(root / "work"), seed, longest, stack)
         except EOFError:  # nothing more to do
             pass
         except Exception:  # noqa: BLE001 - it is raised where the worker was started
             connection.send(traceback.format_exc())
 
 
-def _serve(connection: Connection, place: Place, seed: int, stack: TextIO) -> None:
+def _serve(connection: Connection, place: Place, seed: int, longest: float, stack: TextIO) -> None:
     whole: set[tuple[str, str]] = set()
     while True:
         inputs: Sequence[Input] = connection.recv()
@@ -190,9 +206,11 @@ def _serve(connection: Connection, place: Place, seed: int, stack: TextIO) -> No
             if resident() > base + _GROWN:
                 connection.send(None)
                 return
-            faulthandler.dump_traceback_later(LONGEST, exit=True, file=stack)
+            signal.setitimer(signal.ITIMER_PROF, longest)
+            faulthandler.dump_traceback_later(_WAITED * longest, exit=True, file=stack)
             result = place.tried(one, seed)
             faulthandler.cancel_dump_traceback_later()
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
             connection.send(result)
 
 

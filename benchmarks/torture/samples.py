@@ -16,6 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from rosbags.rosbag1 import Writer as Rosbag1
 
+from benchmarks.torture.bombs import NEEDED, bombs
 from benchmarks.torture.frames import Frame, bag_frames, mcap_frames, sealed_nmea, sealed_tlog, tlog_frames, ulog_frames
 from rovid.identify.estimate import Estimate
 from rovid.parameters import Parameters
@@ -45,6 +46,8 @@ class Sample:
         What else is in the folder.
     frames
         Where its length fields are.
+    needed
+        Bytes of what a command needs of it, where those are many.
     seal
         Mends the checksums of changed bytes, so that a change is not all there is to see.
     """
@@ -53,6 +56,7 @@ class Sample:
     data: bytes
     beside: Files
     frames: tuple[Frame, ...] = ()
+    needed: int = 0
     seal: Callable[[bytes], bytes] | None = None
 
 
@@ -64,14 +68,14 @@ class Format:
     ----------
     text
         What can be changed besides bytes.
-    named
-        Not what stands in the file is changed, but its name.
+    changed
+        What stands in the file, its name, or nothing: then each sample is an input, and need not be read.
     """
 
     make: Callable[[], list[Sample]]
     commands: tuple[str, ...] = LOG_COMMANDS
     text: Text = ""
-    named: bool = False
+    changed: Literal["content", "name", "nothing"] = "content"
 
 
 @cache
@@ -297,6 +301,12 @@ def _parameters() -> list[Sample]:
 _SOURCES = f'sources = [\n    {{ name = "dive.csv", sha256 = "{"0" * 64}", samples = {ROWS} }},\n]'
 
 
+def _bombs() -> list[Sample]:
+    mcap = '{ csv = "fore_V", mcap = "/thrusters/fore.data", ulg = "vehicle_attitude.q[0]" }'
+    beside = _folder(logs.toml(command=mcap))
+    return [Sample(name=name, data=data, beside=beside, needed=NEEDED.get(name, 0)) for name, data in bombs().items()]
+
+
 def _curve() -> list[Sample]:
     folder = {"rovid.toml": _CSV_TOML.encode(), "dive.csv": _csv_log().encode()}
     rows = "".join(f"{u / 2.0:g},{8.0 * u * abs(u):g}\n" for u in range(-10, 11))
@@ -330,7 +340,8 @@ FORMATS: Mapping[str, Format] = {
     "ulg": Format(make=_ulg),
     "rovid.toml": Format(make=_configuration, commands=("check", "convert", "simulate"), text="toml"),
     "parameters.toml": Format(make=_parameters, commands=("simulate", "export"), text="toml"),
-    "names": Format(make=_csv, named=True),
+    "names": Format(make=_csv, changed="name"),
+    "bombs": Format(make=_bombs, changed="nothing"),
     "curve": Format(make=_curve, commands=("check", "init"), text="lines"),
     "bench": Format(make=_bench, commands=("fit-thruster",), text="lines"),
     "steady": Format(make=_steady, commands=("fit-drag",), text="lines"),
