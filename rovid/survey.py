@@ -70,8 +70,6 @@ def survey(paths: Sequence[Path]) -> Survey:
     RovidError
         There are no logs, none can be read, or none holds a heading or a command.
     """
-    for path in paths:
-        require(path)
     folder = _folder(paths)
     logs: dict[str, list[Mapping[str, Seen]]] = {}
     clocks: dict[str, str] = {}
@@ -218,7 +216,15 @@ def _curve(folder: Path, commands: Sequence[Thrusting], problems: list[str]) -> 
 
 
 def outputs_beside(paths: Sequence[Path]) -> tuple[Output, Output]:
-    """Where rovid.toml and a guessed curve for the logs in ``paths`` go."""
+    """Where rovid.toml and a guessed curve for the logs in ``paths`` go.
+
+    Raises
+    ------
+    RovidError
+        There is nothing at one of ``paths``, or what is neither file nor folder.
+    """
+    for path in paths:
+        require(path)
     folder = _folder(paths)
     return Output(folder / FILE_NAME, CONFIG), Output(folder / GUESSED_CURVE, GUESSED)
 

@@ -117,7 +117,7 @@ def test_a_link_to_a_folder_above_is_named(folder: Path, rovid: Rovid) -> None:
 
 @pytest.mark.parametrize("command", ["check", "init", "fit-drag"])
 def test_a_name_longer_than_any_is_refused(command: str, rovid: Rovid) -> None:
-    assert_one_message(rovid(command, "x" * 300 + ".csv"), "cannot be read")
+    assert_one_message(rovid(command, "x" * 300 + ".csv"), "there is no such file or folder")
 
 
 def test_a_pipe_beside_nmea_text_is_not_its_log(tmp_path: Path, folder: Path, rovid: Rovid) -> None:
