@@ -130,7 +130,8 @@ def survived(*arguments: str) -> None:
 
 
 def test_a_few_inputs() -> None:
-    survived("benchmarks.torture", "--inputs", "1000", "--cuts", "200", "--jobs", "1")
+    formats = [name for name, form in FORMATS.items() if form.changed != "nothing"]
+    survived("benchmarks.torture", "--inputs", "1000", "--cuts", "200", "--jobs", "1", "--formats", *formats)
 
 
 @pytest.mark.parametrize("command", ["init", "convert", "fit-thruster:random 0"])

@@ -8,6 +8,7 @@ import struct
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
+from random import Random
 
 import lz4.frame
 import pyarrow as pa
@@ -19,6 +20,9 @@ from tests.readers import logs, recordings
 
 _MILLION = 1_000_000
 _ROWS = 10 * _MILLION
+_UNPACKED = 1 << 30
+# Of each megabyte so much says something.
+_TOLD = 12_000
 # Of doubles: what `rovid check` needs of the table below.
 NEEDED: Mapping[str, int] = {"constant.parquet": 3 * 8 * _ROWS}
 
@@ -57,19 +61,16 @@ def _constant_parquet() -> bytes:
 
 
 def _swollen(compression: str) -> bytes:
-    """A chunk that is a gigabyte of nothing when it is unpacked."""
-    size, part = 1 << 30, bytes(1 << 20)
+    """A chunk of some megabytes, as camera images might be, that is a gigabyte when it is unpacked."""
+    rng = Random(1)  # noqa: S311 - nothing secret
     packed = io.BytesIO()
-    if compression == "zstd":
-        with zstandard.ZstdCompressor(level=1).stream_writer(packed, closefd=False) as stream:
-            for _ in range(size >> 20):
-                stream.write(part)
-    else:
-        with lz4.frame.open(packed, "wb") as stream:
-            for _ in range(size >> 20):
-                stream.write(part)
+    open_packed = zstandard.ZstdCompressor(level=1).stream_writer if compression == "zstd" else lz4.frame.open
+    mode = {"size": _UNPACKED, "closefd": False} if compression == "zstd" else {"mode": "wb"}
+    with open_packed(packed, **mode) as stream:
+        for _ in range(_UNPACKED >> 20):
+            stream.write(rng.randbytes(_TOLD) + bytes((1 << 20) - _TOLD))
     data, name = packed.getvalue(), compression.encode()
-    chunk = struct.pack("<QQQII", 0, 1, size, 0, len(name)) + name + struct.pack("<Q", len(data)) + data
+    chunk = struct.pack("<QQQII", 0, 1, _UNPACKED, 0, len(name)) + name + struct.pack("<Q", len(data)) + data
     header = struct.pack("<BQII", 1, 8, 0, 0)
     magic = b"\x89MCAP0\r\n"
     return magic + header + struct.pack("<BQ", 6, len(chunk)) + chunk + magic
