@@ -218,9 +218,10 @@ class _Reader:
         if push is not None:
             pairs = [(Thruster(name=axis.push, arm=1.0, curve=None), push)]
         measured = self.measured(signals, {kind for _, command in pairs for kind in command.sources})
-        if not thrusters and push is None:
+        # What rights itself swings when it is let go of, and tells of itself without a drive.
+        if not thrusters and push is None and not axis.rights:
             raise self.complain("[[thrusters]]", f"there are none, and no {axis.push} is mapped in [signals].")
-        if not pairs:
+        if not pairs and not axis.rights:
             raise self.complain("[[thrusters]]", f"none has {axis.arm}.", f"Add {axis.arm} = {_example(axis)}.")
         names = [thruster.name for thruster, _ in pairs]
         if len(set(names)) < len(names):
@@ -306,6 +307,7 @@ class _Reader:
             arm=self.number(block[arm], f"{place} {arm}"),
             curve=read_curve(self.path.parent / str(block["curve"])),
             clamp=outside == "clamp",
+            ahead=self.number(block.get("surge", 0.0), f"{place} surge"),
         )
         return thruster, self.signal(f"command.{name}", block["command"], f"{place} command")
 

@@ -20,7 +20,7 @@ from rovid.effects import effect_named
 from rovid.errors import ConfigError
 from rovid.files import Claim, Output
 from rovid.files.form import PARAMETERS
-from rovid.identify.estimate import Estimate
+from rovid.identify.estimate import PER_INERTIA, Estimate
 from rovid.model import Model, base_names, effect_ids
 from rovid.places import is_there, refuse_odd
 from rovid.quoting import encodable
@@ -99,7 +99,9 @@ class Parameters:
             if i <= j and first in new and second in new
         }
         # Effects belong to the fit that found them: another fit of the inertia does without, or finds them anew.
-        stale = set(estimate.names) | ({name for name in self.entries if "." in name} if "inertia" in new else set())
+        stale = set(estimate.names) | (
+            {name for name in self.entries if "." in name} if "inertia" in estimate.names else set()
+        )
         entries = {name: entry for name, entry in self.entries.items() if name not in stale}
         return replace(self, entries=entries | new, covariance=kept | fresh)
 
@@ -121,7 +123,8 @@ class Parameters:
         a second `rovid fit-inertia` has to give what the first gave.
         """
         names, needed = ("quadratic_drag", "linear_drag"), "quadratic_drag"
-        if needed not in self.entries or self.covariance.get(("inertia", needed), 0.0) != 0.0:
+        together = self.covariance.get(("inertia", needed), 0.0) != 0.0
+        if needed not in self.entries or together or self.per_inertia:
             return None
         values = [self.entries[name].value if name in self.entries else 0.0 for name in names]
         covariance = [[self.covariance.get((a, b), self.covariance.get((b, a), 0.0)) for b in names] for a in names]
@@ -134,6 +137,12 @@ class Parameters:
             axis=self.axis,
         )
 
+    @property
+    def per_inertia(self) -> bool:
+        """Whether the inertia could not be known, and all else is that of 1 kg m^2."""
+        entry = self.entries.get("quadratic_drag")
+        return entry is not None and entry.unit.endswith(PER_INERTIA)
+
     def model(self) -> Model:
         """The model that these parameters describe.
 
@@ -143,7 +152,7 @@ class Parameters:
             Inertia, drag or a parameter of an effect is missing.
         """
         for name, command in (("quadratic_drag", "fit-drag LOGS"), ("inertia", "fit-inertia")):
-            if name not in self.entries:
+            if name not in self.entries and not (name == "inertia" and self.per_inertia):
                 raise ConfigError(f"holds no {name}.", where=self.path, mend=f"Run `rovid {command}` first.")
         linear = self.entries.get("linear_drag")
         effects = tuple(effect_named(name) for name in self.effects)
@@ -155,7 +164,7 @@ class Parameters:
                 mend = f"Run `rovid fit --effect {name.rpartition('.')[0]}`, or delete what is left of the effect."
                 raise ConfigError(f"holds no {name}.", where=self.path, mend=mend)
         return Model(
-            inertia=self.entries["inertia"].value,
+            inertia=1.0 if self.per_inertia else self.entries["inertia"].value,
             quadratic_drag=self.entries["quadratic_drag"].value,
             linear_drag=0.0 if linear is None else linear.value,
             effects=effects,

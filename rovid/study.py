@@ -20,7 +20,7 @@ from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit, fit_inertia, fit_inertia_table, unlike_rigid_body
 from rovid.identify.likelihood import LikelihoodFit, fit_likelihood
 from rovid.identify.steady import DragFit, fit_drag, points_from_table, steady_points
-from rovid.plan.design import Plan, belief_of, plan
+from rovid.plan.design import Plan, belief_of, plan, require_drive
 from rovid.plan.programme import Limits
 from rovid.readers import read_campaign
 from rovid.readers.campaign import files_in
@@ -129,11 +129,12 @@ class Study:
         self.require(effects)
         logged = channels(self.runs.items)
         for effect in effects:
-            if effect.needs and effect.needs not in logged:
+            missing = [name for name in effect.needs if name not in logged]
+            if missing:
                 raise ConfigError(
-                    f"needs {effect.needs}, which these logs do not all hold.",
+                    f"needs {' and '.join(missing)}, which these logs do not all hold.",
                     where=effect.key,
-                    mend=f"Map {effect.needs} in [signals] of rovid.toml, or leave the effect out.",
+                    mend=f"Map {' and '.join(missing)} in [signals] of rovid.toml, or leave the effect out.",
                 )
         fit = fit_likelihood(self.runs.items, self.vehicle, effects, gyro=gyro)
         odd = unlike_rigid_body(fit.estimate, self.vehicle.rigid_body_inertia)
@@ -159,6 +160,7 @@ class Study:
             raise DataError(
                 "a table does not say how fast the vehicle answers.", where=self.paths[0], mend="Give logs."
             )
+        require_drive(self.vehicle)
         others = tuple(effect for effect in effects if effect.id not in {rival.id for rival in between})
         models = [(*others, rival) for rival in between] or [others]
         names = [rival.key for rival in between] or ["the model"]

@@ -16,7 +16,8 @@ from rovid.advice import Advice
 from rovid.axis import YAW
 from rovid.export import Exported
 from rovid.identify.bench import BenchFit
-from rovid.identify.estimate import Estimate
+from rovid.identify.decay import Decay, read_decay
+from rovid.identify.estimate import PER_INERTIA, Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.identify.likelihood import LikelihoodFit
 from rovid.identify.steady import DragFit, SteadyPoint
@@ -185,13 +186,36 @@ def show_likelihood(console: Console, fit: LikelihoodFit) -> None:
         highlight=False,
     )
     console.print(
-        f"disturbance {axis.push} {fit.disturbance:.3g} {axis.push_unit} with a memory of "
+        f"disturbance {axis.push} {fit.disturbance:.3g} {axis.push_unit}"
+        f"{PER_INERTIA if fit.estimate.per_inertia else ''} with a memory of "
         f"{fit.correlation_time:.2g} s; {name} noise {factor * fit.position_noise:.2g} {unit}",
         highlight=False,
     )
     console.print(
         f"free-running {axis.rate_words} R² {fit.free_run_r2:.4f}; the fit that looks at nothing else reaches "
         f"{fit.base_r2:.4f}",
+        highlight=False,
+    )
+
+
+def show_decay(console: Console, decay: Decay) -> None:
+    """Print period and damping of the swings, and the ratios to the inertia."""
+    rows = table("Free decay", "swing from", "deg", "natural period s", "damping ratio")
+    for swing in (*decay.swings, decay.usual):
+        readings = (plus_minus(r.value, r.standard_error) for r in (swing.natural_period, swing.damping_ratio))
+        name = f"the largest of {swing.name}" if swing.name else "the root mean square of all"
+        rows.add_row(name, number(math.degrees(swing.amplitude), ".1f"), *readings)
+    console.print(rows)
+    linear, quadratic = (plus_minus(r.value, r.standard_error) for r in decay.terms.values())
+    frequency = decay.natural_frequency
+    shown = ", ".join(
+        f"{name.replace('_', ' ')} {plus_minus(r.value, r.standard_error)} {r.unit}"
+        for name, r in decay.over_inertia.items()
+    )
+    console.print(
+        f"natural frequency {plus_minus(frequency.value, frequency.standard_error)} {frequency.unit}; damping ratio "
+        f"{linear} of the linear drag, and {quadratic} for each rad of amplitude of the quadratic\n"
+        f"over the inertia: {shown}",
         highlight=False,
     )
 
@@ -330,6 +354,8 @@ def show_fit(
 ) -> None:
     """Print a fit, how the signals were filtered, what was noticed, and where the parameters went."""
     show(console, fit)
+    if study.runs is not None and isinstance(fit, LikelihoodFit) and fit.estimate.per_inertia:
+        show_decay(console, read_decay(fit.model, fit.estimate, study.runs.items, study.vehicle))
     if study.runs is not None:
         show_filter(console, study.runs)
     show_warnings(console, [*study.remarks(), *fit.estimate.warnings])

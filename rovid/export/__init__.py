@@ -108,7 +108,7 @@ def subject_of(stored: Parameters, study: Study | None) -> Subject:
         largest = float(model.drag(np.array(rate)))
         vehicle = replace(vehicle, thrusters=(Thruster(name="yaw_torque", arm=1.0, curve=None, most=largest),))
         used = np.array([[-largest, largest]])
-    needed = {effect.needs for effect in model.effects if effect.needs}
+    needed = {name for effect in model.effects for name in effect.needs}
     return Subject(
         model=model,
         vehicle=vehicle,
@@ -150,5 +150,5 @@ def _loss(subject: Subject, effect: Effect, commands: FloatArray, whole: FloatAr
     unseen = effect.wave or bool(effect.needs)
     why = f"the format has nothing for {effect.title} ({effect.equation})"
     if unseen:
-        why += "; the manoeuvre does not show it, for it depends on " + (effect.needs or "a random phase")
+        why += "; the manoeuvre does not show it, for it depends on " + (" and ".join(effect.needs) or "a random phase")
     return Loss(what=effect.key, why=why, percent_of_range=math.nan if unseen else without)

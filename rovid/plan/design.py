@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rovid.errors import DataError
 from rovid.identify.likelihood import LikelihoodFit
 from rovid.plan.programme import Limits, Pace, programme
 from rovid.plan.worth import DECIDES, Belief, Worth, ranked
@@ -52,10 +53,12 @@ def plan(
     Raises
     ------
     DataError
-        The thrusters push one way only, or no run stays within the limits.
+        There are no thrusters, they push one way only, or no run stays within the limits.
     """
     names = tuple(thruster.name for thruster in vehicle.thrusters)
-    runs = programme(Pace.of(beliefs[0].model, vehicle, trials, limits.share), names)
+    require_drive(vehicle)
+    pace = Pace.of(beliefs[0].model, vehicle, trials, limits.share)
+    runs = [replace(run, reference=trials[0].reference) for run in programme(pace, names)]
     narrow = narrow or ("" if len(beliefs) > 1 else widest(beliefs[0]))
     found = ranked(runs, beliefs, vehicle, limits, narrow=narrow)
     rate = float(np.sqrt(np.mean(found[0].rates ** 2)))
@@ -66,6 +69,21 @@ def plan(
         thrusters=names,
         noise_rate=beliefs[0].driven_rate(rate),
     )
+
+
+def require_drive(vehicle: Vehicle) -> None:
+    """Refuse to plan commands where nothing takes any.
+
+    Raises
+    ------
+    DataError
+        There are no thrusters.
+    """
+    if not vehicle.thrusters:
+        raise DataError(
+            f"nothing drives the vehicle in {vehicle.axis.name}: there are no commands to plan.",
+            mend="Let go of it from a large and from a small tilt, at rest and at speed.",
+        )
 
 
 def widest(belief: Belief) -> str:
