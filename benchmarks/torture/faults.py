@@ -131,18 +131,17 @@ def _state(one: Scene, now: Tree, path: str) -> str:
 # What happens to it
 
 
-def killed_at_steps(one: Scene) -> Iterator[Failure]:
-    """Just before each of its changes, and after the last but one."""
-    for step in range(1, one.steps + 1):
-        one.reset()
-        left = iter(range(step - 1, 0, -1))
+def killed_at_step(one: Scene, step: int) -> Iterator[Failure]:
+    """Just before one of its changes."""
+    one.reset()
+    left = iter(range(step - 1, 0, -1))
 
-        def kill(left: Iterator[int] = left) -> None:
-            if next(left, None) is None:
-                os.kill(os.getpid(), signal.SIGKILL)
+    def kill() -> None:
+        if next(left, None) is None:
+            os.kill(os.getpid(), signal.SIGKILL)
 
-        Apart(one.case.new, one.folder, steps_in(one.folder, kill)).ended()
-        yield from judged(one, f"killed at step {step} of {one.steps}")
+    Apart(one.case.new, one.folder, steps_in(one.folder, kill)).ended()
+    yield from judged(one, f"killed at step {step} of {one.steps}")
 
 
 def killed_at(one: Scene, moment: float) -> Iterator[Failure]:
@@ -296,7 +295,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--random", type=int, default=200, metavar="KILLS", help="of all commands together")
     parser.add_argument("--pairs", type=int, default=100, help="of commands at once, of each kind")
-    parser.add_argument("--only", default="", metavar="COMMAND[:FAULT]", help="what begins so, as report or plan:steps")
+    parser.add_argument("--only", default="", metavar="COMMAND[:FAULT]", help="as report, or plan:step 3")
     parser.add_argument("--state", type=Path, help="what is done goes here, and is not done again")
     arguments = parser.parse_args()
     prepare()
@@ -314,11 +313,13 @@ def main() -> int:
 def tried(state: State, command: str, root: Path, arguments: argparse.Namespace) -> None:
     """All that can happen to ``command``."""
     only: str = arguments.only
-    kills = -(-arguments.random // len(CASES))
+    if only.partition(":")[0] not in {"", command} or f"{command}:all" in state.records:
+        return
     rng = Random(f"{arguments.seed}/{command}")  # noqa: S311 - nothing secret
-    moments = [rng.random() for _ in range(kills)]
+    moments = [rng.random() for _ in range(-(-arguments.random // len(CASES)))]
+    one = scene(command, root)
     faults: dict[str, Callable[[Scene], Iterator[Failure]]] = {
-        "steps": killed_at_steps,
+        **{f"step {k}": partial(killed_at_step, step=k) for k in range(1, one.steps + 1)},
         "small files": on_small_files,
         "full disk": on_full_disk,
         "read-only": on_read_only,
@@ -330,15 +331,13 @@ def tried(state: State, command: str, root: Path, arguments: argparse.Namespace)
         if where == command
         for k in range(arguments.pairs)
     }
-    named = {f"{command}:{name}": fault for name, fault in faults.items()}
-    left = {name: fault for name, fault in named.items() if name not in state.records and name.startswith(only)}
-    if not left:
-        return
-    one = scene(command, root)
-    for name, fault in left.items():
-        begin = time.perf_counter()
-        failures = [(name, failure) for failure in fault(one)]
-        state.add(name, inputs=1, failures=failures, seconds=time.perf_counter() - begin)
+    for name, fault in ((f"{command}:{name}", fault) for name, fault in faults.items()):
+        if name not in state.records and only in {"", command, name}:
+            begin = time.perf_counter()
+            failures = [(name, failure) for failure in fault(one)]
+            state.add(name, inputs=1, failures=failures, seconds=time.perf_counter() - begin)
+    if not only:
+        state.add(f"{command}:all", inputs=0, failures=[], seconds=0.0)
     shutil.rmtree(one.folder.parent)
 
 

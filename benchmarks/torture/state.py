@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -59,7 +60,7 @@ class State:
 
     def _say(self, record: Record) -> None:
         for one in record["failures"]:
-            again = f"--seed {self.seed} --only {one['input']}"
+            again = f"--seed {self.seed} --only {shlex.quote(one['input'])}"
             print(f"{one['kind']}: {one['where']}: {again}: {one['text']!r}", flush=True)
 
 
