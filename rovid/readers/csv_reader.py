@@ -311,4 +311,4 @@ def _numbers(cells: Sequence[str], layout: Layout) -> FloatArray | None:
 
 def _rises(values: FloatArray) -> bool:
     known = values[np.isfinite(values)]
-    return len(known) > 1 and bool(np.all(np.diff(known) > 0.0))
+    return len(known) > 1 and bool(np.all(known[1:] > known[:-1]))
