@@ -131,10 +131,10 @@ def survived(*arguments: str) -> None:
 
 def test_a_few_inputs() -> None:
     formats = [name for name, form in FORMATS.items() if form.changed != "nothing"]
-    survived("benchmarks.torture", "--inputs", "1000", "--cuts", "200", "--jobs", "1", "--formats", *formats)
+    survived("benchmarks.torture", "--inputs", "250", "--cuts", "900", "--jobs", "1", "--formats", *formats)
 
 
-@pytest.mark.parametrize("command", ["init", "convert", "fit-thruster:random 0"])
+@pytest.mark.parametrize("command", ["init", "fit-thruster:random 0"])
 def test_a_few_faults(command: str) -> None:
     survived("benchmarks.torture.faults", "--only", command, "--random", "11")
 
