@@ -207,18 +207,23 @@ class _Table:
                     cells = next(reader)
                 except StopIteration:
                     return
-                except csv.Error:  # a cell beyond the module's limit
-                    cells = []
+                except csv.Error as error:  # a cell beyond the module's limit
+                    raise LogError(
+                        "has a cell of more than 100 000 characters; a number was expected.",
+                        where=f"{self.layout.path}:{number}",
+                        mend="Look for a quotation mark that is opened in this row and never closed.",
+                    ) from error
                 if len(cells) > 1 or any(cell.strip() for cell in cells):
                     yield number, cells
 
     def _complaint(self, reason: str) -> LogError:
         """The first wanted cell that is no number, found by a slow second look."""
         numeric = {at: name for name, at in self.columns.items() if self._time_kind() != "str" or name != "time"}
+        decimal = self.decimal
         for number, cells in self._rows():
             for at, name in numeric.items():
                 cell = cells[at].strip() if at < len(cells) else ""
-                if cell not in _MISSING and not _is_number(cell, self.decimal):
+                if cell not in _MISSING and not _is_number(cell, decimal):
                     error = _NoNumberError(
                         f"{self.signals[name].sources[KIND]} is {_short(cell)}, a number was expected.",
                         where=f"{self.layout.path}:{number}",

@@ -271,10 +271,11 @@ def _date(text: str) -> float:
 
 
 def _time_of_day(cells: list[bytes]) -> float:
-    """S since midnight of hhmmss.ss."""
+    """S since midnight of hhmmss.ss; NaN beyond the day's end, a leap second allowed."""
     text = cells[1] if len(cells) > 1 else b""
     hours, minutes, rest = (_number(part) for part in (text[:2], text[2:4], text[4:]))
-    return 3600.0 * hours + 60.0 * minutes + rest
+    time = 3600.0 * hours + 60.0 * minutes + rest
+    return time if 0.0 <= time <= _DAY + 1.0 else np.nan
 
 
 def _zda(cells: list[bytes]) -> float:
