@@ -181,14 +181,14 @@ class Place:
         whole = self._whole_document(one) if one.number.startswith(CUT) else None
         folder, path, there = self._laid(one, case)
         arguments = _arguments(one, path)
-        before, peak, said = resident(), _peak(), _printed()
+        before, highest, said = resident(), peak(), _printed()
         begun = time.perf_counter()
         done = run(arguments, folder)
         seconds = time.perf_counter() - begun
         failures = [*done.failures]
         # A peak that was there before says nothing of this input.
-        if _peak() > max(peak, before + MEMORY + 4 * case.sample.needed):
-            failures.append(Failure(kind="memory", where=one.command, text=f"{(_peak() - before) / 1e6:.0f} MB"))
+        if peak() > max(highest, before + MEMORY + 4 * case.sample.needed):
+            failures.append(Failure(kind="memory", where=one.command, text=f"{(peak() - before) / 1e6:.0f} MB"))
         if _printed() > said:
             failures.append(Failure(kind="messages", where=f"{one.command}: a library prints by itself"))
         if done.code in {0, 2}:
@@ -349,7 +349,8 @@ def resident() -> int:
         return int(stream.read().split()[1]) * _PAGE
 
 
-def _peak() -> int:
+def peak() -> int:
+    """The most bytes of memory that were ever in use."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 

@@ -19,7 +19,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TextIO
 
-from benchmarks.torture.commands import CUT, Failure, Input, Place, Result, located, prepare, resident
+from benchmarks.torture.commands import CUT, MEMORY, Failure, Input, Place, Result, located, peak, prepare, resident
 
 # s of work that an input may take, and how much longer on the clock: others may be at work on the machine.
 LONGEST, _WAITED = 10.0, 3.0
@@ -203,7 +203,8 @@ def _serve(connection: Connection, place: Place, seed: int, longest: float, stac
                 whole.add((one.format, one.command))
                 base = _bounded()
         for one in inputs:
-            if resident() > base + _GROWN:
+            # A high peak would hide those of the inputs to come.
+            if resident() > base + _GROWN or peak() > base + MEMORY:
                 connection.send(None)
                 return
             signal.setitimer(signal.ITIMER_PROF, longest)
