@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 JOBS   ?= auto
 
-.PHONY: demo test test-slow lint docs bench sweep clean
+.PHONY: demo test test-slow lint docs bench sweep torture clean
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -47,6 +47,10 @@ bench: $(VENV)/installed  ## timings, as ratios measured in one run, and whether
 
 sweep: $(VENV)/installed  ## hours: what the diagnosis names of hidden effects; SWEEP="--seed 1 --vehicle small"
 	$(BIN)/python -m benchmarks.sweep $(SWEEP)
+
+torture: $(VENV)/installed  ## an hour: a million bad inputs, kills, full disks; run again, it goes on where it ended
+	$(BIN)/python -m benchmarks.torture --inputs 1000000 --state build/torture.jsonl $(TORTURE)
+	$(BIN)/python -m benchmarks.torture.faults --state build/faults.jsonl
 
 clean:
 	rm -rf $(VENV) demo build/docs build/doctrees

@@ -74,7 +74,7 @@ void filter(long n, const double *time, const double *torque, const double *angl
     }
 }
 """
-BASE = np.array([5057.0, 3532.0, 132.0, 0.0, 0.0, 0.0, 0.0])
+BASE = np.array([5057.0, 3532.0, 132.0, *np.zeros(8)])
 NOISE = np.array([3.0, 4.0, 2e-4, 1.0])
 START = np.array([0.0, 0.02])
 NO_EFFECTS = (np.zeros((0, 4)), np.zeros(0, dtype=np.int64))
@@ -100,9 +100,10 @@ def main() -> None:
     angle = simulate(instants, torque, 5057.0, 3532.0, 132.0, 0.0)[1]
     angle = angle + np.random.default_rng(1).normal(0.0, 2e-4, len(angle))
     nothing, none = np.full(len(instants), np.nan), np.zeros(len(instants))
+    beside = np.zeros((len(instants), 3))
 
     def ours() -> tuple[np.ndarray, np.ndarray]:
-        return innovations(instants, torque, none, none, none, angle, nothing, BASE, *NO_EFFECTS, NOISE, START)
+        return innovations(instants, torque, beside, none, none, angle, nothing, BASE, *NO_EFFECTS, NOISE, START)
 
     with tempfile.TemporaryDirectory() as name:
         reference = c_loop(Path(name))

@@ -9,16 +9,18 @@ import math
 import textwrap
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from rovid.axis import AXES, YAW, Axis
 from rovid.config import load_config
 from rovid.diagnose.experiments import _PAIRS
 from rovid.effects import CATALOGUE, FORMS, Effect, EffectParameter
+from rovid.effects.base import SPEEDS
 from rovid.effects.thruster_imbalance import BESIDE, of_thruster
 from rovid.model import Drive, Model
 from rovid.report.plots.canvas import BLACK, BLUE, ORANGE, PALE, png, sheet, styled
@@ -37,6 +39,7 @@ _SINE = 2.0  # V
 _PERIODS = 2.5
 _THRUSTER = "fore"
 _JUMP = 0.5  # V
+_SIZES = ("amplitude", "back_", "quadratic", "munk")
 _COLUMNS = 116
 _BASE = "I·ṙ + DQ·|r|·r + DL·r = T(u)"
 _RESIDUAL = "T − I·ṙ − DQ·|r|·r − DL·r"
@@ -57,6 +60,7 @@ _AXES = {
     "rate": "yaw rate, rad/s",
     "turns": "turns since the start",
     "heading": "heading, deg",
+    "tilt": "tilt, deg",
     "swept": "angle since the reversal, deg",
 }
 
@@ -74,6 +78,8 @@ class Note:
     left_out: str = ""
     alone: bool = False
     volts: float = 1.8
+    speeds: tuple[float, float] = (0.0, 0.0)
+    stiffness: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,6 +108,7 @@ def notes() -> dict[str, Note]:
 def _checked(name: str, entry: dict[str, Any]) -> dict[str, Any]:
     entry["text"] = " ".join(entry["text"].split())
     entry["sizes"] = tuple(entry["sizes"])
+    entry["speeds"] = tuple(entry.get("speeds", (0.0, 0.0)))
     wanted = [parameter.name for parameter in _plain(name).parameters]
     if list(entry["values"]) != wanted:
         msg = f"notes.toml, {name}: values are of {list(entry['values'])}, the effect's parameters are {wanted}"
@@ -136,6 +143,11 @@ def reverse(volts: float) -> float:
     return -(_DEAD_ZONE + (volts - _DEAD_ZONE) * _REVERSE_SHARE)
 
 
+def _axis(effect: Effect) -> Axis:
+    """Along which the picture shows it."""
+    return YAW if not effect.axes or YAW.name in effect.axes else AXES[effect.axes[0]]
+
+
 def _step_commands(note: Note) -> FloatArray:
     count = round(note.hold / _STEP)
     ahead, astern = note.volts, reverse(note.volts)
@@ -153,20 +165,30 @@ def _sine_commands(period: float) -> FloatArray:
 
 def _course(vehicle: Vehicle, effect: Effect, note: Note, commands: FloatArray) -> Course:
     time: FloatArray = np.arange(len(commands), dtype=np.float64) * _STEP
-    trial = Trial(name="run", path=Path("run"), time=time, position=np.zeros(len(time)), commands=commands)
-    base = Model(inertia=_INERTIA, quadratic_drag=_QUADRATIC, linear_drag=_LINEAR)
+    trial = Trial(
+        name="run",
+        path=Path("run"),
+        time=time,
+        position=np.zeros(len(time)),
+        commands=commands,
+        reference=dict(zip(SPEEDS, note.speeds, strict=True)),
+    )
+    base = Model(
+        inertia=_INERTIA,
+        quadratic_drag=_QUADRATIC,
+        linear_drag=_LINEAR,
+        axis=_axis(effect),
+        restoring_values=(note.stiffness, 0.0) if note.stiffness else (),
+    )
     drive = base.drive(vehicle, trial)
     torque = drive.torque
     if effect.wave:
         model, push = base, Drive.held(torque + note.values["amplitude"] * np.sin(note.values["frequency"] * time))
     else:
-        numbers = tuple(note.values.values())
-        model = Model(
-            inertia=_INERTIA, quadratic_drag=_QUADRATIC, linear_drag=_LINEAR, effects=(effect,), effect_values=numbers
-        )
+        model = replace(base, effects=(effect,), effect_values=tuple(note.values.values()))
         push = model.drive(vehicle, trial)
     rate, heading = model.simulate(trial, push)
-    drag = base.drag(rate)
+    drag = base.drag(rate) + note.stiffness * np.sin(heading)
     left = torque[:-1] - _INERTIA * np.diff(rate) / _STEP - 0.5 * (drag[1:] + drag[:-1])
     return Course(
         time=time - _REST,
@@ -190,7 +212,12 @@ def picture(effect: Effect, note: Note) -> Figure:
     for panel, course, name in ((first, step, "step"), (second, sine, f"sine of {note.period:g} s")):
         panel.plot(course.time, course.rate, color=PALE, linewidth=3.6, label="with the effect")
         panel.plot(course.time, course.plain, color=BLACK, linewidth=1.1, label="base model")
-        panel.set(xlabel="time, s", ylabel="yaw rate, rad/s", title=name, xlim=(course.time[0], course.time[-1]))
+        panel.set(
+            xlabel="time, s",
+            ylabel=f"{_axis(effect).rate_words}, rad/s",
+            title=name,
+            xlim=(course.time[0], course.time[-1]),
+        )
     # Steps hold few commands: dots. Elsewhere a broad line under a thin one, as both may be the same.
     dots = note.against in {"command", "torque"}
     both = note.against != "time" and effect.on_heading is None
@@ -224,6 +251,7 @@ def _residual(course: Course, against: str) -> tuple[FloatArray, FloatArray]:
         "torque": course.torque,
         "rate": course.rate,
         "turns": course.heading / (2.0 * np.pi),
+        "tilt": np.degrees(course.heading),
         "heading": np.degrees(course.heading) % 360.0,
         "swept": np.degrees(_swept(course.rate)),
     }
@@ -282,11 +310,22 @@ def _caption(effect: Effect, note: Note) -> str:
         else f"{note.volts:g} V forward, {_number(round(reverse(note.volts), 2))} V reverse"
     )
     text = (
-        f"Step: {legs}, no command, {note.hold:g} s each. Drawn with {sizes}{_of(effect)}; residual torque up "
-        f"to {_rounded(peak)} N m, where the thrusters give up to {_rounded(torque)} N m. "
+        f"Step: {legs}, no command, {note.hold:g} s each. Drawn with {sizes}{_of(effect)}{_beside(note)}; residual "
+        f"torque up to {_rounded(peak)} N m, where the thrusters give up to {_rounded(torque)} N m. "
         f"[How the pictures are made]({INDEX}#pictures)."
     )
     return _wrapped(text)
+
+
+def _beside(note: Note) -> str:
+    """What the picture takes besides."""
+    ways = [
+        f"{_number(speed)} m/s {way}"
+        for speed, way in zip(note.speeds, ("ahead", "to starboard"), strict=True)
+        if speed
+    ]
+    held = f", at {' and '.join(ways)}" if ways else ""
+    return held + (f", beside K = {note.stiffness:g} N m/rad" if note.stiffness else "")
 
 
 def _of(effect: Effect) -> str:
@@ -297,7 +336,7 @@ def _forms(effect: Effect) -> Iterator[str]:
     before: tuple[EffectParameter, ...] = ()
     for form in forms_of(effect):
         place = next(words for name, words in _PLACES.items() if getattr(form, name))
-        needs = f"; needs `{form.needs}` in the log" if form.needs else ""
+        needs = f"; needs {' and '.join(f'`{name}`' for name in form.needs)} in the log" if form.needs else ""
         yield f"**`{form.key}`**: {place}{needs}."
         yield f"```text\n{form.equation}\n```"
         if _rows(form.parameters) != _rows(before):
@@ -310,8 +349,8 @@ def _forms(effect: Effect) -> Iterator[str]:
 def _rows(parameters: Sequence[EffectParameter]) -> list[str]:
     rows = ["| parameter | unit | no effect at | range |", "|---|---|---|---|"]
     for index, parameter in enumerate(parameters):
-        # The first is the size; so is any further amplitude.
-        sizes = index == 0 or "amplitude" in parameter.name
+        # The first is the size; so is what has a size of its own beside it.
+        sizes = index == 0 or any(part in parameter.name for part in _SIZES)
         null = _null(parameter) if sizes else "–"
         rows.append(f"| {parameter.name} | {_unit(parameter.unit)} | {null} | {_range(parameter)} |")
     return rows
@@ -385,7 +424,8 @@ def index() -> str:
             "u is a thruster's command, F its thrust, T the yaw torque of all thrusters, r the yaw rate, ψ the "
             "heading, I the inertia with added inertia, DQ and DL quadratic and linear drag. A primed quantity is what "
             "acts in place of the plain one. An equation that begins with a sign is a torque on the right-hand side of "
-            f"{_BASE}. “No effect at” is the value at which the effect is gone; a dash stands where the parameter does "
+            f"{_BASE}. In roll and pitch r is their rate, θ the tilt, and K·sin(θ − θ0) stands on the left besides. "
+            "“No effect at” is the value at which the effect is gone; a dash stands where the parameter does "
             "nothing without the first. Ranges are those of a fit."
         ),
         "## Pictures",

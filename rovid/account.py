@@ -6,7 +6,7 @@ import math
 import shlex
 
 from rich.console import Console
-from rich.markup import escape
+from rich.text import Text
 
 from rovid.axis import Axis
 from rovid.control.design import Control, RunResult
@@ -16,6 +16,7 @@ from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.identify.inertia import METHODS
 from rovid.model import unit_of
 from rovid.output import plus_minus
+from rovid.screen import led
 from rovid.terminal import number, show_parameters, table
 from rovid.vehicle import Vehicle
 
@@ -31,9 +32,9 @@ _VERDICTS = {
 def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> None:
     """Print the account."""
     axis = vehicle.axis
-    console.print(f"[bold]{_VERDICTS[diagnosis.verdict]}[/bold]", highlight=False)
+    console.print(led(_VERDICTS[diagnosis.verdict]), highlight=False)
     if diagnosis.missing:
-        console.print(escape(diagnosis.missing), highlight=False)
+        console.print(diagnosis.missing, highlight=False)
     if diagnosis.amplitudes is not None:
         _show_amplitudes(console, diagnosis.amplitudes)
     for finding in diagnosis.findings:
@@ -42,8 +43,9 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         console.print(f"\nsuspected, {100.0 * suspect.confidence:.0f} %:", highlight=False, end="")
         _show_finding(console, suspect, axis)
     for signal, gain in diagnosis.signals:
+        console.print()
         console.print(
-            f"\nUnexplained: {escape(axis.words(signal.title))} (log-likelihood gain {gain:.0f}). It is a dependence, "
+            f"Unexplained: {axis.words(signal.title)} (log-likelihood gain {gain:.0f}). It is a dependence, "
             "not a cause.",
             highlight=False,
         )
@@ -57,7 +59,7 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
     invisible = " and ".join(INVISIBLE[name] for name in not_identifiable(vehicle))
     console.print(f"never visible in {axis.name} data: {invisible}", highlight=False)
     run = next_experiment(diagnosis)
-    console.print(f"[bold]Next:[/bold] {escape(run['run'])} ({escape(run['reason'])})", highlight=False)
+    console.print(led("Next:", f"{run['run']} ({run['reason']})"), highlight=False)
 
 
 def _show_amplitudes(console: Console, amplitudes: Amplitudes) -> None:
@@ -66,7 +68,7 @@ def _show_amplitudes(console: Console, amplitudes: Amplitudes) -> None:
     for each in amplitudes.predictions:
         change = 100.0 * (each.predicted / each.measured - 1.0)
         rows.add_row(
-            escape(each.trial),
+            each.trial,
             METHODS[each.method],
             number(each.inertia, ".0f"),
             number(each.measured, ".3g"),
@@ -92,16 +94,14 @@ def _show_finding(console: Console, finding: Finding, axis: Axis) -> None:
     effect, estimate = finding.effect, finding.estimate
     names = [axis.words(each.title) for each in (effect, *finding.undecided)]
     form = f", form {effect.form}" if effect.form else ""
-    console.print(
-        f"\n[bold]{escape(' or '.join(names))}[/bold] ({effect.id}{escape(form)}): {escape(effect.equation)}",
-        highlight=False,
-    )
+    console.print()
+    console.print(led(" or ".join(names), f"({effect.id}{form}): {effect.equation}"), highlight=False)
     for parameter in effect.parameters:
         name = f"{effect.key}.{parameter.name}"
         value = plus_minus(estimate.value(name), estimate.standard_error(name))
         unit = estimate.unit(name)
         console.print(f"  {parameter.name} {value} {unit if unit != '1' else ''}", highlight=False)
-    rivals = ", ".join(f"{escape(axis.words(rival.effect.title))} {rival.gain:.0f}" for rival in finding.rivals[:3])
+    rivals = ", ".join(f"{axis.words(rival.effect.title)} {rival.gain:.0f}" for rival in finding.rivals[:3])
     console.print(
         f"  log-likelihood gain {finding.gain:.0f}, on trials not fitted {finding.held_out_gain:.0f}", highlight=False
     )
@@ -110,11 +110,11 @@ def _show_finding(console: Console, finding: Finding, axis: Axis) -> None:
     decides = deciding_experiment(finding)
     if decides is not None:
         which = "would" if "commands" in decides else "might"
-        console.print(f"  these data do not tell which; this run {which}: {escape(decides['run'])}", highlight=False)
+        console.print(f"  these data do not tell which; this run {which}: {decides['run']}", highlight=False)
         if "commands" in decides:
             between = " ".join(f"--between {shlex.quote(one.key)}" for one in (effect, finding.undecided[0]))
-            command = escape(f"rovid plan {between}")
-            console.print(f"  in {decides['minutes']:.1f} min; [bold]{command}[/bold] writes it", highlight=False)
+            command = led(f"rovid plan {between}", "writes it")
+            console.print(f"  in {decides['minutes']:.1f} min;", command, highlight=False)
 
 
 def _show_gain(console: Console, base: Side, extended: Side, floor: float, axis: Axis) -> None:
@@ -147,8 +147,8 @@ def show_control(console: Console, result: Control) -> None:
     """Print the controller: gains, margins, and the closed-loop runs."""
     law, margins, spread = result.law, result.margins, result.spread
     inertia = result.model.inertia
-    lines = [
-        f"[bold]kp {law.kp:.5g} N m/rad, kd {law.kd:.5g} N m s/rad[/bold]",
+    lines: list[str | Text] = [
+        led(f"kp {law.kp:.5g} N m/rad, kd {law.kd:.5g} N m s/rad"),
         f"damping ratio {result.damping:.3f}, bandwidth {result.bandwidth:.3g} rad/s; yaw inertia {inertia:.5g} kg m²",
         f"sampled every {law.period:g} s, rate low-passed over {law.rate_filter:.2g} s; in all {result.lag:.2g} s late",
     ]
@@ -160,7 +160,7 @@ def show_control(console: Console, result: Control) -> None:
             f"sensitivity peak {margins.sensitivity_peak:.2f}"
         )
     else:
-        lines.append("[bold]The loop is unstable about rest with these gains.[/bold]")
+        lines.append(led("The loop is unstable about rest with these gains."))
     if spread is not None:
         lines.append(
             f"over the parameters' uncertainty ({spread.draws} draws): {100.0 * spread.stable:.0f} % stable; 95 % have "
@@ -183,12 +183,12 @@ def show_control(console: Console, result: Control) -> None:
     for run in result.runs:
         if run.name != name:
             rows.add_section()
-        rows.add_row(escape(run.name) if run.name != name else "", *_run_cells(run))
+        rows.add_row(run.name if run.name != name else "", *_run_cells(run))
         name = run.name
     console.print(rows)
     if result.model.effects:
         keys = ", ".join(effect.key for effect in result.model.effects)
-        console.print(f"effects: {escape(keys)}; an aid that is extended knows of them", highlight=False)
+        console.print(f"effects: {keys}; an aid that is extended knows of them", highlight=False)
 
 
 def _run_cells(run: RunResult) -> list[str]:

@@ -54,6 +54,9 @@ def advise(trials: Sequence[Trial], vehicle: Vehicle) -> list[Advice]:
         runs = prepare(Campaign(trials=tuple(trials), sources=()), vehicle)
     except RovidError as error:
         return [Advice(kind="filter", text=str(error))]
+    if not runs.items[0].trial.driven:
+        # Of releases no commands are wanted.
+        return []
     return [
         *_saturated(runs.items, vehicle),
         *_driven_back(runs.items),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -12,13 +13,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rovid import __version__, completion
-from rovid.errors import ConfigError, DataError, RovidError
+from rovid.errors import LINE_LENGTH, ConfigError, DataError, RovidError, shown
 from rovid.help import FIRST_SESSION, MANUAL, ManualCommand, ManualGroup
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from rovid.axis import Axis
+    from rovid.files import Claim, Output
+    from rovid.identify.estimate import Estimate
     from rovid.parameters import Parameters
     from rovid.study import Study
 
@@ -72,6 +75,10 @@ Cutoff = Annotated[
         show_default=False,
     ),
 ]
+Force = Annotated[
+    bool,
+    typer.Option("--force", help="Write over files that rovid did not write; never over what it reads here."),
+]
 Json = Annotated[
     bool, typer.Option("--json", help="Print one JSON document on standard output, and nothing else there.")
 ]
@@ -91,6 +98,14 @@ def main() -> None:
         # The reader of our output went away, as `| head` does.
         sys.stderr.close()
         raise SystemExit(1) from None
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        where = shown(str(error.filename))
+        sys.stderr.write(
+            f"rovid: {where}: there is no such file or folder: no file's name is as long. Give a shorter one.\n"
+        )
+        raise SystemExit(2) from None
 
 
 def _version(wanted: bool) -> None:
@@ -127,22 +142,21 @@ def init(
 ) -> None:
     """Write a first rovid.toml for your logs."""
     from rovid.documents import survey_document
-    from rovid.output import write_atomic
-    from rovid.survey import files_of, survey
+    from rovid.files import Claim
+    from rovid.survey import files_of, outputs_beside, survey
     from rovid.terminal import show_survey
 
+    # A guessed curve that is there may be a bench curve by now, but it may not be needed either.
+    config, _ = outputs_beside(logs)
+    claim = Claim([config], force=force)
     found = survey(logs)
     files = files_of(found)
-    # A guessed curve that is there may be a bench curve by now.
-    there = next((path for path in files if path.exists()), None)
-    if there is not None and not force:
-        raise ConfigError("is there already.", where=there, mend="Move it away, or give --force to write over it.")
-    for path, text in files.items():
-        write_atomic(path, text)
+    claim.write(files)
+    written = [output.path for output in files]
     if json:
-        _print_json(survey_document(found, list(files)))
+        _print_json(survey_document(found, written))
     else:
-        show_survey(_console(), found, list(files))
+        show_survey(_console(), found, written)
 
 
 @_command
@@ -181,20 +195,20 @@ def convert(
         Path, typer.Option("--output", "-o", metavar="FILE", help="Where it goes: a .csv, .mcap or .parquet file.")
     ],
     axis: AxisName = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Write a log in another format."""
     from rovid.axis import YAW, axis_named
     from rovid.config import find_config, load_config
-    from rovid.convert import check_target
     from rovid.convert import convert as make
-    from rovid.output import require_writable, write_atomic
+    from rovid.convert import output_at
 
-    check_target(output, log)
+    target = output_at(output, log)
     config = load_config(find_config([log]), axis_named(axis) if axis else YAW)
-    require_writable(output)
+    claim = _claim([target], [config.path.parent, log], force=force)
     made = make(log, config, output)
-    write_atomic(output, made.content)
+    claim.write({target: made.content})
     remarks = [remark.text for remark in made.trial.remarks]
     if json:
         _print_json(
@@ -202,7 +216,7 @@ def convert(
         )
     else:
         typer.echo(made.mapping, nl=False)
-        sys.stderr.writelines(f"Note: {text}\n" for text in remarks)
+        sys.stderr.writelines(f"Note: {shown(text, LINE_LENGTH)}\n" for text in remarks)
 
 
 @_command
@@ -212,22 +226,23 @@ def fit_drag(
     axis: AxisName = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Find drag from steady turns."""
     from rovid.documents import drag_document
     from rovid.terminal import show_drag, show_fit
 
-    stored = _stored(parameters, axis)
+    stored = _stored(parameters, axis, force=force)
+    claim = _claim([stored.output], logs, force=force)
     study = _open(logs, cutoff, stored.axis)
     if stored.axis.rights:
         # No constant torque turns what rights itself steadily: drag comes with the inertia.
-        _fit_inertia(study, stored.with_logs(study.paths, study.vehicle.name, study.campaign), json=json)
+        _fit_inertia(study, stored, claim, new_logs=True, json=json)
         return
     with _busy("Fitting drag …"):
         result = study.drag()
-    stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign).with_estimate(result.estimate)
-    stored.write()
+    stored = _put(stored, claim, study, result.estimate, new_logs=True)
     if json:
         _print_json(drag_document(result, study))
     else:
@@ -241,14 +256,15 @@ def fit_inertia(
     axis: AxisName = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Find inertia from sines, by four methods."""
-    stored = _stored(parameters, axis)
-    study = _open(logs or _remembered(stored), cutoff, stored.axis)
-    if logs:
-        stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
-    _fit_inertia(study, stored, json=json)
+    stored = _stored(parameters, axis, force=force)
+    paths = logs or _remembered(stored)
+    claim = _claim([stored.output], paths, force=force)
+    study = _open(paths, cutoff, stored.axis)
+    _fit_inertia(study, stored, claim, new_logs=bool(logs), json=json)
 
 
 @_command
@@ -270,6 +286,7 @@ def fit(
     axis: AxisName = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Fit all parameters by maximum likelihood."""
@@ -278,14 +295,13 @@ def fit(
     from rovid.terminal import show_fit, show_likelihood
 
     effects = tuple(effect_named(name) for name in dict.fromkeys(effect or ()))
-    stored = _stored(parameters, axis)
-    study = _open(logs or _remembered(stored), cutoff, stored.axis)
+    stored = _stored(parameters, axis, force=force)
+    paths = logs or _remembered(stored)
+    claim = _claim([stored.output], paths, force=force)
+    study = _open(paths, cutoff, stored.axis)
     with _busy("Maximising the likelihood …"):
         result = study.likelihood(effects, gyro=gyro)
-    if logs:
-        stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
-    stored = stored.with_estimate(result.estimate)
-    stored.write()
+    stored = _put(stored, claim, study, result.estimate, new_logs=bool(logs))
     if json:
         _print_json(likelihood_document(result, study))
     else:
@@ -299,6 +315,7 @@ def diagnose(
     axis: AxisName = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Say what the simulation gets wrong, and why."""
@@ -306,15 +323,14 @@ def diagnose(
     from rovid.documents import diagnosis_document
     from rovid.terminal import show_warnings
 
-    stored = _stored(parameters, axis)
-    study = _open(logs or _remembered(stored), cutoff, stored.axis)
+    stored = _stored(parameters, axis, force=force)
+    paths = logs or _remembered(stored)
+    claim = _claim([stored.output], paths, force=force)
+    study = _open(paths, cutoff, stored.axis)
     with _working("Diagnosing …") as report:
         diagnosis = study.diagnosis(report, drag=stored.drag())
-    if logs:
-        stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
     if diagnosis.extended is not None:
-        stored = stored.with_estimate(diagnosis.extended.estimate)
-        stored.write()
+        _put(stored, claim, study, diagnosis.extended.estimate, new_logs=bool(logs))
     if json:
         _print_json(diagnosis_document(diagnosis, study))
     else:
@@ -357,21 +373,25 @@ def fit_thruster(
             show_default=False,
         ),
     ] = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Make a thrust curve from bench readings."""
     from rovid.documents import bench_document
+    from rovid.files import Claim, Output
+    from rovid.files.form import CURVE
     from rovid.identify.bench import THRUST_UNITS, bench_readings, fit_bench
-    from rovid.output import write_atomic
     from rovid.tables import CURVE_COLUMNS, curve_text, read_table
     from rovid.terminal import show_bench
 
     if unit is not None and unit not in THRUST_UNITS:
         raise ConfigError(f"is {unit!r}; one of {', '.join(THRUST_UNITS)} was expected.", where="--unit")
+    target = output or Path(f"{bench.stem}_curve.csv")
+    curve = Output(target, CURVE)
+    claim = Claim([curve], force=force, protected=[bench])
     readings = bench_readings(read_table(bench, headerless=CURVE_COLUMNS), command=command, thrust=thrust, unit=unit)
     result = fit_bench(*readings)
-    target = output or Path(f"{bench.stem}_curve.csv")
-    write_atomic(target, curve_text(result.curve.command, result.curve.thrust))
+    claim.write({curve: curve_text(result.curve.command, result.curve.thrust)})
     if json:
         _print_json(bench_document(result, str(target)))
     else:
@@ -393,11 +413,12 @@ def simulate(
             show_default=False,
         ),
     ] = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Simulate the runs and compare with the logs."""
     from rovid.documents import simulation_document
-    from rovid.report.recordings import recording_paths, write_recordings
+    from rovid.report.recordings import recording_outputs, write_recordings
     from rovid.simulation import simulate_runs
     from rovid.terminal import show_simulation, show_warnings
 
@@ -407,11 +428,13 @@ def simulate(
     if study.campaign is None or study.runs is None:
         raise DataError("are tables; only logs can be simulated.", where="LOGS", mend="Give LOGS.")
     study.require(model.effects)
-    recordings = recording_paths(mcap, [run.trial for run in study.runs.items]) if mcap else []
+    outputs = recording_outputs(mcap, [run.trial for run in study.runs.items]) if mcap else []
+    claim = _claim(outputs, study.paths, stored.path, force=force)
     with _busy("Simulating …"):
         simulations = simulate_runs(study.runs.items, model, study.vehicle)
-        if recordings:
-            write_recordings(recordings, simulations, study.runs, model, study.vehicle)
+        if outputs:
+            write_recordings(claim, outputs, simulations, study.runs, model, study.vehicle)
+    recordings = [output.path for output in outputs]
     warnings = [*study.remarks(), *stored.changed_sources(study.campaign)]
     if json:
         _print_json(simulation_document(stored, simulations, warnings) | {"recordings": list(map(str, recordings))})
@@ -470,6 +493,7 @@ def plan(
     ),
     axis: AxisName = None,
     parameters: ParameterFile = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Design the run to make next."""
@@ -477,7 +501,8 @@ def plan(
 
     from rovid.documents import plan_document
     from rovid.effects import effect_named
-    from rovid.output import write_atomic
+    from rovid.files import Output
+    from rovid.files.form import PLAN, png_form
     from rovid.plan.design import command_text
     from rovid.plan.programme import Limits
     from rovid.report.plots.planned import picture
@@ -487,7 +512,11 @@ def plan(
     if len({rival.id for rival in rivals}) not in {0, 2} or len(rivals) > 2:
         raise ConfigError(f"names {len(rivals)} causes; two different ones were expected.", where="--between")
     stored = _stored(parameters, axis)
-    study = _open(logs or _remembered(stored), None, stored.axis)
+    paths = logs or _remembered(stored)
+    drawn = output.with_suffix(".png")
+    commands, drawing = Output(output, PLAN), Output(drawn, png_form("plan"))
+    claim = _claim([commands, drawing], paths, stored.path, force=force)
+    study = _open(paths, None, stored.axis)
     factor = math.pi / 180.0 if stored.axis.angular else 1.0
     limits = Limits(
         share=share,
@@ -497,9 +526,7 @@ def plan(
     )
     with _busy("Fitting, and trying runs …"):
         found = study.plan(tuple(effect_named(name) for name in stored.effects), rivals, limits, narrow or "")
-    drawn = output.with_suffix(".png")
-    write_atomic(output, command_text(found))
-    write_atomic(drawn, picture(found, stored.axis))
+    claim.write({commands: command_text(found), drawing: picture(found, stored.axis)})
     if json:
         _print_json(plan_document(found, stored.axis, str(output), str(drawn)))
     else:
@@ -559,6 +586,7 @@ def control(
         typer.Option("--python", metavar="FILE", help="Write it as Python into this file.", show_default=False),
     ] = None,
     parameters: ParameterFile = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Design a heading controller."""
@@ -566,7 +594,8 @@ def control(
     from rovid.control.design import Options, control_of, setting_of
     from rovid.control.generate import c_source, python_source
     from rovid.documents import control_document
-    from rovid.output import write_atomic
+    from rovid.files import Output
+    from rovid.files.form import C_SOURCE, PYTHON_SOURCE
     from rovid.terminal import show_warnings
 
     options = Options(
@@ -581,14 +610,20 @@ def control(
     )
     stored = _of_yaw(_known(parameters))
     model = stored.model()
-    study = _open(logs or _remembered(stored), None, stored.axis)
+    paths = logs or _remembered(stored)
+    makers = {
+        Output(path, form): source
+        for path, form, source in ((c, C_SOURCE, c_source), (python, PYTHON_SOURCE, python_source))
+        if path is not None
+    }
+    claim = _claim(list(makers), paths, stored.path, force=force)
+    study = _open(paths, None, stored.axis)
     study.require(model.effects)
     setting = setting_of(options, model, study.position_noise(), study.torque_in_use())
     with _busy("Closing the loop …"):
         result = control_of(stored, study.vehicle, setting, options)
-    for target, source in ((c, c_source), (python, python_source)):
-        if target is not None:
-            write_atomic(target, source(result.law))
+    if makers:
+        claim.write({output: source(result.law) for output, source in makers.items()})
     warnings = [*study.remarks(), *(stored.changed_sources(study.campaign) if study.campaign else ())]
     if json:
         _print_json(control_document(result, warnings))
@@ -619,27 +654,29 @@ def export(
         ),
     ] = None,
     parameters: ParameterFile = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Write the model in the format of a simulator."""
     from rovid.documents import export_document
     from rovid.export import export as make
     from rovid.export import exporter, subject_of
-    from rovid.output import write_atomic
+    from rovid.places import is_there
     from rovid.terminal import show_export
 
     function, target = exporter(format, output)
     stored = _of_yaw(_known(parameters))
     stored.model()
-    there = bool(stored.logs) and all(path.exists() for path in stored.logs)
+    claim = _claim([target], stored.logs, stored.path, force=force)
+    there = bool(stored.logs) and all(map(is_there, stored.logs))
     study = _open(stored.logs, None, stored.axis) if there else None
     with _busy("Simulating …"):
         made = make(function, subject_of(stored, study))
-    write_atomic(target, made.content)
+    claim.write({target: made.content})
     if json:
-        _print_json(export_document(format, str(target), made))
+        _print_json(export_document(format, str(target.path), made))
     else:
-        show_export(_console(), target, made)
+        show_export(_console(), target.path, made)
 
 
 @_command
@@ -668,6 +705,7 @@ def report(
         bool, typer.Option("--export/--no-export", help="With or without what each simulator's format holds.")
     ] = True,
     cutoff: Cutoff = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Write everything on one page."""
@@ -675,7 +713,7 @@ def report(
     from rovid.documents import axis_document
     from rovid.report.build import build_report
 
-    stored = _stored(parameters, axis)
+    stored = _stored(parameters, axis, force=force)
     study = _open(logs or _remembered(stored), cutoff, stored.axis)
     folder = output or Path("report" if stored.axis is YAW else f"report_{stored.axis.name}")
     with _working("Fitting drag and inertia …") as report_progress:
@@ -686,6 +724,7 @@ def report(
             diagnosed=diagnosis,
             controlled=control,
             exported=export,
+            force=force,
             report=report_progress,
         )
     if json:
@@ -701,14 +740,32 @@ def report(
         _console().print(str(page), highlight=False, soft_wrap=True)
 
 
-def _fit_inertia(study: Study, stored: Parameters, *, json: bool) -> None:
+def _claim(outputs: Sequence[Output], logs: Sequence[Path], *read: Path, force: bool) -> Claim:
+    """Leave to write ``outputs``, but never over ``read`` or what is where the logs are."""
+    from rovid.files import Claim
+    from rovid.study import files_at_hand
+
+    return Claim(outputs, force=force, protected=[*files_at_hand(logs), *read])
+
+
+def _put(stored: Parameters, claim: Claim, study: Study, estimate: Estimate, *, new_logs: bool) -> Parameters:
+    """Put an estimate into the parameter file, and the logs that it is of where they are new to the file."""
+
+    def change(now: Parameters) -> Parameters:
+        if new_logs:
+            now = now.with_logs(study.paths, study.vehicle.name, study.campaign)
+        return now.with_estimate(estimate)
+
+    return stored.update(claim, change)
+
+
+def _fit_inertia(study: Study, stored: Parameters, claim: Claim, *, new_logs: bool, json: bool) -> None:
     from rovid.documents import inertia_document
     from rovid.terminal import show_fit, show_inertia
 
     with _busy("Fitting inertia …"):
         result = study.inertia(stored.drag())
-    stored = stored.with_estimate(result.estimate)
-    stored.write()
+    stored = _put(stored, claim, study, result.estimate, new_logs=new_logs)
     if json:
         _print_json(inertia_document(result, study))
     else:
@@ -728,10 +785,11 @@ def _working(text: str) -> Iterator[Callable[[str], None]]:
     if not sys.stderr.isatty():
         yield lambda _: None
         return
-    from rich.console import Console
+    from rovid.screen import Screen
 
-    with Console(stderr=True).status(text) as status:
-        yield status.update
+    screen = Screen(stderr=True)
+    with screen.status(text) as status:
+        yield lambda words: status.update(screen.render_str(words))
 
 
 @contextmanager
@@ -740,22 +798,21 @@ def _busy(text: str) -> Iterator[None]:
     if not sys.stderr.isatty():
         yield
         return
-    from rich.console import Console
+    from rovid.screen import Screen
 
-    with Console(stderr=True).status(text):
+    with Screen(stderr=True).status(text):
         yield
 
 
-def _stored(path: Path | None, axis: str | None) -> Parameters:
-    """The parameter file that is there, or an empty one that can be written."""
+def _stored(path: Path | None, axis: str | None, *, force: bool = False) -> Parameters:
+    """The parameter file that is there, or an empty one; where forced, in place of anything else."""
     from rovid.axis import YAW, axis_named
-    from rovid.output import require_writable
+    from rovid.files.form import PARAMETERS
     from rovid.parameters import Parameters
 
     where = _parameter_file(path, axis)
-    if where.exists():
+    if where.exists() and not (force and where.is_file() and not PARAMETERS.marks(where)):
         return _known(where, axis)
-    require_writable(where)
     return Parameters(path=where, axis=axis_named(axis) if axis else YAW)
 
 
@@ -806,8 +863,11 @@ def _remembered(stored: Parameters) -> list[Path]:
 
 def _announce_compilation() -> None:
     """Say why the first run on a machine takes some seconds longer."""
-    cached = any((Path(__file__).parent / "__pycache__").glob("kernels.simulate*.nbi"))
-    if not cached and sys.stderr.isatty():
+    if not sys.stderr.isatty():
+        return
+    from rovid.kernels import is_compiled
+
+    if not is_compiled():
         sys.stderr.write("Compiling the simulation for this machine, once …\n")
 
 
@@ -818,7 +878,7 @@ def _print_json(document: Any) -> None:
 
 
 def _console() -> Console:
-    from rich.console import Console
+    from rovid.screen import Screen
 
     # A pipe has no width; rich would fold tables at 80 columns.
-    return Console(width=None if sys.stdout.isatty() else 160)
+    return Screen(width=None if sys.stdout.isatty() else 160)

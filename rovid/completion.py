@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import ast
-import tomllib
 from pathlib import Path
 
 import typer
 
 from rovid.axis import AXES, YAW
+from rovid.errors import RovidError
+from rovid.toml import read_toml
 
 # In the order of `rovid.export.EXPORTERS`, and of `rovid.identify.bench.THRUST_UNITS`; a test compares.
 FORMATS = ("gz-sim", "uuv", "vrx", "stonefish", "mujoco", "ros2", "matlab", "json", "python-vehicle-simulator")
@@ -53,8 +54,8 @@ def parameters(context: typer.Context) -> list[str]:
     axis = context.params.get("axis") or YAW.name
     path = Path(context.params.get("parameters") or parameter_file(axis))
     try:
-        return list(tomllib.loads(path.read_text(encoding="utf-8"))["parameters"])
-    except (OSError, ValueError, LookupError, TypeError):
+        return list(read_toml(path)["parameters"])
+    except (RovidError, LookupError, TypeError):
         return list(BASE)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,8 +11,11 @@ from typing import Any
 import numpy as np
 
 from rovid.axis import AXES, YAW, Axis
-from rovid.errors import ConfigError, nearest
+from rovid.errors import NAME_LENGTH, ConfigError, nearest
+from rovid.files import settle
+from rovid.places import is_there, odd, refuse_odd, require
 from rovid.tables import CURVE_COLUMNS, read_table
+from rovid.toml import number_wanted, read_toml
 from rovid.vehicle import ThrustCurve, Thruster, Vehicle
 
 FILE_NAME = "rovid.toml"
@@ -152,12 +154,12 @@ def find_config(paths: Sequence[Path]) -> Path:
         There is none, or one of ``paths`` does not exist.
     """
     for path in paths:
-        if not path.exists():
-            raise ConfigError("there is no such file or folder.", where=path)
+        require(path)
     start = paths[0].resolve()
     folder = start if start.is_dir() else start.parent
+    settle(folder)  # a `rovid init` that was killed
     for candidate in (folder, *folder.parents):
-        if (candidate / FILE_NAME).is_file():
+        if (candidate / FILE_NAME).is_file() or odd(candidate / FILE_NAME):
             return candidate / FILE_NAME
     raise ConfigError(
         f"no {FILE_NAME} here or in any folder above it; it says which column holds which signal and what "
@@ -175,7 +177,7 @@ def load_config(path: Path, axis: Axis = YAW) -> Config:
     ConfigError
         With the place inside the file, what was found and what was wanted.
     """
-    return _Reader(path, axis).config(_document(path))
+    return _Reader(path, axis).config(read_toml(path))
 
 
 def vehicle_of_tables(paths: Sequence[Path]) -> Vehicle:
@@ -185,18 +187,7 @@ def vehicle_of_tables(paths: Sequence[Path]) -> Vehicle:
     except ConfigError:
         return Vehicle(name="vehicle", thrusters=())
     reader = _Reader(path, YAW)
-    return reader.vehicle(reader.table(_document(path), "vehicle"), ())
-
-
-def _document(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise ConfigError(f"cannot be read ({error.strerror}).", where=path) from error
-    except UnicodeDecodeError as error:
-        raise ConfigError("is not UTF-8 text.", where=path, mend="Save it as UTF-8.") from error
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"is not valid TOML: {error}.", where=path) from error
+    return reader.vehicle(reader.table(read_toml(path), "vehicle"), ())
 
 
 class _Reader:
@@ -227,9 +218,10 @@ class _Reader:
         if push is not None:
             pairs = [(Thruster(name=axis.push, arm=1.0, curve=None), push)]
         measured = self.measured(signals, {kind for _, command in pairs for kind in command.sources})
-        if not thrusters and push is None:
+        # What rights itself swings when it is let go of, and tells of itself without a drive.
+        if not thrusters and push is None and not axis.rights:
             raise self.complain("[[thrusters]]", f"there are none, and no {axis.push} is mapped in [signals].")
-        if not pairs:
+        if not pairs and not axis.rights:
             raise self.complain("[[thrusters]]", f"none has {axis.arm}.", f"Add {axis.arm} = {_example(axis)}.")
         names = [thruster.name for thruster, _ in pairs]
         if len(set(names)) < len(names):
@@ -270,18 +262,24 @@ class _Reader:
                 raise self.complain(place, f"{key!r} is not known here.", nearest(key, keys))
 
     def number(self, value: Any, place: str, *, positive: bool = False) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise self.complain(place, f"is {value!r}; a number was expected.")
-        if positive and value <= 0:
-            raise self.complain(place, f"is {value!r}; a positive number was expected.")
+        wanted = number_wanted(value, positive=positive)
+        if wanted:
+            raise self.complain(place, f"is {value!r}; {wanted} was expected.")
         return float(value)
+
+    def name(self, value: Any, place: str) -> str:
+        text = str(value)
+        if len(text) > NAME_LENGTH:
+            raise self.complain(place, f"is a name of {len(text)} characters; {NAME_LENGTH} at most were expected.")
+        return text
 
     def vehicle(self, table: Mapping[str, Any], thrusters: tuple[Thruster, ...]) -> Vehicle:
         self.known(table, _VEHICLE_KEYS, "[vehicle]")
         numbers = {
             key: self.number(table[key], f"[vehicle] {key}", positive=True) for key in _VEHICLE_KEYS[1:] if key in table
         }
-        return Vehicle(name=str(table.get("name", "vehicle")), thrusters=thrusters, axis=self.axis, **numbers)
+        name = self.name(table.get("name", "vehicle"), "[vehicle] name")
+        return Vehicle(name=name, thrusters=thrusters, axis=self.axis, **numbers)
 
     def thruster(self, index: int, block: Mapping[str, Any]) -> tuple[Thruster, Signal] | None:
         """The thruster and its command; None for one that does not push along the axis."""
@@ -289,7 +287,7 @@ class _Reader:
         if not isinstance(block, dict):
             raise self.complain(place, f"is {block!r}; a block [[thrusters]] was expected.")
         self.known(block, _THRUSTER_KEYS, place)
-        name = str(block.get("name", f"thruster_{index + 1}"))
+        name = self.name(block.get("name", f"thruster_{index + 1}"), f"{place} name")
         place = f"[[thrusters]] {name!r}"
         arm = self.axis.arm
         if arm not in block and any(other in block for other in _ARMS):
@@ -309,10 +307,13 @@ class _Reader:
             arm=self.number(block[arm], f"{place} {arm}"),
             curve=read_curve(self.path.parent / str(block["curve"])),
             clamp=outside == "clamp",
+            ahead=self.number(block.get("surge", 0.0), f"{place} surge"),
         )
         return thruster, self.signal(f"command.{name}", block["command"], f"{place} command")
 
     def signals(self, table: Mapping[str, Any]) -> dict[str, Signal]:
+        for name in table:
+            self.name(name, f"[signals] {name}")
         return {name: self.signal(name, value, f"[signals] {name}") for name, value in table.items()}
 
     def signal(self, name: str, value: Any, place: str) -> Signal:
@@ -346,7 +347,8 @@ def read_curve(path: Path) -> ThrustCurve:
     RovidError
         The file is missing, has other columns, text in a number, fewer than two points or a repeated command.
     """
-    if not path.is_file():
+    refuse_odd(path)
+    if not (is_there(path) and path.is_file()):
         raise ConfigError(
             "there is no such thrust curve.",
             where=path,

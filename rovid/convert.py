@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,6 +12,10 @@ import pandas as pd
 
 from rovid.config import ANGLE, UNITS, Config
 from rovid.errors import ConfigError
+from rovid.files import Output
+from rovid.files.form import LOG
+from rovid.places import require
+from rovid.quoting import toml_text, words
 from rovid.readers import read_log
 from rovid.readers.raw import library
 from rovid.recording import Topic, mcap_bytes, with_unit
@@ -51,22 +54,24 @@ class _Column:
     unit: str
 
 
-def check_target(target: Path, log: Path) -> None:
-    """Refuse what cannot be written, before ``log`` is read.
+def output_at(target: Path, log: Path) -> Output:
+    """The output at ``target``; refuse what cannot be written, before ``log`` is read.
 
     Raises
     ------
     ConfigError
-        ``log`` is a folder; ``target`` has no suffix of a format that can be written, or is the log itself.
+        ``log`` is a folder or no file; ``target`` has no suffix of a format that can be written, or is the log itself.
     """
+    require(log)
     if log.is_dir():
         raise ConfigError("is a folder; one log was expected.", where=log)
     if target.suffix.lower() not in _WRITERS:
         raise ConfigError(
             f"has the suffix {target.suffix!r}; one of {', '.join(_WRITERS)} was expected.", where=f"-o {target}"
         )
-    if target.exists() and log.exists() and target.samefile(log):
+    if target.exists() and target.samefile(log):
         raise ConfigError("is the log itself.", where=f"-o {target}", mend="Choose another name.")
+    return Output(target, LOG)
 
 
 def convert(log: Path, config: Config, target: Path) -> Converted:
@@ -105,9 +110,7 @@ def _columns(trial: Trial, config: Config) -> list[_Column]:
 def _column(signal: str, values: FloatArray, taken: set[str]) -> _Column:
     units = UNITS.get(signal, {})
     unit = "deg" if units is ANGLE else next((unit for unit, factor in units.items() if factor == 1.0), "")
-    name = with_unit(re.sub(r"\W+", "_", signal), unit)
-    while name in taken or name == _TIME:
-        name += "_"
+    [name] = words([with_unit(re.sub(r"\W+", "_", signal), unit)], taken={*taken, _TIME})
     turned = np.remainder(np.rad2deg(values), 360.0) if signal == "heading" else np.rad2deg(values)
     return _Column(signal=signal, name=name, numbers=turned if unit == "deg" else values, unit=unit)
 
@@ -144,12 +147,12 @@ def _mapping(columns: list[_Column], kind: str) -> str:
     lines = []
     for column in columns:
         if column.signal.startswith(_COMMAND):
-            name = _quoted(column.signal.removeprefix(_COMMAND))
+            name = toml_text(column.signal.removeprefix(_COMMAND))
             lines += ["[[thrusters]]", f"name = {name}", f"command = {_source(column, kind)}", ""]
     lines += ["[signals]", 'time = { mcap = "log" }' if kind == "mcap" else f'time = {{ {kind} = "{_TIME}" }}']
     for column in columns:
         if not column.signal.startswith(_COMMAND):
-            key = column.signal if _BARE.fullmatch(column.signal) else _quoted(column.signal)
+            key = column.signal if _BARE.fullmatch(column.signal) else toml_text(column.signal)
             lines.append(f"{key} = {_source(column, kind)}")
     return "\n".join(lines) + "\n"
 
@@ -157,8 +160,4 @@ def _mapping(columns: list[_Column], kind: str) -> str:
 def _source(column: _Column, kind: str) -> str:
     place = f"{_TOPIC}.{column.name}" if kind == "mcap" else column.name
     unit = f', unit = "{column.unit}"' if column.unit else ""
-    return f'{{ {kind} = "{place}"{unit} }}'
-
-
-def _quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)
+    return f"{{ {kind} = {toml_text(place)}{unit} }}"

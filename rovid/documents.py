@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,8 @@ from rovid.diagnose.signals import is_driver, signal_of
 from rovid.export import Exported
 from rovid.export.manoeuvre import Mismatch
 from rovid.identify.bench import BenchFit
-from rovid.identify.estimate import Estimate
+from rovid.identify.decay import Reading, read_decay
+from rovid.identify.estimate import PER_INERTIA, Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.identify.likelihood import LikelihoodFit
 from rovid.identify.sine import Inertia
@@ -146,7 +148,7 @@ def likelihood_document(fit: LikelihoodFit, study: Study) -> Document:
         "log_likelihood": fit.log_likelihood,
         "disturbance": {
             "value": fit.disturbance,
-            "unit": axis.push_unit,
+            "unit": axis.push_unit + (PER_INERTIA if fit.estimate.per_inertia else ""),
             "correlation_time": {"value": fit.correlation_time, "unit": "s"},
             "limit_share_of_torque": fit.limit,
             "at_limit": fit.at_limit,
@@ -154,6 +156,29 @@ def likelihood_document(fit: LikelihoodFit, study: Study) -> Document:
         f"{measured}_noise_fitted": {"value": fit.position_noise, "unit": unit},
         "innovations_white": fit.white,
         "free_run_r2": {"this_fit": fit.free_run_r2, "simulation_fit": fit.base_r2},
+        **_decay_document(fit, study),
+    }
+
+
+def _decay_document(fit: LikelihoodFit, study: Study) -> Document:
+    """What a decay test reports, of logs that nothing drives; nothing of others."""
+    if study.runs is None or not fit.estimate.per_inertia:
+        return {}
+    decay = read_decay(fit.model, fit.estimate, study.runs.items, study.vehicle)
+
+    def shown(readings: Mapping[str, Reading]) -> Document:
+        return {name: asdict(reading) for name, reading in readings.items()}
+
+    return {
+        "decay": {
+            "amplitude": {"value": decay.usual.amplitude, "unit": "rad"},
+            "natural_frequency": asdict(decay.natural_frequency),
+            "natural_period": asdict(decay.usual.natural_period),
+            "damping_ratio": asdict(decay.usual.damping_ratio),
+            "damping_terms": shown(decay.terms),
+            "over_inertia": shown(decay.over_inertia),
+            "swings": [asdict(swing) for swing in decay.swings],
+        }
     }
 
 

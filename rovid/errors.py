@@ -3,11 +3,51 @@
 from __future__ import annotations
 
 import difflib
+import unicodedata
 from collections.abc import Iterable
+from itertools import islice
+
+# Characters that a message gives to its place, to what was found and wanted, and to how to mend it: 2000 in all.
+_PLACE, _FOUND, _MEND = 490, 1000, 500
+# Of a paragraph or a cell of a table; no sentence of ours is as long.
+LINE_LENGTH = 2000
+# Of one name; and how many names are offered, and looked through.
+NAME_LENGTH = 200
+_OFFERED, _LOOKED_THROUGH = 12, 10_000
+# They steer a terminal, turn the direction of text or are none at all: controls, formats, surrogates, line and
+# paragraph separators, signs that no Unicode knows.
+_UNSEEN = {"Cc", "Cf", "Cs", "Zl", "Zp", "Cn"}
+_JOINERS = "\u200c\u200d"  # zero width, and part of many scripts' spelling
+
+
+def is_visible(sign: str) -> bool:
+    """Whether a character is seen for what it is."""
+    return sign in _JOINERS or unicodedata.category(sign) not in _UNSEEN
+
+
+def visible(text: str) -> str:
+    """``text`` with everything that is not seen for what it is as an escape, as `repr` has it."""
+    if text.isprintable():
+        return text
+    return "".join(sign if is_visible(sign) else sign.encode("unicode_escape").decode() for sign in text)
+
+
+def shown(text: object, length: int = NAME_LENGTH) -> str:
+    """Text from elsewhere (a name, a path, a cell) as people are shown it: visible, its middle left out where long."""
+    whole = str(text)
+    # Only the ends of what is very long are looked at; an escape is longer than its sign.
+    seen = visible(whole) if len(whole) <= 2 * length else visible(whole[:length]) + visible(whole[-length:])
+    if len(whole) <= 2 * length and len(seen) <= length:
+        return seen
+    gap = f" … ({len(whole)} characters) … "
+    kept = max(length - len(gap), 2)
+    return f"{seen[: kept - kept // 2]}{gap}{seen[-(kept // 2) :]}"
 
 
 class RovidError(Exception):
     """Root of every error that the user can mend; the command line prints it and exits with 2.
+
+    Whatever it quotes from a file is shown as `shown` does, and the whole stays below 2000 characters.
 
     Parameters
     ----------
@@ -20,9 +60,9 @@ class RovidError(Exception):
     """
 
     def __init__(self, message: str, *, where: object = "", mend: str = "") -> None:
-        head = f"{where}: " if str(where) else ""
-        tail = f" {mend}" if mend else ""
-        super().__init__(f"{head}{message}{tail}")
+        head = f"{shown(where, _PLACE)}: " if str(where) else ""
+        tail = f" {shown(mend, _MEND)}" if mend else ""
+        super().__init__(f"{head}{shown(message, _FOUND)}{tail}")
 
 
 class ConfigError(RovidError):
@@ -43,12 +83,15 @@ class OutputError(RovidError):
 
 def nearest(wanted: str, present: Iterable[str]) -> str:
     """Sentence that offers the names nearest to ``wanted``, or all of them when none is near."""
-    names = [str(name) for name in present]
-    lowered = {name.lower(): name for name in names}
-    close = difflib.get_close_matches(wanted.lower(), lowered, n=3, cutoff=0.5)
+    # Names are compared by their beginnings: what one thing costs must not depend on a file's longest name.
+    names = {str(name)[:NAME_LENGTH].lower(): str(name) for name in islice(present, _LOOKED_THROUGH)}
+    close = difflib.get_close_matches(wanted[:NAME_LENGTH].lower(), names, n=3, cutoff=0.5)
     if close:
-        return "Nearest: " + ", ".join(repr(lowered[name]) for name in close) + "."
+        return f"Nearest: {_listed(names[name] for name in close)}."
     if not names:
         return "There are none."
-    shown = ", ".join(repr(name) for name in names[:12])
-    return f"There are: {shown}{', …' if len(names) > 12 else ''}."
+    return f"There are: {_listed(islice(names.values(), _OFFERED))}{', …' if len(names) > _OFFERED else ''}."
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(f"'{shown(name, NAME_LENGTH // 3)}'" for name in names)

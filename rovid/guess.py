@@ -31,6 +31,7 @@ _PULSE, _REST = (800.0, 2200.0), 1500.0
 _WINDOW, _SURE = 0.5, 4.0
 _FEWEST = 30
 _LONGEST = 3e6  # s from the middle of a log
+_MOST = 500_000  # windows of one log
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -210,7 +211,8 @@ def _rates(heading: Guess, seen: Seen) -> tuple[FloatArray, FloatArray]:
     time, angle = _radians(heading, seen)
     if len(time) < _FEWEST:
         return np.empty(0), np.empty(0)
-    window = max(_WINDOW, 2.0 * float(np.median(np.diff(time))))
+    # A single stamp weeks away would else make millions of windows.
+    window = max(_WINDOW, 2.0 * float(np.median(np.diff(time))), float(np.ptp(time)) / _MOST)
     grid = np.arange(time[0], time[-1], window)
     return grid, np.diff(np.interp(grid, time, angle)) / window
 

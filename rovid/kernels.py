@@ -11,8 +11,9 @@ import numba
 import numpy as np
 
 from rovid import effects
+from rovid.caches import keeps_compiled
 from rovid.effects import MOTION, TERMS
-from rovid.effects.base import TERM_STATES
+from rovid.effects.base import BESIDE, STIFFNESS, TERM_STATES
 from rovid.effects.base import compiled as _compiled
 from rovid.trial import FloatArray
 
@@ -209,6 +210,13 @@ def _advance(state: Any, change: Any, h: float, out: Any) -> None:
             out[j, i] = state[j, i] + h * change[j, i]
 
 
+@_inlined
+def _tell(base: Any, beside: Any) -> None:
+    """Write into ``base`` what terms are told of an interval besides."""
+    for at in range(len(beside)):
+        base[BESIDE + at] = beside[at]
+
+
 @_compiled
 def _rows(kinds: Any) -> int:
     """How many effects there are down to the last that has states of its own."""
@@ -226,7 +234,7 @@ def advance(
     push: float,
     other: float,
     moment: float,
-    race: float,
+    beside: Any,
     interval: float,
     base: Any,
     terms: Any,
@@ -241,6 +249,8 @@ def advance(
     ----------
     push, other
         N m of the thrusters, on which effects depend, and of what else there is.
+    beside
+        What else effects are told of the interval, see `rovid.model.Drive`.
     state, work
         (m, TERM_STATES) states of the effects, moved on; (3, m, TERM_STATES) room.
     stiffness
@@ -251,7 +261,7 @@ def advance(
     rate, angle, stiffness
         At the interval's end.
     """
-    base[5] = race
+    _tell(base, beside)
     total = abs(push + other)
     balance = math.sqrt(total / base[1]) if base[1] > 0.0 else 0.0
     if base[2] > 0.0:
@@ -275,7 +285,7 @@ def simulate_effects(
     time: FloatArray,
     torque: FloatArray,
     moment: FloatArray,
-    race: FloatArray,
+    beside: FloatArray,
     base: FloatArray,
     terms: FloatArray,
     kinds: Any,
@@ -288,12 +298,12 @@ def simulate_effects(
     ----------
     torque
         (n,) N m; each value the mean until the next instant.
-    moment, race
-        (n,) N m s^2 and N^0.5 m^2, see `rovid.model.Drive`.
+    moment, beside
+        (n,) N m s^2 and (n, 3), see `rovid.model.Drive`.
     base
         Inertia, quadratic and linear drag, the position at the first instant, the fastest rate of the effects' own
-        states in 1/s, room for the race of the moment, the stiffness of the restoring torque in N m/rad, and room for
-        the rate of the water about the hull.
+        states in 1/s, the stiffness of the restoring torque in N m/rad and where it is level, and room for the rate
+        of the water about the hull and for what of ``beside`` goes for the interval.
     terms, kinds
         (m, 4) parameters of each effect in the equation of motion; (m,) its index in ``rovid.effects.MOTION``.
     start
@@ -309,7 +319,19 @@ def simulate_effects(
     stiffness = 0.0
     for k in range(n - 1):
         r, a, stiffness = advance(
-            r, a, torque[k], 0.0, moment[k], race[k], time[k + 1] - time[k], base, terms, kinds, state, work, stiffness
+            r,
+            a,
+            torque[k],
+            0.0,
+            moment[k],
+            beside[k],
+            time[k + 1] - time[k],
+            base,
+            terms,
+            kinds,
+            state,
+            work,
+            stiffness,
         )
         rate[k + 1], angle[k + 1] = r, a
     return rate, angle
@@ -366,7 +388,7 @@ def predict(
 
 @_compiled
 def effects_along(
-    period: float, course: FloatArray, base: FloatArray, terms: FloatArray, kinds: Any
+    period: float, course: FloatArray, beside: FloatArray, base: FloatArray, terms: FloatArray, kinds: Any
 ) -> tuple[FloatArray, FloatArray]:
     """(n,) torque in N m of all effects, and their (n, m, TERM_STATES) states, on a measured course.
 
@@ -375,8 +397,8 @@ def effects_along(
     period
         s between its instants.
     course
-        (n, 4) rate, angle since the start of the trial, thrusters' torque and race; the last two held.
-    base, terms, kinds
+        (n, 3) rate, angle since the start of the trial and thrusters' torque, which is held.
+    beside, base, terms, kinds
         As for ``simulate_effects``.
     """
     n = len(course)
@@ -386,7 +408,8 @@ def effects_along(
     change, there, reached = np.zeros((3, len(terms), TERM_STATES))
     for k in range(n):
         state = states[k]
-        rate, angle, push, base[5] = course[k]
+        rate, angle, push = course[k]
+        _tell(base, beside[k])
         torque[k] = _sum_terms(rate, angle, push, base, terms, kinds, state, change)
         if k == n - 1:
             break
@@ -457,7 +480,9 @@ def _filter_steps(interval: float, rate: float, push: float, damping: float, fas
     inertia = base[0]
     # How fast it may turn before the interval is over, or where drag balances the torque.
     soon = min(abs(rate) + interval * abs(push) / inertia, max(abs(rate), math.sqrt(abs(push) / (base[1] + _TINY))))
-    stiffness = max(damping, (2.0 * base[1] * soon + base[2]) / inertia) + fastest + math.sqrt(base[6] / inertia)
+    stiffness = (
+        max(damping, (2.0 * base[1] * soon + base[2]) / inertia) + fastest + math.sqrt(base[STIFFNESS] / inertia)
+    )
     wanted = interval * stiffness / _FILTER_STEP_SHARE
     return 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
 
@@ -466,7 +491,7 @@ def _filter_steps(interval: float, rate: float, push: float, damping: float, fas
 def innovations(  # noqa: PLR0915 - the covariance is written out term by term, without arrays
     time: FloatArray,
     torque: FloatArray,
-    race: FloatArray,
+    beside: FloatArray,
     moment: FloatArray,
     scatter: FloatArray,
     angle: FloatArray,
@@ -485,7 +510,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
 
     Parameters
     ----------
-    time, torque, race, moment, scatter
+    time, torque, beside, moment, scatter
         (n,) s; the others from each instant to the next, see `rovid.model.Drive`.
     angle, rate
         (n,) measured angle in rad and rate in rad/s; NaN where not measured.
@@ -518,7 +543,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
         if k > 0:
             interval = time[k] - time[k - 1]
             push = torque[k - 1]
-            base[5] = race[k - 1]
+            _tell(base, beside[k - 1])
             steps = _filter_steps(interval, r, push, damping, 1.0 / tau, base)
             # Most logs are sampled evenly: what depends on the step alone is kept.
             if interval / steps != h:
@@ -526,7 +551,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
                 fade = math.exp(-h / tau)
                 mean = (1.0 - fade) * tau / h
                 fresh, grown = sigma**2 * (1.0 - fade * fade), 2.0 * sigma**2 / tau * h
-                pull = 0.5 * base[6] * h / inertia
+                pull = 0.5 * base[STIFFNESS] * h / inertia
                 for node in range(3):
                     left[node] = math.exp(-_NODES[node] * h / tau)
             # States of effects that are faster than all this have no variance: steps of the mean alone do for them.
@@ -543,7 +568,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
                 r -= damping * early
                 d *= fade
                 # What brings the vehicle back, as half an impulse at each end of the step (Strang 1968).
-                if base[6] > 0.0:
+                if base[STIFFNESS] > 0.0:
                     p11 += pull * (pull * p00 - 2.0 * p01)
                     p12 -= pull * p02
                     p01 -= pull * p00
@@ -571,7 +596,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
                 p11 = f11 * q11 + f12 * q12 + n11
                 p12 = fade * q12 + n12
                 p22 = fade * fade * p22 + fresh
-                if base[6] > 0.0:
+                if base[STIFFNESS] > 0.0:
                     p11 += pull * (pull * p00 - 2.0 * p01)
                     p12 -= pull * p02
                     p01 -= pull * p00
@@ -618,7 +643,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
 def innovations_wide(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
     time: FloatArray,
     torque: FloatArray,
-    race: FloatArray,
+    beside: FloatArray,
     moment: FloatArray,
     scatter: FloatArray,
     angle: FloatArray,
@@ -657,7 +682,7 @@ def innovations_wide(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
     origin, damping = angle[0], base[2] / inertia
     p[0, 0], p[1, 1], p[2, 2] = noise[2] ** 2, start[1] ** 2, sigma**2
     # Of the first and fourth state it is known: they are the integrals of those behind them.
-    slopes[1, 0], slopes[1, 2], slopes[2, 2] = -base[6] / inertia, 1.0 / inertia, -1.0 / tau
+    slopes[1, 0], slopes[1, 2], slopes[2, 2] = -base[STIFFNESS] / inertia, 1.0 / inertia, -1.0 / tau
     frequency, leak, power = base[4], 0.0, 0.0
     if waves:
         frequency, leak, power = wave[1], 2.0 * wave[2] * wave[1], 0.5 * wave[0] ** 2
@@ -667,7 +692,7 @@ def innovations_wide(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
         _carry(slopes, carried, base, terms, kinds, state, work)
     for k in range(n):
         if k > 0:
-            base[5] = race[k - 1]
+            _tell(base, beside[k - 1])
             push, interval = torque[k - 1], time[k] - time[k - 1]
             steps = _filter_steps(interval, r, push, damping, 1.0 / tau + frequency, base)
             h = interval / steps
@@ -838,11 +863,18 @@ def _congruence(f: Any, p: Any, q: Any, room: Any) -> None:
             p[i, j] = p[j, i] = q[i, j] + total
 
 
+def is_compiled() -> bool:
+    """Whether this machine has compiled the simulation before."""
+    return keeps_compiled() and any(Path(str(simulate.stats.cache_path)).glob("kernels.simulate*.nbi"))
+
+
 def _forget_stale() -> None:
     """Delete compiled kernels that were made from other effects.
 
     Numba looks at the age of this file alone, and would run the old terms under the new numbers.
     """
+    if not keeps_compiled():
+        return
     folder = Path(str(simulate.stats.cache_path))
     mark, digest = folder / "kernels.sources", hashlib.sha256()
     for source in (*sorted(Path(effects.__file__).parent.glob("*.py")), Path(__file__)):

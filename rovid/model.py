@@ -13,7 +13,16 @@ from numpy.typing import NDArray
 
 from rovid.axis import YAW, Axis
 from rovid.effects import MOTION, Actuation, Effect, effect_named, restoring_of
-from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, actuation, finer, race
+from rovid.effects.base import (
+    BASE_SIZE,
+    SPEEDS,
+    TERM_PARAMETERS,
+    TERM_STATES,
+    actuation,
+    bridged,
+    finer,
+    race,
+)
 from rovid.rates import body_position, on_grid, uniform_grid
 from rovid.trial import FloatArray, Trial
 from rovid.vehicle import Vehicle
@@ -71,27 +80,29 @@ class Drive:
     moment
         (n,) N m s^2; integral of torque less mean times the time left. A torque that comes late in the interval gives
         the same rate at its end, but less angle, by ``moment / inertia``.
-    race
-        (n,) N^0.5 m^2; sum over the thrusters of the root of their thrust times their arm squared, of which a loss
-        with the speed of advance is made. Zeros where no effect asks for it.
+    beside
+        (n, 3) what else the terms of effects are told: the thrusters' race in N^0.5 m^2, which is the sum over them of
+        the root of their thrust times their arm squared, and the speeds `SPEEDS` in m/s. Zeros where no effect asks.
     scatter
         (n,) N^2 m^2 s^2; variance of the impulse, where an effect leaves open when a torque acts. Zeros elsewhere.
     """
 
     torque: FloatArray
     moment: FloatArray
-    race: FloatArray
+    beside: FloatArray
     scatter: FloatArray
 
     @classmethod
-    def held(cls, torque: FloatArray, race: FloatArray | None = None, scatter: FloatArray | None = None) -> Self:
+    def held(cls, torque: FloatArray, beside: FloatArray | None = None, scatter: FloatArray | None = None) -> Self:
         """Of a torque that is held from each instant to the next."""
         nothing = np.zeros(len(torque))
-        return cls(torque, nothing, nothing if race is None else race, nothing if scatter is None else scatter)
+        beside = np.zeros((len(torque), 1 + len(SPEEDS))) if beside is None else beside
+        return cls(torque, nothing, beside, nothing if scatter is None else scatter)
 
     def mapped(self, function: Callable[[FloatArray], FloatArray]) -> Self:
         """With ``function`` of each series."""
-        return type(self)(*(function(each) for each in (self.torque, self.moment, self.race, self.scatter)))
+        beside = np.column_stack([function(column) for column in self.beside.T])
+        return type(self)(function(self.torque), function(self.moment), beside, function(self.scatter))
 
     def between(self, time: FloatArray, at: NDArray[np.intp]) -> Self:
         """From each of the instants ``time[at]`` to the next; ``time`` in s are those of the series."""
@@ -99,16 +110,17 @@ class Drive:
         middle = 0.5 * (time[1:] + time[:-1])
 
         def total(values: FloatArray) -> FloatArray:
-            return np.asarray(np.add.reduceat(values[: at[-1]], at[:-1])) if values.any() else np.zeros(len(at) - 1)
+            shape = (len(at) - 1, *values.shape[1:])
+            return np.asarray(np.add.reduceat(values[: at[-1]], at[:-1])) if values.any() else np.zeros(shape)
 
         impulse = self.torque[:-1] * length
-        area, race = total(impulse), total(self.race[:-1] * length)
+        area, beside = total(impulse), total(self.beside[:-1] * length[:, None])
         leverage = total(self.moment[:-1] - impulse * middle) + area * ends[1:]
         span = np.diff(ends)
         return type(self)(
             np.append(area / span, self.torque[at[-1]]),
             np.append(leverage - 0.5 * area * span, 0.0),
-            np.append(race / span, self.race[at[-1]]),
+            np.vstack((beside / span[:, None], self.beside[at[-1]])),
             np.append(total(self.scatter[:-1]), 0.0),
         )
 
@@ -155,15 +167,16 @@ class Model:
         return initial_rate(trial, self.swing)
 
     def base(self, trial: Trial) -> FloatArray:
-        """(8,) inertia, drags, first position, fastest state, room, stiffness, room, as the kernels take them."""
+        """Inertia, drags, first position, fastest state, stiffness, trim, and room, as the kernels take them."""
         return self.base_from(float(trial.position[int(np.argmax(trial.measured))]))
 
     def base_from(self, position: float) -> FloatArray:
         """As ``base``, with the first ``position``."""
         fastest = max((e.fastest(e.values(numbers)) for e, numbers in self._each if e.fastest), default=0.0)
         fastest = max(fastest, self.swing)
-        drags = self.quadratic_drag, self.linear_drag
-        return np.array([self.inertia, *drags, position, fastest, 0.0, self.stiffness, 0.0])
+        trim = self.restoring_values[1] if self.axis.rights else 0.0
+        known = self.inertia, self.quadratic_drag, self.linear_drag, position, fastest, self.stiffness, trim
+        return np.concatenate((known, np.zeros(BASE_SIZE - len(known))))
 
     def terms(self) -> tuple[FloatArray, NDArray[np.int64]]:
         """(m, 4) parameters of each term of the equation of motion; (m,) its index in ``MOTION``."""
@@ -236,7 +249,7 @@ class Model:
     @property
     def acts_on_drive(self) -> bool:
         """Whether any effect needs more of the commands than the torque that the bench curve makes of them."""
-        return any(effect.actuates or effect.races for effect in self.effects)
+        return any(effect.actuates or effect.races or set(effect.needs) & set(SPEEDS) for effect in self.effects)
 
     @property
     def drive_values(self) -> tuple[float, ...]:
@@ -269,12 +282,24 @@ class Model:
                 scatter += effect.scatter(where, torque, effect.values(numbers))
             if effect.on_torque is not None:
                 torque = effect.on_torque(where, torque, effect.values(numbers))
-        races = any(effect.races for effect in self.effects)
-        drive = Drive.held(torque, race(thrust, where.arms) if races else None, scatter)
+        drive = Drive.held(torque, self._beside(where, thrust), scatter)
         if at is None and where.parts == 1:
             return drive
         every = np.arange((len(where.time) - 1) // where.parts + 1)
         return drive.between(where.time, where.parts * (every if at is None else at))
+
+    def _beside(self, where: Actuation, thrust: FloatArray) -> FloatArray:
+        """(m, 3) what effects are told of each instant of ``where``, see `Drive`; ``thrust`` is (m, k) in N."""
+        beside = np.zeros((len(thrust), 1 + len(SPEEDS)))
+        if any(effect.races for effect in self.effects):
+            beside[:, 0] = race(thrust, where.arms)
+        for column, name in enumerate(SPEEDS, start=1):
+            if any(name in effect.needs for effect in self.effects):
+                beside[:, column] = where.speed(name)
+        for effect, numbers in self._each:
+            if effect.on_speed is not None:
+                beside[:, 1] = effect.on_speed(where, thrust, effect.values(numbers))
+        return beside
 
     def thrust(self, vehicle: Vehicle, where: Actuation, commands: FloatArray, *, bent: bool = True) -> FloatArray:
         """(m, k) thrust in N of (n, k) ``commands`` as in ``driven``, after every effect up to it.
@@ -284,7 +309,7 @@ class Model:
         if any(effect.on_command is not None for effect in self.effects):
             commands = finer(commands, where.parts)
             for effect, numbers in self._each:
-                if effect.on_command is not None:
+                if effect.on_command is not None and (bent or not effect.anchored):
                     commands = effect.on_command(where, commands, effect.values(numbers))
             thrust = vehicle.thrust(commands)
         else:
@@ -326,16 +351,18 @@ class Model:
         """Drag torque in N m at ``rate`` in rad/s."""
         return self.quadratic_drag * np.abs(rate) * rate + self.linear_drag * rate
 
-    def along(self, trial: Trial, period: float, course: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    def along(
+        self, trial: Trial, period: float, course: Sequence[FloatArray], beside: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """(n,) torque in N m of all terms and their (n, m, TERM_STATES) states, on a measured ``course``.
 
-        That is (n,) rate, angle since the start of the trial, thrusters' torque and race, a ``period`` in s apart;
-        what is not known of them is bridged by straight lines.
+        That is (n,) rate, angle since the start of the trial and thrusters' torque, a ``period`` in s apart; ``beside``
+        is theirs as in `Drive`. What is not known of them is bridged by straight lines.
         """
         from rovid.kernels import effects_along
 
-        bridged = np.column_stack([_bridged(values) for values in course])
-        torque, states = effects_along(period, bridged, self.base(trial), *self.terms())
+        known, told = (np.column_stack([bridged(values) for values in series]) for series in (course, beside.T))
+        torque, states = effects_along(period, known, told, self.base(trial), *self.terms())
         return torque, states
 
     def turned(
@@ -359,7 +386,7 @@ class Model:
         from rovid.kernels import simulate, simulate_effects
 
         if any(effect.term is not None for effect, _ in self._each) or drive.moment.any():
-            series, (terms, kinds) = (drive.torque, drive.moment, drive.race), self.terms()
+            series, (terms, kinds) = (drive.torque, drive.moment, drive.beside), self.terms()
             states = np.zeros((len(terms), TERM_STATES)) if states is None else states
             rate, angle = simulate_effects(time, *series, self.base(trial), terms, kinds, start, states)
             return rate, angle
@@ -409,12 +436,6 @@ def initial_rate(trial: Trial, swing: float = 0.0) -> float:
         return 0.0
     bent = len(time) > _START_SAMPLES or swing > 0.0
     return float(np.polynomial.polynomial.polyfit(time, angle - angle[0], 2 if bent else 1)[1])
-
-
-def _bridged(values: FloatArray) -> FloatArray:
-    """``values`` with straight lines through their gaps."""
-    known = np.flatnonzero(np.isfinite(values))
-    return np.interp(np.arange(len(values)), known, values[known]) if known.size else np.zeros(len(values))
 
 
 def _euler_heading(trial: Trial, rate: FloatArray) -> FloatArray:

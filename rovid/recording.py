@@ -70,13 +70,13 @@ class Topic:
                 yield ns, json.dumps(message, separators=(",", ":")).encode()
 
 
-def mcap_bytes(topics: Sequence[Topic]) -> bytes:
-    """A whole recording, in order of time."""
+def mcap_bytes(topics: Sequence[Topic], library: str = "rovid") -> bytes:
+    """A whole recording, in order of time; ``library`` is what it says to have written it."""
     from mcap.writer import CompressionType, Writer
 
     out = io.BytesIO()
     writer = Writer(out, compression=CompressionType.ZSTD)
-    writer.start(profile="", library="rovid")
+    writer.start(profile="", library=library)
     messages = []
     for topic in topics:
         text = json.dumps(topic.schema()).encode()

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rovid.axis import Axis
 from rovid.errors import ConfigError, DataError
 from rovid.rates import Rates, choose_cutoff, highest_cutoff, rates_of
+from rovid.segments import releases
 from rovid.trial import Campaign, FloatArray, Remark, Trial
 from rovid.vehicle import Vehicle
 
@@ -83,14 +84,15 @@ def prepare(campaign: Campaign, vehicle: Vehicle, *, cutoff: float | None = None
     ConfigError
         The cut-off is too high for the sampling rate.
     """
-    shared = choose_cutoff(campaign.trials) if cutoff is None else cutoff
-    highest = highest_cutoff(campaign.trials)
+    trials, remarks = _free(campaign.trials)
+    shared = choose_cutoff(trials) if cutoff is None else cutoff
+    highest = highest_cutoff(trials)
     if shared > highest * (1.0 + 1e-6):
         raise ConfigError(
             f"is {shared:g} Hz; at this sampling rate rates can be had up to {highest:.3g} Hz.", where="--cutoff"
         )
-    runs, remarks = [], []
-    for trial in campaign.trials:
+    runs = []
+    for trial in trials:
         torque = vehicle.torque(trial)
         try:
             rates = rates_of(trial, cutoff=shared)
@@ -102,6 +104,28 @@ def prepare(campaign: Campaign, vehicle: Vehicle, *, cutoff: float | None = None
         raise DataError(remarks[0].text if remarks else "there is no trial.")
     remarks += _gyro_remarks([run for run in runs if _gyro_is_off(run.rates)])
     return Runs(items=tuple(runs), cutoff=shared, chosen=cutoff is None, remarks=tuple(remarks))
+
+
+def _free(trials: Sequence[Trial]) -> tuple[Sequence[Trial], list[Remark]]:
+    """The trials; of those that nothing drives the stretches in which the vehicle swings after it was let go of."""
+    if all(trial.driven for trial in trials):
+        return trials, []
+    found, remarks = [], []
+    for trial in trials:
+        parts = releases(trial)
+        spans = [f"{trial.time[part][0]:.1f} to {trial.time[part][-1]:.1f} s" for part in parts]
+        names = [trial.name if len(parts) == 1 else f"{trial.name}, {span}" for span in spans]
+        found += [trial.part(part, name) for part, name in zip(parts, names, strict=True)]
+        told = f"swings freely from {', from '.join(spans)}: the rest was left out"
+        text = f"{trial.name} {told if parts else 'was left out: it holds no swings that die out'}."
+        remarks.append(Remark(kind="released" if parts else "left out", count=len(trial.time), text=text))
+    if not found:
+        axis = trials[0].axis
+        raise DataError(
+            f"nothing drives these logs in {axis.name}, and they hold no swings that die out.",
+            mend=f"Give logs of releases, or map what drives the vehicle: [[thrusters]] with {axis.arm}.",
+        )
+    return found, remarks
 
 
 def _gyro_is_off(rates: Rates) -> bool:

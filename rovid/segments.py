@@ -1,4 +1,4 @@
-"""Where a command is held and where it is a sine."""
+"""Where a command is held, where it is a sine, and where the vehicle swings after it was let go of."""
 
 from __future__ import annotations
 
@@ -23,6 +23,13 @@ _SAME_AMPLITUDE = 0.1
 # dead zone reaches 0.93, with equal volts on a thruster half as strong in reverse 0.85 to 0.91, a square wave 0.81.
 _SINE_SHARE = 0.83
 MIN_CYCLES = 2
+
+# A half swing that is so much larger than both before it was pushed; one that falls behind them by so much more than
+# those before it was held up.
+_GROWS, _CUT_SHORT = 1.1, 0.6
+# Of the largest tilt: what is smaller counts as rest.
+_SWINGS = 0.05
+_FEWEST_HALF_SWINGS = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -177,3 +184,34 @@ def _sine(trial: Trial, torque: FloatArray, start: float, stop: float, cycles: i
         cycles=cycles,
         amplitude=_amplitude(torque[rows]),
     )
+
+
+def releases(trial: Trial) -> list[slice]:
+    """Where the vehicle swings freely: from a largest tilt on, until its swings grow again or are cut short by hand."""
+    known = np.flatnonzero(trial.measured)
+    tilt = trial.position[known] - np.median(trial.position[known])
+    peaks = [begin + int(np.argmax(np.abs(tilt[begin:end]))) for begin, end in _half_swings(tilt)]
+    # One side may be larger than the other where the level is not known well: like with like.
+    sizes = np.concatenate(([0.0, 0.0], np.abs(tilt[peaks])))
+    found, k = list[slice](), 0
+    while k < len(peaks):
+        first = k
+        k += 1
+        shares = list[float]()
+        while k < len(peaks) and sizes[k + 2] <= _GROWS * sizes[k : k + 2].max():
+            share = sizes[k + 2] / max(sizes[k], sizes[k + 1])
+            if shares and share < _CUT_SHORT * float(np.median(shares)):
+                break
+            shares.append(share)
+            k += 1
+        if k - first >= _FEWEST_HALF_SWINGS:
+            found.append(slice(int(known[peaks[first]]), int(known[peaks[k - 1]]) + 1))
+    return found
+
+
+def _half_swings(tilt: FloatArray) -> list[tuple[int, int]]:
+    """First and last row of each stretch on one side that reaches beyond a share of the largest ``tilt``."""
+    side = np.where(np.abs(tilt) > _SWINGS * np.max(np.abs(tilt)), np.sign(tilt), 0.0)
+    beyond = np.flatnonzero(side)
+    starts = beyond[np.flatnonzero(np.diff(side[beyond], prepend=0.0))]
+    return list(pairwise([*starts.tolist(), len(tilt)]))

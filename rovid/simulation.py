@@ -115,15 +115,15 @@ def _position_errors(run: Run, model: Model, drive: Drive) -> dict[float, float 
     true, gain = model.true_angle(trial, body_position(trial), np.arange(len(trial.time)))
     angle, gain = (on_grid(trial, values, rates.time) for values in (true, gain))
     at_grid = np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1
-    torque, race = drive.torque[at_grid], drive.race[at_grid]
+    torque, beside = drive.torque[at_grid], drive.beside[at_grid]
     rate, turned = rates.rate / gain, angle - angle[np.isfinite(angle)][0]
     # The filter has no rate at the ends of a trial, where the water already moves.
     course = np.where(np.isfinite(rate), rate, np.gradient(turned, rates.kernel.period))
-    _, states = model.along(trial, rates.kernel.period, (course, turned, torque, race))
+    _, states = model.along(trial, rates.kernel.period, (course, turned, torque), beside)
 
     def turned_by(at: int, end: int) -> float:
         part = slice(at, end + 1)
-        held, begin = Drive.held(torque[part], race[part]), (float(rate[at]), float(turned[at]))
+        held, begin = Drive.held(torque[part], beside[part]), (float(rate[at]), float(turned[at]))
         return model.turned(trial, rates.time[part], held, begin, states[at])
 
     found: dict[float, float | None] = {}

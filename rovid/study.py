@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,15 +15,18 @@ from rovid.diagnose.amplitudes import Amplitudes, explain
 from rovid.diagnose.diagnosis import Diagnosis, diagnose
 from rovid.effects import Effect, forms_for
 from rovid.errors import ConfigError, DataError, nearest
+from rovid.files.form import PLAN
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit, fit_inertia, fit_inertia_table, unlike_rigid_body
 from rovid.identify.likelihood import LikelihoodFit, fit_likelihood
 from rovid.identify.steady import DragFit, fit_drag, points_from_table, steady_points
-from rovid.plan.design import Plan, belief_of, plan
+from rovid.plan.design import Plan, belief_of, plan, require_drive
 from rovid.plan.programme import Limits
 from rovid.readers import read_campaign
+from rovid.readers.campaign import files_in
 from rovid.runs import Runs, channels, prepare
 from rovid.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_table
+from rovid.toml import read_toml
 from rovid.trial import Campaign
 from rovid.vehicle import Vehicle
 
@@ -125,11 +129,12 @@ class Study:
         self.require(effects)
         logged = channels(self.runs.items)
         for effect in effects:
-            if effect.needs and effect.needs not in logged:
+            missing = [name for name in effect.needs if name not in logged]
+            if missing:
                 raise ConfigError(
-                    f"needs {effect.needs}, which these logs do not all hold.",
+                    f"needs {' and '.join(missing)}, which these logs do not all hold.",
                     where=effect.key,
-                    mend=f"Map {effect.needs} in [signals] of rovid.toml, or leave the effect out.",
+                    mend=f"Map {' and '.join(missing)} in [signals] of rovid.toml, or leave the effect out.",
                 )
         fit = fit_likelihood(self.runs.items, self.vehicle, effects, gyro=gyro)
         odd = unlike_rigid_body(fit.estimate, self.vehicle.rigid_body_inertia)
@@ -155,6 +160,7 @@ class Study:
             raise DataError(
                 "a table does not say how fast the vehicle answers.", where=self.paths[0], mend="Give logs."
             )
+        require_drive(self.vehicle)
         others = tuple(effect for effect in effects if effect.id not in {rival.id for rival in between})
         models = [(*others, rival) for rival in between] or [others]
         names = [rival.key for rival in between] or ["the model"]
@@ -210,6 +216,19 @@ class Study:
         side = found.extended or found.base
         odd = unlike_rigid_body(side.estimate, self.vehicle.rigid_body_inertia) if side else ()
         return replace(found, warnings=(*found.warnings, *odd))
+
+
+def files_at_hand(paths: Sequence[Path]) -> list[Path]:
+    """What may be read where ``paths`` are: logs, tables, rovid.toml and its thrust curves; not what rovid planned."""
+    found = [path for path in files_in(paths) if path.is_file() and not PLAN.marks(path)]
+    # Whatever is wrong with rovid.toml is said by those who need it.
+    with contextlib.suppress(ConfigError):
+        config = find_config(paths)
+        found.append(config)
+        blocks = read_toml(config).get("thrusters")
+        tables = [block for block in (blocks if isinstance(blocks, list) else ()) if isinstance(block, dict)]
+        found += [config.parent / str(table["curve"]) for table in tables if "curve" in table]
+    return found
 
 
 def open_study(paths: Sequence[Path], *, cutoff: float | None = None, axis: Axis = YAW) -> Study:

@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from rovid.config import FILE_NAME, Config, Signal, read_curve
-from rovid.errors import ConfigError, DataError, RovidError
+from rovid.errors import LINE_LENGTH, DataError, RovidError, shown
+from rovid.files import Output
+from rovid.files.form import CONFIG
+from rovid.files.form import GUESSED_CURVE as GUESSED
 from rovid.guess import Guess, Guesses, Seen, Thrusting, guess
+from rovid.places import require, search
+from rovid.quoting import toml_text
 from rovid.readers.csv_header import read_layout
 from rovid.readers.formats import READERS
+from rovid.readers.raw import Channel, sensible
 from rovid.tables import CURVE_COLUMNS, curve_text
 from rovid.vehicle import ThrustCurve, Vehicle
 
 GUESSED_CURVE = "thrust_guess.csv"
 # Logs are many and alike: so many of each format tell enough.
 _LOGS = 12
+# What cannot be read of one log is told in so many lines.
+_SHOWN = 3
 # Of the guessed curve, N at its ends; a constant scale of all thrust never shows in yaw data.
 _FULL_THRUST = 100.0
 _PULSES = np.array([1100.0, 1500.0, 1900.0])
@@ -43,7 +50,8 @@ class Survey:
     logs
         How many were looked at.
     lacking
-        What `rovid check` will say of some logs: that they cannot be read, or lack what is mapped.
+        What was not looked at: files that are no logs or cannot be read, what of a log cannot be, and what
+        `rovid check` will say of some: that they lack what is mapped.
     """
 
     folder: Path
@@ -63,28 +71,33 @@ def survey(paths: Sequence[Path]) -> Survey:
     RovidError
         There are no logs, none can be read, or none holds a heading or a command.
     """
-    folder = paths[0] if paths[0].is_dir() else paths[0].parent
+    folder = _folder(paths)
     logs: dict[str, list[Mapping[str, Seen]]] = {}
     clocks: dict[str, str] = {}
     names: dict[str, list[str]] = {}
-    problems = []
-    for path in _files(paths):
+    problems: list[str] = []
+    for path in _files(paths, problems):
         kind = READERS[path.suffix.lower()].kind
         if len(logs.setdefault(kind, [])) >= _LOGS or _is_table(path):
             continue
         try:
-            clock, seen = _seen(path)
-        except (OSError, RovidError) as error:
+            clock, seen, left_out = _seen(path)
+        except RovidError as error:
             problems.append(str(error))
             continue
+        problems += left_out
         clocks.setdefault(kind, clock)
         logs[kind].append(seen)
         names.setdefault(kind, []).append(path.name)
-    guesses = {kind: guess(found) for kind, found in logs.items() if found}
-    if not guesses:
+    every = {kind: guess(found) for kind, found in logs.items() if found}
+    if not every:
         raise DataError(problems[0] if problems else "holds no logs.", where="" if problems else folder)
-    _require(guesses, logs, folder)
-    curve, guessed = _curve(folder, [one for found in guesses.values() for one in found.commands])
+    unknown = [_not_recognised(found, logs[kind], folder, problems) for kind, found in every.items() if found.lacking]
+    guesses = {kind: found for kind, found in every.items() if not found.lacking}
+    if not guesses:
+        raise unknown[0]
+    problems += map(str, unknown)
+    curve, guessed = _curve(folder, [one for found in guesses.values() for one in found.commands], problems)
     lacking = [
         text
         for kind, found in guesses.items()
@@ -102,19 +115,24 @@ def survey(paths: Sequence[Path]) -> Survey:
     )
 
 
+def _folder(paths: Sequence[Path]) -> Path:
+    return paths[0] if paths[0].is_dir() else paths[0].parent
+
+
 def _lacks(name: str, log: Mapping[str, Seen], found: Guesses) -> str:
     turning = [one.source for one in found.commands if one.way] or [one.source for one in found.commands]
     missing = [source for source in (*(one.source for one in found.signals.values()), *turning) if source not in log]
     return f"{name}: holds no {', '.join(missing)}; is it of another vehicle?" if missing else ""
 
 
-def _files(paths: Sequence[Path]) -> Iterator[Path]:
+def _files(paths: Sequence[Path], problems: list[str]) -> Iterator[Path]:
+    def unreadable(error: OSError) -> None:
+        problems.append(f"{error.filename}: cannot be read ({error.strerror}).")
+
     for path in paths:
-        if not path.exists():
-            raise ConfigError("there is no such file or folder.", where=path)
-        inside = sorted(path.rglob("*")) if path.is_dir() else [path]
-        shown = (one for one in inside if not any(part.startswith(".") for part in one.relative_to(path).parts))
-        yield from (one for one in shown if one.suffix.lower() in READERS and one.is_file())
+        inside = search(path, unreadable)
+        problems += [f"{one}: is {what}." for one, what in inside.odd.items()]
+        yield from (one for one in inside.files if one.suffix.lower() in READERS)
 
 
 def _is_table(path: Path) -> bool:
@@ -128,16 +146,16 @@ def _is_table(path: Path) -> bool:
         return False  # reading it says what is wrong
 
 
-def _seen(path: Path) -> tuple[str, dict[str, Seen]]:
-    """Everything in one log, by source."""
+def _seen(path: Path) -> tuple[str, dict[str, Seen], list[str]]:
+    """The clock, everything in one log by source, and what of it cannot be read."""
     form = READERS[path.suffix.lower()]
-    clock, sources = form.sources(path)
-    if not sources:
-        raise DataError("holds no column of numbers.", where=path)
+    found = form.sources(path)
+    if not found.sources:
+        raise DataError("holds no column of numbers.", where=path, mend=next(iter(found.left_out), ""))
     # An orientation is made into a heading where that is asked for.
-    names = {source: "heading" if source.endswith(_ORIENTATIONS) else source for source in sources}
-    signals = {name: Signal(name=name, sources={form.kind: source}) for source, name in names.items()}
-    time = Signal(name="time", sources={form.kind: clock} if clock else {}, unit="auto")
+    names = {source: "heading" if source.endswith(_ORIENTATIONS) else source for source in found.sources}
+    signals = {name: Signal(name=name, sources={form.kind: source}, optional=True) for source, name in names.items()}
+    time = Signal(name="time", sources={form.kind: found.clock} if found.clock else {}, unit="auto")
     config = Config(
         path=path,
         vehicle=Vehicle(name="", thrusters=()),
@@ -146,31 +164,49 @@ def _seen(path: Path) -> tuple[str, dict[str, Seen]]:
         commands=(),
         measured=next(iter(signals)),
     )
-    channels = form.read(path, config).channels
-    return clock, {
-        one.source: Seen(source=one.source, time=one.time, values=one.values, radians=one.radians)
-        for one in channels.values()
-    }
+    raw = form.read(path, config)
+    skipped = (remark.text for remark in raw.remarks if remark.kind == "skipped")
+    seen = {one.source: _sane(one) for one in raw.channels.values() if sensible(one.time).any()}
+    return found.clock, seen, _few(path, dict.fromkeys((*found.left_out, *skipped)))
 
 
-def _require(guesses: Mapping[str, Guesses], logs: Mapping[str, Sequence[Mapping[str, Seen]]], folder: Path) -> None:
-    for kind, found in guesses.items():
-        if found.lacking:
-            there = sorted({source for log in logs[kind] for source in log})
-            raise DataError(
-                f"no {' and no '.join(found.lacking)} was recognised among {', '.join(there[:20])}.",
-                where=folder,
-                mend=f"Write {FILE_NAME} by hand: see the README, sample_logs for examples, and docs/axes.md where "
-                "the runs are along another axis than yaw, which alone is guessed.",
-            )
+def _sane(one: Channel) -> Seen:
+    """What was measured of a channel, at the times that are known."""
+    known = sensible(one.time)
+    values = np.where(sensible(one.values), one.values, np.nan)
+    return Seen(source=one.source, time=one.time[known], values=values[known], radians=one.radians)
 
 
-def _curve(folder: Path, commands: Sequence[Thrusting]) -> tuple[str, ThrustCurve | None]:
+def _few(path: Path, texts: Iterable[str]) -> list[str]:
+    """The first of ``texts``, and how many more there are."""
+    every = list(texts)
+    more = [f"{path}: {len(every) - _SHOWN} more cannot be read."] if len(every) > _SHOWN else []
+    return every[:_SHOWN] + more
+
+
+def _not_recognised(
+    found: Guesses, logs: Sequence[Mapping[str, Seen]], folder: Path, problems: Sequence[str]
+) -> DataError:
+    there = sorted({source for log in logs for source in log})
+    unread = f" What could not be read: {problems[0]}" if problems else ""
+    return DataError(
+        f"no {' and no '.join(found.lacking)} was recognised among {', '.join(there[:20])}.{unread}",
+        where=folder,
+        mend=f"Write {FILE_NAME} by hand: see the README, sample_logs for examples, and docs/axes.md where the runs "
+        "are along another axis than yaw, which alone is guessed.",
+    )
+
+
+def _curve(folder: Path, commands: Sequence[Thrusting], problems: list[str]) -> tuple[str, ThrustCurve | None]:
     """A curve beside the logs that knows these commands, or a straight line."""
     lowest, highest = min(one.lowest for one in commands), max(one.highest for one in commands)
-    for path in sorted(folder.glob("*.csv")):
-        if path.name != GUESSED_CURVE and _is_table(path):
-            curve = read_curve(path)
+    for path in search(folder, lambda _: None).files:
+        if path.parent == folder and path.name != GUESSED_CURVE and _is_table(path):
+            try:
+                curve = read_curve(path)
+            except RovidError as error:
+                problems.append(str(error))
+                continue
             room = 0.01 * curve.span
             if curve.command[0] <= lowest + room and highest - room <= curve.command[-1]:
                 return path.name, None
@@ -184,11 +220,26 @@ def _curve(folder: Path, commands: Sequence[Thrusting]) -> tuple[str, ThrustCurv
     return GUESSED_CURVE, ThrustCurve(command=ends, thrust=thrust)
 
 
-def files_of(found: Survey) -> dict[Path, str]:
+def outputs_beside(paths: Sequence[Path]) -> tuple[Output, Output]:
+    """Where rovid.toml and a guessed curve for the logs in ``paths`` go.
+
+    Raises
+    ------
+    RovidError
+        There is nothing at one of ``paths``, or what is neither file nor folder.
+    """
+    for path in paths:
+        require(path)
+    folder = _folder(paths)
+    return Output(folder / FILE_NAME, CONFIG), Output(folder / GUESSED_CURVE, GUESSED)
+
+
+def files_of(found: Survey) -> dict[Output, str]:
     """What to write where: rovid.toml, and the guessed curve where there is no other."""
-    files = {found.folder / FILE_NAME: toml_of(found)}
+    config, curve = outputs_beside([found.folder])
+    files = {config: toml_of(found)}
     if found.curve_guessed is not None:
-        files[found.folder / found.curve] = curve_text(found.curve_guessed.command, found.curve_guessed.thrust)
+        files[curve] = curve_text(found.curve_guessed.command, found.curve_guessed.thrust)
     return files
 
 
@@ -207,7 +258,7 @@ def _head(found: Survey) -> Iterator[str]:
     yield "# wrong."
     yield ""
     yield "[vehicle]"
-    yield f"name = {_quoted(found.folder.resolve().name)}"
+    yield f"name = {toml_text(found.folder.resolve().name)}"
     yield "# Mass and size are not in the logs; with them rovid tells the added inertia."
     yield "# mass = 100.0     # kg; length and width in m"
     yield "# length = 1.0"
@@ -229,9 +280,9 @@ def _thrusters(found: Survey) -> Iterator[str]:
         yield ""
         yield from _why(ones)
         yield f"{mark}[[thrusters]]"
-        yield f"{mark}name = {_quoted(name)}"
+        yield f"{mark}name = {toml_text(name)}"
         yield f"{mark}yaw_arm = {way:.1f}     # m: the sense is that of the logs, the distance is not in them"
-        yield f"{mark}curve = {_quoted(found.curve)}"
+        yield f"{mark}curve = {toml_text(found.curve)}"
         yield f"{mark}command = {_sources({kind: one.source for kind, one in ones.items()})}"
 
 
@@ -250,21 +301,16 @@ def _signals(found: Survey) -> Iterator[str]:
 
 def _signal(ones: Mapping[str, Guess]) -> str:
     first = next(iter(ones.values()))
-    parts = [f"{kind} = {_quoted(one.source)}" for kind, one in ones.items()]
-    parts += [f"unit = {_quoted(first.unit)}"] if first.unit else []
+    parts = [f"{kind} = {toml_text(one.source)}" for kind, one in ones.items()]
+    parts += [f"unit = {toml_text(first.unit)}"] if first.unit else []
     parts += ["sign = -1"] if first.sign < 0 else []
     return "{ " + ", ".join(parts) + " }"
 
 
 def _sources(sources: Mapping[str, str]) -> str:
-    return "{ " + ", ".join(f"{kind} = {_quoted(source)}" for kind, source in sources.items()) + " }"
+    return "{ " + ", ".join(f"{kind} = {toml_text(source)}" for kind, source in sources.items()) + " }"
 
 
 def _why(ones: Mapping[str, Guess] | Mapping[str, Thrusting]) -> Iterator[str]:
     for kind, one in ones.items():
-        yield f"# {kind}: {one.why}"
-
-
-def _quoted(text: str) -> str:
-    # A JSON string is a TOML string.
-    return json.dumps(text, ensure_ascii=False)
+        yield f"# {kind}: {shown(one.why, LINE_LENGTH)}"

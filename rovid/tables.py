@@ -12,11 +12,16 @@ from pathlib import Path
 import numpy as np
 
 from rovid.errors import LogError, nearest
+from rovid.places import refuse_odd, require, search
+from rovid.toml import LARGEST
 from rovid.trial import FloatArray
 
 _FINEST = 1e-3
+# Bytes: a day of bench readings, and no log.
+_SIZE = 64_000_000
 # What makes a folder one of logs and not of tables; a CSV may be either.
 LOG_SUFFIXES = (".mcap", ".parquet", ".bag", ".db3", ".bin", ".tlog", ".nmea", ".ulg")
+_LOOKED_AT = 50  # rows, of which one has to hold a number
 CURVE_COLUMNS = ("command", "thrust_N")
 STEADY_COLUMNS = ("yaw_rate_rad_s", "torque_Nm")
 SINE_COLUMNS = ("period_s", "torque_amplitude_Nm", "peak_yaw_rate_rad_s")
@@ -40,10 +45,7 @@ class Table:
             There is no such column; the nearest names are offered.
         """
         if column not in self.header:
-            raise LogError(
-                f"has no column {column!r}. {nearest(column, self.header)}",
-                where=self.path,
-            )
+            raise LogError(f"has no column {column!r}. {offered(column, self.header, self.rows)}", where=self.path)
         at = self.header.index(column)
         return [row[at] if at < len(row) else "" for row in self.rows]
 
@@ -64,7 +66,7 @@ class Table:
                 values[k] = float(cell)
             except ValueError:
                 values[k] = np.nan
-            if not np.isfinite(values[k]):
+            if not abs(values[k]) <= LARGEST:
                 raise LogError(
                     f"{column} is {cell!r}, a number was expected.",
                     where=f"{self.path}:{self.lines[k]}",
@@ -77,9 +79,9 @@ class Table:
 
         Digits beyond were printed, not read.
         """
-        digits = [Decimal(cell).as_tuple().exponent for cell in self.text(column)]
         finest = _FINEST * float(np.max(np.abs(self.numbers(column))))
-        return np.array([max(10.0 ** int(digit), finest) for digit in digits])
+        digits = [int(Decimal(cell).as_tuple().exponent) for cell in self.text(column)]
+        return np.array([max(10.0 ** min(digit, 300), finest) for digit in digits])
 
 
 def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> Table:
@@ -92,18 +94,28 @@ def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> Table:
     LogError
         The file cannot be read or holds no rows.
     """
+    refuse_odd(path, LogError)
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        with path.open("rb") as file:
+            content = file.read(_SIZE + 1)
     except OSError as error:
         raise LogError(f"cannot be read ({error.strerror}).", where=path) from error
+    if len(content) > _SIZE:
+        raise LogError(f"is larger than {_SIZE / 1e6:g} MB; a table of results was expected.", where=path)
+    try:
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         # Vendors' sheets write the micro sign in their own code page.
-        text = path.read_bytes().decode("cp1252", errors="replace")
+        text = content.decode("cp1252", errors="replace")
     numbered = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if not numbered:
         raise LogError("is empty.", where=path)
     separator = max(",;\t", key=numbered[0][1].count)
-    cells = [tuple(cell.strip() for cell in row) for row in csv.reader((x for _, x in numbered), delimiter=separator)]
+    rows = csv.reader((line for _, line in numbered), delimiter=separator)
+    try:
+        cells = [tuple(cell.strip() for cell in row) for row in rows]
+    except csv.Error as error:
+        raise LogError(f"is no table: {error}.", where=path) from error
     if separator == ";":
         cells = [tuple(cell.replace(",", ".") for cell in row) for row in cells]
     lines = [k for k, _ in numbered]
@@ -113,6 +125,18 @@ def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> Table:
     if len(cells) < 2:
         raise LogError("holds a header and no rows.", where=path)
     return Table(path=path, header=cells[0], rows=tuple(cells[1:]), lines=tuple(lines[1:]))
+
+
+def offered(wanted: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Which columns come near ``wanted``, or what stands in place of a table.
+
+    A file that is no table of numbers may be anybody's: a password file that rovid.toml names for a thrust curve. What
+    it holds is not repeated.
+    """
+    numbers = any(_is_number(cell.replace(",", ".")) for row in rows[:_LOOKED_AT] for cell in row)
+    if len(header) < 2 or not numbers:
+        return "It is no table of numbers under the names of two columns or more."
+    return nearest(wanted, header)
 
 
 def _is_number(cell: str) -> bool:
@@ -137,8 +161,16 @@ def header(path: Path) -> tuple[str, ...]:
 
 
 def find_table(paths: Sequence[Path], columns: Sequence[str]) -> Path | None:
-    """The first table with all ``columns`` among ``paths`` and in their folders; None where there is a log too."""
-    inside = {path: sorted(path.rglob("*.*")) if path.is_dir() else [path] for path in paths}
+    """The first table with all ``columns`` among ``paths`` and in their folders; None where there is a log too.
+
+    Raises
+    ------
+    LogError
+        One of ``paths`` is neither file nor folder.
+    """
+    for path in paths:
+        require(path, LogError)
+    inside = {path: search(path, lambda _: None).files for path in paths}
     if any(map(_is_log, chain.from_iterable(inside.values()))):
         return None
     for path, files in inside.items():
@@ -162,6 +194,7 @@ def _is_table(path: Path) -> bool:
 
 
 def curve_text(command: FloatArray, thrust: FloatArray) -> str:
-    """A thrust curve as CSV."""
+    """A thrust curve as CSV; the quotes in its header are the mark of what rovid wrote."""
     rows = [f"{c:.10g},{t:.7g}" for c, t in zip(command, thrust, strict=True)]
-    return "\n".join([",".join(CURVE_COLUMNS), *rows]) + "\n"
+    first, second = CURVE_COLUMNS
+    return "\n".join([f'"{first}",{second}', *rows]) + "\n"

@@ -10,14 +10,14 @@ from typing import Any, TypeVar
 import numpy as np
 from rich import box
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from rovid.advice import Advice
 from rovid.axis import YAW
 from rovid.export import Exported
 from rovid.identify.bench import BenchFit
-from rovid.identify.estimate import Estimate
+from rovid.identify.decay import Decay, read_decay
+from rovid.identify.estimate import PER_INERTIA, Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.identify.likelihood import LikelihoodFit
 from rovid.identify.steady import DragFit, SteadyPoint
@@ -26,6 +26,7 @@ from rovid.parameters import Parameters
 from rovid.plan.design import Plan
 from rovid.plan.worth import DECIDES
 from rovid.runs import Runs
+from rovid.screen import led
 from rovid.simulation import TrialSimulation, overall
 from rovid.study import Study
 from rovid.survey import Survey, logs_in_words
@@ -37,9 +38,9 @@ _Fit = TypeVar("_Fit", DragFit, InertiaFit, LikelihoodFit)
 
 def table(title: str, *columns: str, left: int = 1) -> Table:
     """A table whose first ``left`` columns are text and the rest numbers."""
-    made = Table(title=escape(title), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    made = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
     for k, column in enumerate(columns):
-        made.add_column(escape(column), justify="left" if k < left else "right", overflow="fold")
+        made.add_column(column, justify="left" if k < left else "right", overflow="fold")
     return made
 
 
@@ -51,7 +52,7 @@ def number(value: float | None, form: str = ".3g") -> str:
 def show_warnings(console: Console, warnings: Sequence[str]) -> None:
     """Print each warning as a paragraph of its own."""
     for text in warnings:
-        console.print(f"[yellow]Note:[/yellow] {escape(text)}", highlight=False)
+        console.print(led("Note:", text, "yellow"), highlight=False)
 
 
 def show_export(console: Console, path: Path, made: Exported) -> None:
@@ -68,9 +69,7 @@ def show_export(console: Console, path: Path, made: Exported) -> None:
         )
     for loss in made.losses:
         size = number(loss.percent_of_range, ".2g")
-        console.print(
-            f"[red]Not held:[/red] {escape(loss.what)}, {size} % of range: {escape(loss.why)}.", highlight=False
-        )
+        console.print(led("Not held:", f"{loss.what}, {size} % of range: {loss.why}.", "red"), highlight=False)
     show_warnings(console, made.warnings)
 
 
@@ -124,7 +123,7 @@ def show_drag(console: Console, fit: DragFit) -> None:
     if fit.unsteady:
         found = ", ".join(dict.fromkeys(point.source for point in fit.unsteady))
         console.print(
-            f"{len(fit.unsteady)} holds left out because the rate was still changing, in {escape(found)}",
+            f"{len(fit.unsteady)} holds left out because the rate was still changing, in {found}",
             highlight=False,
         )
     estimate = fit.estimate
@@ -142,10 +141,10 @@ def show_drag(console: Console, fit: DragFit) -> None:
 
 def _point_cells(point: SteadyPoint) -> list[str]:
     return [
-        escape(point.source),
+        point.source,
         number(point.start, ".0f"),
         number(point.stop, ".0f"),
-        escape(" ".join(f"{value:.4g}" for value in point.command)),
+        " ".join(f"{value:.4g}" for value in point.command),
         number(point.torque, ".1f"),
         number(point.rate, ".4f"),
         number(point.rate_error, ".4f"),
@@ -165,7 +164,7 @@ def show_inertia(console: Console, fit: InertiaFit) -> None:
         rows.add_row(METHODS[name], plus_minus(inertia.value, inertia.standard_error), note)
         if len(inertia.runs) > 1 or name == "peak":
             for source, value, error in inertia.runs:
-                rows.add_row(f"  {escape(source)}", plus_minus(value, error), "")
+                rows.add_row(f"  {source}", plus_minus(value, error), "")
     console.print(rows)
     show_parameters(console, fit.estimate)
     if fit.added_inertia is not None:
@@ -183,11 +182,40 @@ def show_likelihood(console: Console, fit: LikelihoodFit) -> None:
     name, unit, factor = axis.measured(integrated=fit.integrated)
     console.print(
         f"{fit.estimate.method}: log-likelihood {fit.log_likelihood:.1f} over {fit.estimate.samples} readings; "
-        f"innovations {'white' if fit.white else 'not white'}\n"
-        f"disturbance {axis.push} {fit.disturbance:.3g} {axis.push_unit} with a memory of "
-        f"{fit.correlation_time:.2g} s; {name} noise {factor * fit.position_noise:.2g} {unit}\n"
+        f"innovations {'white' if fit.white else 'not white'}",
+        highlight=False,
+    )
+    console.print(
+        f"disturbance {axis.push} {fit.disturbance:.3g} {axis.push_unit}"
+        f"{PER_INERTIA if fit.estimate.per_inertia else ''} with a memory of "
+        f"{fit.correlation_time:.2g} s; {name} noise {factor * fit.position_noise:.2g} {unit}",
+        highlight=False,
+    )
+    console.print(
         f"free-running {axis.rate_words} R² {fit.free_run_r2:.4f}; the fit that looks at nothing else reaches "
         f"{fit.base_r2:.4f}",
+        highlight=False,
+    )
+
+
+def show_decay(console: Console, decay: Decay) -> None:
+    """Print period and damping of the swings, and the ratios to the inertia."""
+    rows = table("Free decay", "swing from", "deg", "natural period s", "damping ratio")
+    for swing in (*decay.swings, decay.usual):
+        readings = (plus_minus(r.value, r.standard_error) for r in (swing.natural_period, swing.damping_ratio))
+        name = f"the largest of {swing.name}" if swing.name else "the root mean square of all"
+        rows.add_row(name, number(math.degrees(swing.amplitude), ".1f"), *readings)
+    console.print(rows)
+    linear, quadratic = (plus_minus(r.value, r.standard_error) for r in decay.terms.values())
+    frequency = decay.natural_frequency
+    shown = ", ".join(
+        f"{name.replace('_', ' ')} {plus_minus(r.value, r.standard_error)} {r.unit}"
+        for name, r in decay.over_inertia.items()
+    )
+    console.print(
+        f"natural frequency {plus_minus(frequency.value, frequency.standard_error)} {frequency.unit}; damping ratio "
+        f"{linear} of the linear drag, and {quadratic} for each rad of amplitude of the quadratic\n"
+        f"over the inertia: {shown}",
         highlight=False,
     )
 
@@ -208,7 +236,7 @@ def show_simulation(console: Console, simulations: Sequence[TrialSimulation]) ->
     for item in simulations:
         errors = [axis.in_shown(item.position_errors[horizon]) for horizon in (10.0, 60.0)]
         rows.add_row(
-            escape(item.run.trial.name),
+            item.run.trial.name,
             str(item.fit.samples),
             number(item.fit.r2, ".4f"),
             number(item.fit.fit_percent, ".1f"),
@@ -239,9 +267,10 @@ def show_bench(console: Console, fit: BenchFit, output: Path) -> None:
     zone = "none" if fit.dead_zone is None else f"{fit.dead_zone[0]:.5g} to {fit.dead_zone[1]:.5g}"
     console.print(
         f"dead zone {zone}; thrust {fit.curve.thrust.min():.1f} to {fit.curve.thrust.max():.1f} N; residual "
-        f"{fit.rms:.2g} N rms, {np.max(np.abs(fit.residuals)):.2g} N at most\nwritten to {escape(str(output))}",
+        f"{fit.rms:.2g} N rms, {np.max(np.abs(fit.residuals)):.2g} N at most",
         highlight=False,
     )
+    console.print(f"written to {output}", highlight=False)
 
 
 def show_plan(console: Console, found: Plan, written: Sequence[Path]) -> None:
@@ -256,16 +285,16 @@ def show_plan(console: Console, found: Plan, written: Sequence[Path]) -> None:
     rows = table(purpose, "run", "minutes", gain, f"{gain} a minute")
     for one in found.runs[:_RUNS_SHOWN]:
         told = (one.gain, one.per_minute) if rivals else (math.exp(one.gain), math.exp(one.per_minute))
-        rows.add_row(escape(one.run.name), number(one.run.seconds / 60.0, ".1f"), *(number(x, ".3g") for x in told))
+        rows.add_row(one.run.name, number(one.run.seconds / 60.0, ".1f"), *(number(x, ".3g") for x in told))
     console.print(rows)
     if not found.decides:
-        console.print(
-            f"[yellow]Note:[/yellow] none is expected to decide: that takes a gain of {DECIDES:.0f}. Allow longer runs "
-            "or more command, or play the best several times.",
-            highlight=False,
+        undecided = (
+            f"none is expected to decide: that takes a gain of {DECIDES:.0f}. Allow longer runs or more command, or "
+            "play the best several times."
         )
+        show_warnings(console, [undecided])
     for path in written:
-        console.print(f"written: {escape(str(path))}", highlight=False, soft_wrap=True)
+        console.print(f"written: {path}", highlight=False, soft_wrap=True)
 
 
 def show_survey(console: Console, found: Survey, written: Sequence[Path]) -> None:
@@ -273,19 +302,15 @@ def show_survey(console: Console, found: Survey, written: Sequence[Path]) -> Non
     rows = table(f"Guessed from {logs_in_words(found)}", "signal", "taken from", "unit", "why", left=4)
     for guesses in found.guesses.values():
         for name, one in guesses.signals.items():
-            rows.add_row(name, escape(one.source), one.unit, escape(one.why))
+            rows.add_row(name, one.source, one.unit, one.why)
         for command in guesses.commands:
-            rows.add_row(f"command of {escape(command.name)}", escape(command.source), "", escape(command.why))
+            rows.add_row(f"command of {command.name}", command.source, "", command.why)
     console.print(rows)
     show_warnings(console, found.lacking)
     for path in written:
-        console.print(f"written: {escape(str(path))}", highlight=False, soft_wrap=True)
-    folder = escape(str(found.folder))
-    console.print(
-        f"[bold]Next:[/bold] read {escape(written[0].name)}, then rovid check {folder} and rovid report {folder}",
-        highlight=False,
-        soft_wrap=True,
-    )
+        console.print(f"written: {path}", highlight=False, soft_wrap=True)
+    then = f"read {written[0].name}, then rovid check {found.folder} and rovid report {found.folder}"
+    console.print(led("Next:", then), highlight=False, soft_wrap=True)
 
 
 def show_check(console: Console, rows: Sequence[tuple[Trial, Mapping[str, Any]]], problems: Mapping[str, str]) -> None:
@@ -297,7 +322,7 @@ def show_check(console: Console, rows: Sequence[tuple[Trial, Mapping[str, Any]]]
     shown = table("Logs", "log", "s", "samples", "Hz", f"noise {unit}", went, "held", "sines", "remarks")
     for trial, facts in rows:
         shown.add_row(
-            escape(trial.name),
+            trial.name,
             f"{trial.duration:.0f}",
             str(facts["samples"]),
             f"{1.0 / trial.period:.3g}",
@@ -308,18 +333,18 @@ def show_check(console: Console, rows: Sequence[tuple[Trial, Mapping[str, Any]]]
             ", ".join(f"{remark.count} {remark.kind}" for remark in trial.remarks) or "none",
         )
     for name, problem in problems.items():
-        shown.add_row(escape(name), *["–"] * 7, f"[red]{escape(problem)}[/red]")
+        shown.add_row(name, *["–"] * 7, led(problem, style="red"))
     console.print(shown)
     for trial, _ in rows:
         for remark in trial.remarks:
-            console.print(f"{escape(trial.name)}: {escape(remark.text)}", highlight=False)
+            console.print(f"{trial.name}: {remark.text}", highlight=False)
 
 
 def show_advice(console: Console, advice: Sequence[Advice]) -> None:
     """Print what to mind before a fit."""
     for one in advice:
         text = one.text[:1].upper() + one.text[1:] if one.text.split(" ")[0].isalpha() else one.text
-        console.print(f"[bold]Before a fit:[/bold] {escape(text)}", highlight=False)
+        console.print(led("Before a fit:", text), highlight=False)
     if not advice:
         console.print("These logs have what a fit wants.", highlight=False)
 
@@ -329,7 +354,9 @@ def show_fit(
 ) -> None:
     """Print a fit, how the signals were filtered, what was noticed, and where the parameters went."""
     show(console, fit)
+    if study.runs is not None and isinstance(fit, LikelihoodFit) and fit.estimate.per_inertia:
+        show_decay(console, read_decay(fit.model, fit.estimate, study.runs.items, study.vehicle))
     if study.runs is not None:
         show_filter(console, study.runs)
     show_warnings(console, [*study.remarks(), *fit.estimate.warnings])
-    console.print(f"written to {escape(str(parameters.path))}", highlight=False)
+    console.print(f"written to {parameters.path}", highlight=False)

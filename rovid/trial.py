@@ -136,6 +136,11 @@ class Trial:
         )
 
     @property
+    def driven(self) -> bool:
+        """Whether anything drives the vehicle along the axis; else it was let go of, tilted."""
+        return bool(self.commands.shape[1])
+
+    @property
     def duration(self) -> float:
         """Length of the record in s."""
         return float(self.time[-1] - self.time[0])

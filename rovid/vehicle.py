@@ -61,6 +61,8 @@ class Thruster:
     Along an axis that is no angle the arm is the share of the thrust, and a torque is a force.
 
     A logged torque is an actuator whose ``curve`` is None: its command is the torque in N m, its arm 1.
+    ``ahead`` is the share of its thrust that drives the vehicle ahead, 0 where that is not told.
+
     ``clamp`` allows commands outside the curve, at the curve's end values; ``most`` is the largest size of a logged
     torque.
     """
@@ -70,6 +72,7 @@ class Thruster:
     curve: ThrustCurve | None
     clamp: bool = False
     most: float = 1.0
+    ahead: float = 0.0
 
     @property
     def full_thrust(self) -> float:
@@ -130,8 +133,10 @@ class Vehicle:
 
     def thrust(self, commands: FloatArray) -> FloatArray:
         """(n, k) thrust in N for (n, k) commands; the torque itself for a logged torque."""
-        columns = zip(self.thrusters, commands.T, strict=True)
-        return np.column_stack([u if thruster.curve is None else thruster.curve(u) for thruster, u in columns])
+        thrust = np.empty_like(commands)
+        for at, (thruster, command) in enumerate(zip(self.thrusters, commands.T, strict=True)):
+            thrust[:, at] = command if thruster.curve is None else thruster.curve(command)
+        return thrust
 
     def torque(self, trial: Trial) -> FloatArray:
         """(n,) torque in N m, held until the next instant of ``trial.time``.

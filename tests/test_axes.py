@@ -231,8 +231,20 @@ def stiff(angle: FloatArray, time: FloatArray, wave: FloatArray | None = None) -
     nothing, term = np.zeros(n), np.array([[STIFFNESS, 0.0, 0.0, 0.0]])
     restoring = restoring_of(AXES["pitch"])
     kinds = np.array([k for k, effect in enumerate(MOTION) if effect is restoring])
-    base = np.array([INERTIA, 0.0, DRAG, angle[0], np.sqrt(STIFFNESS / INERTIA), 0.0, STIFFNESS])
-    logged = (time, nothing, nothing, nothing, nothing, angle, np.full(n, np.nan), base, term, kinds, np.array(NOISE))
+    base = np.array([INERTIA, 0.0, DRAG, angle[0], np.sqrt(STIFFNESS / INERTIA), STIFFNESS, *np.zeros(5)])
+    logged = (
+        time,
+        nothing,
+        np.zeros((n, 3)),
+        nothing,
+        nothing,
+        angle,
+        np.full(n, np.nan),
+        base,
+        term,
+        kinds,
+        np.array(NOISE),
+    )
     start = np.array([0.0, 0.01])
     found = innovations(*logged, start) if wave is None else innovations_wide(*logged, wave, start)
     return found[0][:, 0], found[1][:, 0]

@@ -33,7 +33,7 @@ from tools.axis_truth import (
     Vehicle,
     axis_cases,
 )
-from tools.hidden import FORMS
+from tools.hidden import FORMS, Hidden
 from tools.programme import LEAD, Hold, Piece, Run, Sine
 from tools.simulate import MICRO, Held, Motion
 from tools.truth import Axis, Disturbance, Dynamics, FloatArray, Truth
@@ -123,6 +123,20 @@ def test_a_coast_is_the_closed_form() -> None:
     fades = np.exp(-d.linear_drag / d.inertia * (time[start:] - 60.0))
     exact = d.linear_drag * speed * fades / (d.linear_drag + d.quadratic_drag * speed * (1.0 - fades))
     np.testing.assert_allclose(motion.rate[start:], exact, rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize(("form", "power", "size"), [("cubic", 2, 3.0), ("quintic", 4, 30.0)])
+def test_a_bent_restoring_torque_against_scipy(form: str, power: int, size: float) -> None:
+    one = Hidden(effect="restoring_curve", form=form, parameters={form: size})
+    d = WORK_PITCH.dynamics
+    time, motion = move(replace(quiet(WORK_PITCH), start=d.level + 0.4, hidden=(one,)), Hold(0.0, 30.0))
+
+    def slope(_: float, y: FloatArray) -> list[float]:
+        restoring = d.restoring * (1.0 + size * y[0] ** power) * math.sin(y[0])
+        return [y[1], -(restoring + (d.quadratic_drag * abs(y[1]) + d.linear_drag) * y[1]) / d.inertia]
+
+    solved = solve_ivp(slope, (0.0, 34.0), [0.4, 0.0], t_eval=time + LEAD, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(motion.heading - d.level, solved.y[0], rtol=0.0, atol=1e-7)
 
 
 @pytest.mark.parametrize("truth", PITCHING, ids=named)

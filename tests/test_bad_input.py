@@ -183,8 +183,8 @@ def test_unwritable_output_keeps_what_was_there(folder: Path, rovid: Rovid) -> N
         ('schema = "rovid-parameters/99"\n', ("newer", "99")),
         ('schema = "something/1"\n', ("something/1", "rovid-parameters/1")),
         ('schema = "rovid-parameters/1"\n', ("damaged", "delete it")),
-        ("not toml = = =", ("TOML", "delete it")),
-        ("", ("schema", "delete it")),
+        ("not toml = = =", ("TOML", "with -p")),
+        ("", ("schema", "with -p")),
     ],
 )
 def test_bad_parameter_files(content: str, words: tuple[str, ...], rovid: Rovid) -> None:

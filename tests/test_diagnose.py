@@ -40,6 +40,11 @@ SINGLE = [
     slow("observation", "oscillatory_drag-exponential-strong"),
     slow("observation", "heading_deviation-two_cycles-weak"),
     slow("small", "wave_torque-narrow_band-strong"),
+    slow("rosub", "speed_dependent_damping-quadratic-weak"),
+    slow("small", "sideslip_moment-munk-strong"),
+    slow("small", "advance_speed_loss-measured-strong"),
+    slow("rosub", "coulomb_resistance-unequal-strong"),
+    slow("rosub", "thrust_curve_shape-command-strong"),
 ]
 OUTSIDE = [("rosub", "outside-surge-strong"), slow("small", "outside-manipulator-strong")]
 # Fresh campaigns on each run, so that nothing is tuned to a seed; ROVID_SEED repeats them.

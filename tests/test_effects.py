@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rovid.effects import CATALOGUE, FORMS, MOTION, Effect, effect_named, forms_for
-from rovid.effects.base import REFERENCE_RATE, TERM_PARAMETERS, TERM_STATES, Actuation, Scales
+from rovid.effects.base import BASE_SIZE, REFERENCE_RATE, TERM_PARAMETERS, TERM_STATES, Actuation, Scales
 from rovid.effects.series import latched, rotor_lagged, soft_started
 from rovid.model import Drive, Model
 from rovid.trial import FloatArray
@@ -42,9 +42,12 @@ IDS = [
     "wave_torque",
     "tank_seiche",
     "heading_deviation",
+    "speed_dependent_damping",
+    "sideslip_moment",
+    "restoring_curve",
 ]
 BASE = np.array([5057.0, 3532.0, 132.0, 0.4])
-SCALES = Scales(command=2.0, torque=120.0, rate=0.15, race=math.sqrt(120.0))
+SCALES = Scales(command=2.0, torque=120.0, rate=0.15, race=math.sqrt(120.0), root=math.sqrt(120.0), surge=0.8, sway=0.2)
 TIME = np.arange(0.0, 60.0, 0.05)
 CURVE = ThrustCurve(command=np.array([-5.0, -0.3, 0.3, 5.0]), thrust=np.array([-800.0, 0.0, 0.0, 1200.0]))
 VEHICLE = Vehicle(
@@ -55,6 +58,11 @@ VEHICLE = Vehicle(
     ),
 )
 COMMAND = np.column_stack((2.0 * np.sin(0.3 * TIME), np.where(TIME % 20.0 < 10.0, 1.5, -0.7)))
+CHANNELS = {
+    "supply_voltage": 14.0 - 0.02 * TIME,
+    "surge_velocity": 0.8 + 0.2 * np.sin(0.1 * TIME),
+    "sway_velocity": 0.2 * np.cos(0.2 * TIME),
+}
 WHERE = Actuation(
     time=TIME,
     neutral=np.zeros(2),
@@ -62,10 +70,12 @@ WHERE = Actuation(
     full_thrust=np.array([1200.0, 1200.0]),
     names=("fore", "aft"),
     dead_zone=np.array([[-0.3, 0.3], [-0.3, 0.3]]),
-    extras={"supply_voltage": 14.0 - 0.02 * TIME},
+    extras=CHANNELS,
+    ahead=np.array([0.5, 0.5]),
+    ends=np.array([[-5.0, 5.0], [-5.0, 5.0]]),
 )
-EVERY = forms_for(VEHICLE, {"supply_voltage"})
-ACTUATED = [effect for effect in EVERY if effect.actuates]
+EVERY = (*forms_for(VEHICLE, CHANNELS), effect_named("speed_dependent_damping:estimated"))
+ACTUATED = [effect for effect in EVERY if effect.on_command or effect.on_thrust or effect.on_torque]
 
 each = pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.key)
 each_term = pytest.mark.parametrize("effect", MOTION, ids=lambda effect: effect.key)
@@ -93,7 +103,7 @@ def torque(effect: Effect, values: FloatArray, command: FloatArray = COMMAND, wh
 def term(effect: Effect, values: FloatArray, rate: float, push: float, state: FloatArray) -> tuple[float, FloatArray]:
     assert effect.term is not None
     change = np.zeros(TERM_STATES)
-    base = np.array([*BASE, 0.0, math.sqrt(abs(push)), 0.0, 0.0])
+    base = np.array([*BASE, 0.0, 50.0, 0.1, 0.0, math.sqrt(abs(push)), 0.8, -0.2])
     return float(effect.term(rate, 3.0, push, base, values[None], state[None], change[None], 0)), change
 
 
@@ -103,10 +113,14 @@ def simulated(effect: Effect, values: FloatArray, torque: FloatArray, time: Floa
     terms = np.zeros((1, TERM_PARAMETERS))
     terms[0, : len(values)] = values
     fastest = 0.0 if effect.fastest is None else effect.fastest(effect.values(values))
-    base = np.array([*BASE, fastest, 0.0, 0.0, 0.0])
-    kinds, race = np.array([MOTION.index(effect)]), np.sqrt(np.abs(torque))
+    base = np.array([*BASE, fastest, 50.0, *np.zeros(BASE_SIZE - 6)])
+    still = np.zeros(len(time))
+    kinds, beside = (
+        np.array([MOTION.index(effect)]),
+        np.column_stack([np.sqrt(np.abs(torque)), still + 0.8, still - 0.2]),
+    )
     rest = np.zeros((1, TERM_STATES))
-    rate, _ = simulate_effects(time, torque, np.zeros(len(time)), race, base, terms, kinds, (0.0, 0.0), rest)
+    rate, _ = simulate_effects(time, torque, still, beside, base, terms, kinds, (0.0, 0.0), rest)
     return np.asarray(rate)
 
 
@@ -124,7 +138,7 @@ def test_keys_are_unique_and_the_plain_form_stands_first() -> None:
 
 
 def test_forms_of_one_effect_differ_in_what_they_do() -> None:
-    parts = [(e.id, e.on_command, e.on_thrust, e.on_torque, e.term, e.on_heading, e.wave) for e in FORMS]
+    parts = [(e.id, e.on_command, e.on_thrust, e.on_torque, e.on_speed, e.term, e.on_heading, e.wave) for e in FORMS]
     assert len(set(parts)) == len(parts)
 
 
@@ -217,7 +231,7 @@ def test_a_term_needs_no_drag(effect: Effect) -> None:
     assert effect.term is not None
     for quadratic, linear in ((0.0, 100.0), (3000.0, 0.0), (0.0, 0.0)):
         change = np.zeros(TERM_STATES)
-        base = np.array([5057.0, quadratic, linear, *np.zeros(5)])
+        base = np.array([5057.0, quadratic, linear, *np.zeros(BASE_SIZE - 3)])
         rest = np.zeros((1, TERM_STATES))
         found = effect.term(0.1, 3.0, 100.0, base, numbers(effect, start=True)[None], rest, change[None], 0)
         assert np.isfinite([found, *change]).all()
@@ -460,15 +474,14 @@ def test_what_thrusters_set_off_no_disturbance_sets_off(key: str) -> None:
     values = numbers(effect, start=True)
     terms = np.zeros((1, TERM_PARAMETERS))
     terms[0, : len(values)] = values
-    base = np.array([*BASE, 1.0, 0.0, 0.0, 0.0])
+    base = np.array([*BASE, 1.0, *np.zeros(BASE_SIZE - 5)])
+    beside = np.array([math.sqrt(150.0), 0.0, 0.0])
 
     def rates(push: float, other: float, terms: FloatArray, kinds: FloatArray) -> list[float]:
         r, a, stiffness, found = 0.0, 0.0, 0.0, []
         state, work = np.zeros((len(terms), TERM_STATES)), np.zeros((3, len(terms), TERM_STATES))
         for _ in range(200):
-            r, a, stiffness = advance(
-                r, a, push, other, 0.0, math.sqrt(150.0), 0.1, base, terms, kinds, state, work, stiffness
-            )
+            r, a, stiffness = advance(r, a, push, other, 0.0, beside, 0.1, base, terms, kinds, state, work, stiffness)
             found.append(r)
         return found
 

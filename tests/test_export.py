@@ -110,7 +110,7 @@ def with_effects(fitted: Path, keys: tuple[str, ...], folder: Path) -> Path:
 
 
 def exported(name: str, parameters: Path, folder: Path, suffix: str = ".out") -> tuple[dict[str, Any], Path]:
-    file = folder / f"model{suffix}"
+    file = folder / f"{name}{suffix}"
     return run_rovid("export", name, "-p", parameters, "-o", file, "--json").document, file
 
 
@@ -472,15 +472,16 @@ def test_the_python_class_in_a_main_loop(keys: tuple[str, ...], fitted: Path, tm
 def test_files_for_programs_hold_every_effect(fitted: Path, tmp_path: Path) -> None:
     keys = tuple(SIZES)
     parameters = with_effects(fitted, keys, tmp_path)
+    files = {}
     for name in ("ros2", "matlab", "json"):
-        document, file = exported(name, parameters, tmp_path, READERS[name][1])
+        document, files[name] = exported(name, parameters, tmp_path, READERS[name][1])
         assert document["not_held"] == []
         assert document["mismatch"]["yaw_rate_percent_of_range"] == 0.0
-    found = json.loads((tmp_path / "model.json").read_text())
+    found = json.loads(files["json"].read_text())
     assert {e["key"]: {n: v["value"] for n, v in e["parameters"].items()} for e in found["effects"]} == SIZES
-    stored = loadmat(str(tmp_path / "model.mat"), simplify_cells=True)["rovid"]["effects"]
+    stored = loadmat(str(files["matlab"]), simplify_cells=True)["rovid"]["effects"]
     assert stored["thruster_lag_rotor"]["time_constant"] == SIZES["thruster_lag:rotor"]["time_constant"]
-    assert file.suffix == ".json"
+    assert files["json"].suffix == ".json"
 
 
 def test_signs_are_each_simulators_own(fitted: Path, tmp_path: Path) -> None:

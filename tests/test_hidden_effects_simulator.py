@@ -38,7 +38,8 @@ from tools.truth import (
 
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_logs"
 DIVE = Source(folder=SAMPLES / "bluerov2_pier59")
-LAWS = [(effect, form) for effect, forms in FORMS.items() for form in forms]
+# What brings a vehicle back is nothing that there is in yaw.
+LAWS = [(effect, form) for effect, forms in FORMS.items() if effect != "restoring_curve" for form in forms]
 STRONG = {vehicle.name: {c.name: c for c in all_cases(vehicle)} for vehicle in VEHICLES}
 
 
@@ -315,6 +316,49 @@ def test_loss_by_advance_speed_is_in_the_steady_balance(form: str) -> None:
     assert 0.7 < share < 0.95
 
 
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_curve_bent_in_the_command_is_the_same_law_both_ways(way: float) -> None:
+    bent = hiding(free(), "thrust_curve_shape", "command", exponent=1.2)
+    full = ROSUB.thrusters[0].curve.limit - 0.3
+    for share in (0.1, 0.3, 1.0):
+        told, acts = 0.3 + share * full, 0.3 + share**1.2 * full
+        assert torque(bent, command=way * told) == pytest.approx(ROSUB.yaw_torque(way * acts))
+    assert torque(bent, command=way * 0.29) == 0.0
+
+
+def moved(truth: Truth, command: float) -> tuple[Motion, FloatArray, slice]:
+    """The motion under a held ``command``, what inertia and drag need beside its torque, and where that is known."""
+    motion = move(truth, (0.0, command), duration=300.0)
+    left = 5057.0 * np.gradient(motion.rate, motion.instant / MICRO) + np.array([_plain(r) for r in motion.rate])
+    return motion, left - ROSUB.yaw_torque(command), slice(2, -2)
+
+
+@pytest.mark.parametrize(
+    ("form", "law"), [("linear", lambda u, r: -900.0 * np.abs(u) * r), ("quadratic", lambda u, r: -900.0 * u**2 * r)]
+)
+def test_damping_grows_with_the_logged_speed(form: str, law: Callable[[FloatArray, FloatArray], FloatArray]) -> None:
+    motion, left, at = moved(hiding(quiet(ROSUB), "speed_dependent_damping", form, **{form: 900.0}), 1.55)
+    speed = motion.channels["surge_velocity"]
+    np.testing.assert_allclose(left[at], law(speed, motion.rate)[at], atol=0.1)
+    assert np.ptp(speed) > 0.5
+    assert np.min(speed) < 0.0
+
+
+@pytest.mark.parametrize(("form", "name"), [("drift", "coefficient"), ("munk", "munk")])
+def test_sideslip_turns_with_the_logged_speeds(form: str, name: str) -> None:
+    motion, left, at = moved(hiding(quiet(ROSUB), "sideslip_moment", form, **{name: 80.0}), 0.0)
+    along = 1.0 if form == "drift" else motion.channels["surge_velocity"]
+    np.testing.assert_allclose(left[at], (-80.0 * along * motion.channels["sway_velocity"])[at], atol=0.02)
+    assert np.std(left) > 3.0
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_thrust_is_lost_to_the_logged_speed(way: float) -> None:
+    motion, left, at = moved(hiding(quiet(ROSUB), "advance_speed_loss", "measured", coefficient=2.0), way * 1.55)
+    root = np.sqrt(abs(ROSUB.yaw_torque(way * 1.55)) / 0.86)
+    np.testing.assert_allclose(left[at], -0.86 * 2.0 * root * motion.channels["surge_velocity"][at], atol=0.1)
+
+
 # ---- water, against scipy with equations written anew
 
 Rest = Callable[[float, float, FloatArray, float], tuple[float, list[float]]]
@@ -369,6 +413,12 @@ def _reference(form: str, p: Mapping[str, float]) -> Rest:
             -_plain(r) - p["torque"] * (1.0 + 0.5 * np.exp(-((r / p["rate"] / 5.0) ** 2))) * np.tanh(r / p["rate"]),
             [],
         ),
+        "coulomb_resistance/unequal": lambda _h, r, _x, _t: (
+            -_plain(r)
+            - p["torque"]
+            * (np.tanh(r / p["rate"]) if r > 0 else p["back"] * np.tanh(r / p["rate"]) + p["viscous"] * r),
+            [],
+        ),
         "added_mass_memory/trapped_water": lambda _h, r, x, _t: (
             -_plain(r) - p["inertia"] * (r - x[0]) / tau,
             [(r - x[0]) / tau],
@@ -402,6 +452,7 @@ WATER = [
     "drag_asymmetry/whole",
     "coulomb_resistance/smooth",
     "coulomb_resistance/stiction",
+    "coulomb_resistance/unequal",
     "added_mass_memory/trapped_water",
     "added_mass_memory/cummins",
     "added_mass_memory/porous",
@@ -576,7 +627,7 @@ def test_mistakes_in_what_is_hidden_are_refused() -> None:
 
 
 def test_the_names_are_the_contracts() -> None:
-    assert len(EFFECTS) == 22
+    assert len(EFFECTS) == 25
     assert all(len(FORMS[effect]) >= 2 for effect in EFFECTS)
     assert all(set(forms) <= set(FORMS[effect]) for effect, forms in CONTRACT_FORMS.items())
     assert set(DRIVERS) == set(FORMS[OUTSIDE])

@@ -13,6 +13,12 @@ import rovid
 
 HOUSE = [
     "errors",
+    "screen",
+    "quoting",
+    "places",
+    "toml",
+    "caches",
+    "files",
     "axis",
     "workers",
     "trial",

@@ -112,12 +112,12 @@ def test_without_disturbance_innovations_are_the_output_error() -> None:
     error, variance = innovations(
         time,
         torque,
-        nothing,
+        np.zeros((len(time), 3)),
         nothing,
         nothing,
         measured,
         missing,
-        np.array([5057.0, 3532.0, 132.0, 0.0, 0.0, 0.0, 0.0]),
+        np.array([5057.0, 3532.0, 132.0, *np.zeros(8)]),
         *NO_EFFECTS,
         np.array([1e-6, 4.0, 1e-3, 1.0]),
         np.array([0.02, 1e-9]),
@@ -135,16 +135,16 @@ def test_filter_variance_against_a_fine_grid() -> None:
     at = np.searchsorted(fine, time)
     held = torque[np.clip(np.searchsorted(time, fine, side="right") - 1, 0, len(time) - 1)]
     _, angle = simulate(time, torque, 2.5, 1.5, 5.0, 0.0)
-    model = (np.array([2.5, 1.5, 5.0, 0.0, 0.0, 0.0, 0.0]), *NO_EFFECTS)
+    model = (np.array([2.5, 1.5, 5.0, *np.zeros(8)]), *NO_EFFECTS)
     noise, start = np.array([5.0, 1.0, 1e-3, 1.0]), np.array([0.0, 0.1])
     none, never = np.zeros(len(time)), np.zeros(len(fine))
     sparse = np.full(len(fine), np.nan)
     sparse[at] = angle
     coarse, coarse_variance = innovations(
-        time, torque, none, none, none, angle, np.full(len(time), np.nan), *model, noise, start
+        time, torque, np.zeros((len(time), 3)), none, none, angle, np.full(len(time), np.nan), *model, noise, start
     )
     exact, exact_variance = innovations(
-        fine, held, never, never, never, sparse, np.full(len(fine), np.nan), *model, noise, start
+        fine, held, np.zeros((len(fine), 3)), never, never, sparse, np.full(len(fine), np.nan), *model, noise, start
     )
     # Sub-steps of a twentieth of the shortest time constant leave the second-order transition a few percent off.
     assert coarse_variance[1:, 0] == pytest.approx(exact_variance[at, 0][1:], rel=0.05)
@@ -156,9 +156,11 @@ def test_an_open_impulse_widens_what_the_filter_expects() -> None:
     none, scatter = np.zeros(len(time)), np.where(time == 2.0, 3.0**2, 0.0)
     angle = np.where(time == 0.0, 0.0, np.nan)
     angle[time == 2.5] = 0.0
-    model = (np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), *NO_EFFECTS)
+    model = (np.array([2.0, *np.zeros(10)]), *NO_EFFECTS)
     noise, start = np.array([1e-6, 4.0, 1e-3, 1.0]), np.array([0.0, 1e-6])
-    _, variance = innovations(time, none, none, none, scatter, angle, none + np.nan, *model, noise, start)
+    _, variance = innovations(
+        time, none, np.zeros((len(time), 3)), none, scatter, angle, none + np.nan, *model, noise, start
+    )
     # A kick at any instant of the half second, (3 / 2) rad/s in all, has a third of the angle's square.
     assert variance[time == 2.5, 0] == pytest.approx((3.0 / 2.0 * 0.5) ** 2 / 3.0, rel=1e-3)
 
@@ -418,8 +420,8 @@ def test_the_filter_knows_how_well_it_knows_a_tank(frequency: float, gain: float
 
     effect = effect_named("tank_seiche")
     terms, kinds = np.array([[gain, frequency, damping, 0.0]]), np.array([MOTION.index(effect)])
-    base, nothing = np.array([inertia, 0.0, drag, 0.0, frequency, 0.0, 0.0, 0.0]), np.zeros(len(time))
-    series = (time, torque, nothing, nothing, nothing, angle, np.full(len(time), np.nan))
+    base, nothing = np.array([inertia, 0.0, drag, 0.0, frequency, *np.zeros(6)]), np.zeros(len(time))
+    series = (time, torque, np.zeros((len(time), 3)), nothing, nothing, angle, np.full(len(time), np.nan))
     numbers = np.array([sigma, tau, white, 1.0])
     error, variance = innovations_wide(*series, base, terms, kinds, numbers, np.zeros(0), np.array([0.0, 1e-4]))
     known = np.isfinite(wanted[:, 0])
@@ -431,9 +433,9 @@ def test_a_tank_rings_out_along_a_course() -> None:
     frequency, damping, period = 5.0, 0.01, 0.1
     time = np.arange(0.0, 100.0, period)
     rate = np.where(time < 5.0, 0.2 * np.sin(0.2 * np.pi * time), 0.0)
-    course = np.column_stack([rate, nothing := np.zeros(len(time)), nothing, nothing])
+    course, beside = np.column_stack([rate, nothing := np.zeros(len(time)), nothing]), np.zeros((len(time), 3))
     terms, kinds = np.array([[0.2, frequency, damping, 0.0]]), np.array([MOTION.index(effect_named("tank_seiche"))])
-    base = np.array([500.0, 0.0, 60.0, 0.0, frequency, 0.0, 0.0])
-    torque, _ = effects_along(period, course, base, terms, kinds)
+    base = np.array([500.0, 0.0, 60.0, 0.0, frequency, *np.zeros(6)])
+    torque, _ = effects_along(period, course, beside, base, terms, kinds)
     first, last = (np.abs(torque[(time > at) & (time < at + 10.0)]).max() for at in (6.0, 86.0))
     assert last / first == pytest.approx(math.exp(-damping * frequency * 80.0), rel=0.3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from dataclasses import replace
@@ -12,9 +13,10 @@ import pytest
 
 from rovid.errors import ConfigError
 from rovid.identify.estimate import Estimate
-from rovid.parameters import Parameters, read_parameters
+from rovid.parameters import Parameters, Source, read_parameters
 
 NAMES = ("inertia", "quadratic_drag", "linear_drag")
+MATRIX = r"(?s)matrix = \[.*?\n\]"
 COVARIANCE = np.array([[100.0, -30.0, 2.0], [-30.0, 900.0, -55.0], [2.0, -55.0, 9.0]])
 
 
@@ -34,9 +36,12 @@ def estimate(
 
 def written(folder: Path, **changes: object) -> Parameters:
     stored = replace(
-        Parameters(path=folder / "parameters.toml", vehicle="a ü [b]", logs=(folder / "logs",)).with_estimate(
-            estimate()
-        ),
+        Parameters(
+            path=folder / "parameters.toml",
+            vehicle="a ü [b]",
+            logs=(folder / "logs",),
+            sources=(Source(name="a.csv", sha256="0", samples=7),),
+        ).with_estimate(estimate()),
         **changes,  # type: ignore[arg-type]
     )
     stored.write()
@@ -115,7 +120,34 @@ def test_logs_are_found_when_they_move_with_the_file(tmp_path: Path) -> None:
         (r"(?s)logs = \[.*?\]", "logs = 5", "damaged"),
         (r"schema = [^\n]*", 'schema = "rovid-parameters/99"', "newer"),
         (r"schema = [^\n]*\n", "", "schema None"),
-        (r"\Z", "]]", "not a readable TOML"),
+        (r"\Z", "]]", "is not valid TOML"),
+        (r"schema = [^\n]*", 'schema = "rovid-parameters/²"', "rovid-parameters/²"),
+        (r"schema = [^\n]*", f'schema = "rovid-parameters/{"9" * 5000}"', "rovid-parameters/1 was expected"),
+        (
+            r"(inertia\]\nvalue = )[^\n]*",
+            rf"\g<1>{'9' * 400}",
+            "parameters.inertia.value: is an integer beyond 64 bits",
+        ),
+        (r"(inertia\]\nvalue = )[^\n]*", rf"\g<1>{'9' * 5000}", "is not valid TOML"),
+        (r"(inertia\]\nvalue = )[^\n]*", r"\g<1>1e300", "inertia is 1e+300; a number up to 1e+18"),
+        (r"(inertia\]\nvalue = )[^\n]*", r"\g<1>1e-300", "inertia is 1e-300, which no vehicle has"),
+        (r"(inertia\]\nvalue = )[^\n]*", r"\g<1>true", "inertia is True; a number"),
+        (r"(inertia\]\nvalue = )[^\n]*", rf"\g<1>{'[' * 3000}{']' * 3000}", "nested deeper"),
+        (r"samples = \d+", "samples = inf", "samples is inf; a whole number"),
+        (r"samples = \d+", "samples = -1", "samples is -1; a whole number"),
+        (r"standard_error = [^\n]*", "standard_error = nan", "standard_error of inertia is nan; a number"),
+        (r"standard_error = [^\n]*", "standard_error = inf", "standard_error of inertia is inf; a number"),
+        (r"standard_error = [^\n]*", "standard_error = -10.0", "standard_error of inertia is -10; zero or more"),
+        (MATRIX, "matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]", "is not a matrix"),
+        (MATRIX, "matrix = [[1.0, 0.5, 0.0], [0.4, 1.0, 0.0], [0.0, 0.0, 1.0]]", "not symmetric"),
+        (MATRIX, "matrix = [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]", "the covariance is none"),
+        (MATRIX, "matrix = [[1e-9, 0.0, 0.0], [0.0, -1e-9, 0.0], [0.0, 0.0, 1.0]]", "the covariance is none"),
+        (MATRIX, "matrix = [[1.0, 1.1, 0.0], [1.1, 1.0, 0.0], [0.0, 0.0, 1.0]]", "the covariance is none"),
+        (MATRIX, "matrix = [[0.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]", "the covariance is none"),
+        (MATRIX, "matrix = [[1.0, 0.9, 0.9], [0.9, 1.0, -0.9], [0.9, -0.9, 1.0]]", "the covariance is none"),
+        (MATRIX, "matrix = [[nan, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]", "a covariance is nan"),
+        (r'names = \[\n\s+"inertia"', 'names = [ "inertias"', "names of the covariance"),
+        (r'names = \[\n\s+"inertia"', 'names = [ "linear_drag"', "names of the covariance"),
     ],
 )
 def test_a_file_edited_by_hand_is_refused_by_name(pattern: str, text: str, words: str, tmp_path: Path) -> None:
@@ -124,6 +156,36 @@ def test_a_file_edited_by_hand_is_refused_by_name(pattern: str, text: str, words
     with pytest.raises(ConfigError, match=re.escape(words)) as error:
         read_parameters(path)
     assert str(path) in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]",  # less than the standard errors, which hold more
+        "[[1e4, -7.071e4, 0.0], [-7.07e4, 5e5, 0.0], [0.0, 0.0, 1e-6]]",  # rounded by hand, wholly correlated
+        "[[1e22, 0.0, 0.0], [0.0, 1e-12, 0.0], [0.0, 0.0, 1e-30]]",
+    ],
+)
+def test_whatever_can_be_a_covariance_is_one(matrix: str, tmp_path: Path) -> None:
+    path = written(tmp_path).path
+    path.write_text(re.sub(MATRIX, f"matrix = {matrix}", path.read_text()))
+    assert len(read_parameters(path).covariance) == 6
+
+
+def test_an_error_that_nothing_told_stays_unknown(tmp_path: Path) -> None:
+    # As `rovid fit-drag` writes it of a table with one row.
+    unknown = replace(estimate(("quadratic_drag",)), covariance=np.array([[np.nan]]))
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(("inertia",))).with_estimate(unknown)
+    stored.write()
+    found = read_parameters(stored.path)
+    assert np.isnan(found.entries["quadratic_drag"].standard_error)
+    assert found.covariance["inertia", "inertia"] == 100.0
+
+
+def test_logs_of_bytes_that_are_no_text_can_be_written(tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml").with_logs([tmp_path / os.fsdecode(b"\xff")], "v", None)
+    stored.write()
+    assert read_parameters(stored.path).logs == (tmp_path / r"\udcff",)
 
 
 def test_zero_drag_is_a_drag(tmp_path: Path) -> None:

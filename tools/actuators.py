@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from tools.channels import SUPPLY, Signal
+from tools.channels import CHANNELS, SPEEDS, SUPPLY, Signal
 from tools.hidden import OUTSIDE, Hidden
 from tools.paths import Path, acting_path
 from tools.truth import MICRO, FloatArray, IntArray, Thruster, Truth
@@ -73,6 +73,12 @@ def _bench(thruster: Thruster, path: Path, steps: Steps, hidden: Mapping[str, Hi
     if lag and lag.form == "command":
         offset = _lagged(offset, steps.length / MICRO, lag.parameters["time_constant"])
     curve = thruster.curve
+    shape = hidden.get("thrust_curve_shape")
+    if shape and shape.form == "command":
+        full = curve.limit - curve.dead_zone
+        beyond = np.maximum(np.abs(offset) - curve.dead_zone, 0.0)
+        bent = curve.dead_zone + full * (beyond / full) ** shape.parameters["exponent"]
+        offset = np.where(beyond > 0.0, np.sign(offset) * bent, 0.0)
     zone = hidden.get("thruster_deadband")
     if zone and zone.form == "shift":
         offset = np.sign(offset) * np.maximum(np.abs(offset) - zone.parameters["deadband"], 0.0)
@@ -102,7 +108,7 @@ def _first_order(offset: FloatArray, length: FloatArray, time_constant: float) -
 
 
 def _shaped(thrust: FloatArray, hidden: Hidden | None) -> FloatArray:
-    if hidden is None:
+    if hidden is None or hidden.form == "command":
         return thrust
     share = np.abs(thrust) / hidden.parameters["thrust"]
     if hidden.form == "power":
@@ -146,6 +152,33 @@ def thrust_factor(
     return np.ones((3, len(steps.length)))
 
 
+def _speed(name: str, steps: Steps, signals: Mapping[str, Signal]) -> FloatArray:
+    """(3, steps) m/s."""
+    return CHANNELS[name].mean + steps.at_stages(signals[name])
+
+
+def moving_thrust(
+    thrust: FloatArray, steps: Steps, signals: Mapping[str, Signal], hidden: Mapping[str, Hidden]
+) -> FloatArray:
+    """(3, steps, thrusters) what is left of ``thrust`` in N where the vehicle's own speed carries the thrusters."""
+    loss = hidden.get("advance_speed_loss")
+    if loss is None or loss.form != "measured":
+        return thrust
+    ahead = _speed(SPEEDS[0], steps, signals)[..., np.newaxis]
+    return np.asarray(thrust - loss.parameters["coefficient"] * np.sqrt(np.abs(thrust)) * ahead)
+
+
+def speed_damping(steps: Steps, signals: Mapping[str, Signal], hidden: Mapping[str, Hidden]) -> FloatArray:
+    """(3, steps) N m s/rad of linear damping that the speed ahead adds."""
+    damping = hidden.get("speed_dependent_damping")
+    if damping is None:
+        return np.zeros((3, len(steps.length)))
+    ahead = _speed(SPEEDS[0], steps, signals)
+    if damping.form == "linear":
+        return damping.parameters["linear"] * np.abs(ahead)
+    return damping.parameters["quadratic"] * ahead**2
+
+
 def drag_factor(steps: Steps, signals: Mapping[str, Signal], hidden: Mapping[str, Hidden]) -> FloatArray:
     """(3, steps) factor on all drag that a logged signal sets."""
     outside = hidden.get(OUTSIDE)
@@ -168,6 +201,10 @@ def outer_torque(
         total = total + _bias(steps, bias, rng)
     if wave := hidden.get("wave_torque"):
         total = total + _wave(steps, wave, rng)
+    if slip := hidden.get("sideslip_moment"):
+        across = _speed(SPEEDS[1], steps, signals)
+        along = _speed(SPEEDS[0], steps, signals) if slip.form == "munk" else 1.0
+        total = total - slip.parameters[slip.law.size] * along * across
     if outside := hidden.get(OUTSIDE):
         total = total + _outside(steps, signals, pitch, outside)
     return total

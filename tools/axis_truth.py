@@ -253,7 +253,7 @@ AXIS_EFFECTS: Mapping[Axis, frozenset[str]] = {
         "added_mass_memory",
     },
     "heave": _ACTUATORS | {"drag_asymmetry", "drag_curvature", "advance_speed_loss", "added_mass_memory"},
-    "pitch": _ACTUATORS | {"added_mass_memory"},
+    "pitch": _ACTUATORS | {"added_mass_memory", "restoring_curve"},
 }
 
 

@@ -58,6 +58,9 @@ CONTRACT_FORMS: Mapping[str, tuple[str, ...]] = {
     "drag_curvature": ("cubic", "exponent"),
     "heading_dependent_torque": ("one_cycle", "two_cycles"),
     "heading_deviation": ("one_cycle", "two_cycles"),
+    "advance_speed_loss": ("bilinear", "measured"),
+    "speed_dependent_damping": ("linear", "quadratic"),
+    "sideslip_moment": ("drift", "munk"),
 }
 
 # What the contract names but leaves open: reference thrust or rate, sign of a phase, scale of a gain.
@@ -130,6 +133,8 @@ def _actuator_sizes(vehicle: Truth) -> dict[tuple[str, str], _Sizes]:
         ("command_hysteresis", "schmitt"): _Sizes(size=(0.3 * beyond, 0.5 * beyond)),
         ("advance_speed_loss", "bilinear"): _Sizes(size=(0.08 * loss, 0.20 * loss)),
         ("advance_speed_loss", "open_water"): _Sizes(size=(0.08 * loss, 0.20 * loss)),
+        ("advance_speed_loss", "measured"): _Sizes(size=(0.15 * math.sqrt(thrust), 0.5 * math.sqrt(thrust))),
+        ("thrust_curve_shape", "command"): _Sizes(size=(1.06, 1.25)),
     }
 
 
@@ -155,6 +160,14 @@ def _water_sizes(vehicle: Truth) -> dict[tuple[str, str], _Sizes]:
         ("drag_asymmetry", "whole"): _Sizes(size=(1.10, 1.30)),
         ("coulomb_resistance", "smooth"): _Sizes(size=share["coulomb"], others={"rate": 0.05 * rate}),
         ("coulomb_resistance", "stiction"): _Sizes(size=share["coulomb"], others={"rate": 0.01 * rate}),
+        ("coulomb_resistance", "unequal"): _Sizes(
+            size=share["coulomb"], others={"rate": 0.05 * rate, "back": 1.5, "viscous": 1.0 / rate}
+        ),
+        # Of what the drag at the middle is, at a speed ahead of 0.5 m/s and sideways of 0.15 m/s.
+        ("speed_dependent_damping", "linear"): _Sizes(size=(0.2 * torque / rate, 0.8 * torque / rate)),
+        ("speed_dependent_damping", "quadratic"): _Sizes(size=(0.4 * torque / rate, 1.6 * torque / rate)),
+        ("sideslip_moment", "drift"): _Sizes(size=(0.3 * torque, torque)),
+        ("sideslip_moment", "munk"): _Sizes(size=(0.6 * torque, 2.0 * torque)),
         ("oscillatory_drag", "exponential"): _Sizes(size=(0.20, 0.60), others={"angle": 1.0}),
         ("oscillatory_drag", "algebraic"): _Sizes(size=(0.20, 0.60), others={"angle": 1.0}),
         ("added_mass_memory", "trapped_water"): _Sizes(size=(0.10 * inertia, 0.35 * inertia), others=follows),
@@ -212,6 +225,11 @@ def all_cases(vehicle: Truth) -> list[Case]:
 
 def _effects(vehicle: Truth) -> Iterator[Case]:
     table = {**_actuator_sizes(vehicle), **_water_sizes(vehicle)}
+    if vehicle.dynamics.restoring:
+        table |= {
+            ("restoring_curve", "cubic"): _Sizes(size=(-0.5, 3.0)),
+            ("restoring_curve", "quintic"): _Sizes(size=(5.0, 30.0)),
+        }
     for (effect, form), sizes in table.items():
         for size, value in zip(SIZES, sizes.size, strict=True):
             hidden = _hidden(vehicle, effect, form, value, sizes.others)

@@ -35,8 +35,20 @@ CHANNELS: Mapping[str, Channel] = {
     "surge_speed": Channel("m_s", 0.0, 0.10, (11.0, 23.0, 37.0), 0.001, 4),
     "depth": Channel("m", 4.0, 1.0, (43.0, 71.0, 113.0), 0.002, 3),
     SUPPLY: Channel("V", 0.0, 2.0, (31.0, 67.0, 131.0), 0.0, 2),
+    # A vehicle that is under way, now and then astern.
+    "surge_velocity": Channel("m_s", 0.5, 0.4, (41.0, 73.0, 151.0), 0.002, 4),
+    "sway_velocity": Channel("m_s", 0.0, 0.2, (37.0, 59.0, 127.0), 0.002, 4),
 }
-EXTRA: tuple[str, ...] = tuple(name for name in CHANNELS if name != SUPPLY)
+SPEEDS = ("surge_velocity", "sway_velocity")
+EXTRA: tuple[str, ...] = tuple(name for name in CHANNELS if name not in (SUPPLY, *SPEEDS))
+# (effect, form) -> speeds on which it depends.
+_MOVED: Mapping[tuple[str, str], tuple[str, ...]] = {
+    ("advance_speed_loss", "measured"): SPEEDS[:1],
+    ("speed_dependent_damping", "linear"): SPEEDS[:1],
+    ("speed_dependent_damping", "quadratic"): SPEEDS[:1],
+    ("sideslip_moment", "drift"): SPEEDS[1:],
+    ("sideslip_moment", "munk"): SPEEDS,
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,7 +77,8 @@ def needed(truth: Truth) -> tuple[str, ...]:
     hidden = acting(truth.hidden)
     driver = DRIVERS[hidden[OUTSIDE].form] if OUTSIDE in hidden else ""
     wanders = "supply_sag" in hidden and hidden["supply_sag"].form == "voltage"
-    wanted = {*truth.channels, driver, *([SUPPLY] if wanders else [])}
+    speeds = {name for one in hidden.values() for name in _MOVED.get((one.effect, one.form), ())}
+    wanted = {*truth.channels, driver, *([SUPPLY] if wanders else []), *speeds}
     return tuple(name for name in CHANNELS if name in wanted)
 
 

@@ -58,6 +58,9 @@ FORMS: Mapping[str, Mapping[str, Form]] = {
         "saturating": Form(
             "thrust = bench (1 + loss) / (1 + loss |bench|/`thrust`): a soft limit", "loss", 0.0, ("thrust",)
         ),
+        "command": Form(
+            "the bench's thrust at a command, beyond its dead zone, of limit (u/limit)^exponent", "exponent", 1.0
+        ),
     },
     "supply_sag": {
         "load": Form(
@@ -101,6 +104,7 @@ FORMS: Mapping[str, Mapping[str, Form]] = {
         "open_water": Form(
             "F times Minerva's KT(J)/KT(0), J = coefficient arm r/sqrt|F|, in N^0.5 s/m (E07)", "coefficient"
         ),
+        "measured": Form("F - coefficient sqrt|F| u, u the logged surge velocity, in N^0.5 s/m (E07)", "coefficient"),
     },
     "bias_torque": {
         "constant": Form("`torque` N m (E16)", "torque"),
@@ -118,6 +122,12 @@ FORMS: Mapping[str, Mapping[str, Form]] = {
         "smooth": Form("`torque` tanh(r/`rate`) (E19)", "torque", 0.0, ("rate",)),
         "stiction": Form(
             "half as much again near rest: torque (1 + 0.5 exp(-(r/(5 rate))^2)) tanh(r/rate)", "torque", 0.0, ("rate",)
+        ),
+        "unequal": Form(
+            "the first, where r < 0 times `back`, and there a linear drag of `viscous` s times `torque` besides",
+            "torque",
+            0.0,
+            ("rate", "back", "viscous"),
         ),
     },
     "oscillatory_drag": {
@@ -200,6 +210,18 @@ FORMS: Mapping[str, Mapping[str, Form]] = {
         "mixed": Form(
             "logged heading + amplitude (sin(psi + phase) + 0.5 sin(2 psi - phase))", "amplitude", 0.0, ("phase",)
         ),
+    },
+    "speed_dependent_damping": {
+        "linear": Form("-linear |u| r, u the logged surge velocity", "linear"),
+        "quadratic": Form("-quadratic u^2 r", "quadratic"),
+    },
+    "sideslip_moment": {
+        "drift": Form("-coefficient v, v the logged sway velocity", "coefficient"),
+        "munk": Form("-munk u v", "munk"),
+    },
+    "restoring_curve": {
+        "cubic": Form("restoring (sin x + cubic x^2 sin x), x from the level; in pitch", "cubic"),
+        "quintic": Form("restoring (sin x + quintic x^4 sin x)", "quintic"),
     },
     OUTSIDE: {
         "manipulator": Form("torque N m/rad of the manipulator's angle", "torque"),

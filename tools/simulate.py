@@ -11,8 +11,17 @@ from dataclasses import dataclass, field
 import numba
 import numpy as np
 
-from tools.actuators import Steps, drag_factor, outer_torque, paths, static_thrust, thrust_factor
-from tools.channels import CHANNELS, EXTRA, SUPPLY, courses
+from tools.actuators import (
+    Steps,
+    drag_factor,
+    moving_thrust,
+    outer_torque,
+    paths,
+    speed_damping,
+    static_thrust,
+    thrust_factor,
+)
+from tools.channels import CHANNELS, SUPPLY, courses
 from tools.hidden import acting
 from tools.truth import MICRO, Attitude, Disturbance, FloatArray, IntArray, Truth
 from tools.water import HEADING, RATE, integrate, shortest, water
@@ -102,6 +111,7 @@ def simulate(
     time = sample / MICRO
     signals = courses(truth, float(time[-1]), drawn)
     thrust = static_thrust(truth, acted, steps, hidden) * thrust_factor(truth, steps, signals, hidden)[..., np.newaxis]
+    thrust = moving_thrust(thrust, steps, signals, hidden)
     leaning = np.stack([pitch.angle(at) - pitch.mean for at in steps.time])
     outer = outer_torque(steps, signals, leaning, hidden, waves)
     scale, drift = _euler_terms(roll, pitch, steps.knots)
@@ -111,6 +121,7 @@ def simulate(
         np.array([thruster.arm for thruster in truth.thrusters]),
         outer + disturbance_torque(truth.disturbance, steps.knots, rng)[:-1],
         drag_factor(steps, signals, hidden),
+        speed_damping(steps, signals, hidden),
         scale,
         drift,
         heading,
@@ -122,7 +133,7 @@ def simulate(
         rate=states[:, RATE],
         roll=roll.angle(time),
         pitch=pitch.angle(time),
-        channels={name: CHANNELS[name].mean + signals[name].at(time) for name in EXTRA if name in signals},
+        channels={name: CHANNELS[name].mean + signals[name].at(time) for name in signals if name != SUPPLY},
         supply=signals[SUPPLY].at(time) if SUPPLY in signals else 0.0,
     )
 

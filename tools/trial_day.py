@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from tools.channels import CHANNELS, EXTRA, column, needed
+from tools.channels import CHANNELS, SUPPLY, column, needed
 from tools.hidden import acting
 from tools.logs import WRITERS, Recording, command_column
 from tools.programme import Format, Run, campaign_for
@@ -220,8 +220,8 @@ command = {{ csv = "{command_column(thruster.name, truth.command_unit)}", mcap =
     )
     extra = "".join(
         f'{name} = {{ csv = "{column(name)}", mcap = "/extra/{name}.data" }}\n'
-        for name in EXTRA
-        if name in needed(truth)
+        for name in needed(truth)
+        if name != SUPPLY
     )
     return f"""\
 [vehicle]

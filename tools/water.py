@@ -48,6 +48,8 @@ class Water(NamedTuple):
     coulomb: float = 0.0
     coulomb_rate: float = 1.0
     coulomb_excess: float = 0.0
+    coulomb_back: float = 1.0  # factor where r < 0
+    viscous_back: float = 0.0  # N m s/rad where r < 0
     swept_form: float = 0.0  # 1: exponential, 2: algebraic
     swept_gain: float = 0.0
     swept_angle: float = 1.0
@@ -71,6 +73,8 @@ class Water(NamedTuple):
     mode_frequency: float = 1.0
     mode_damping: float = 0.0
     restoring: float = 0.0  # N m, of sin(angle - level)
+    restoring_cubic: float = 0.0  # its bend, 1/rad^2 and 1/rad^4
+    restoring_quintic: float = 0.0
     level: float = 0.0
     net_force: float = 0.0  # N, constant
 
@@ -105,6 +109,14 @@ _FIELDS: Mapping[tuple[str, str], Callable[[_Values], Fields]] = {
         "coulomb_rate": p["rate"],
         "coulomb_excess": 0.5,
     },
+    ("coulomb_resistance", "unequal"): lambda p: {
+        "coulomb": p["torque"],
+        "coulomb_rate": p["rate"],
+        "coulomb_back": p["back"],
+        "viscous_back": p["viscous"] * p["torque"],
+    },
+    ("restoring_curve", "cubic"): lambda p: {"restoring_cubic": p["cubic"]},
+    ("restoring_curve", "quintic"): lambda p: {"restoring_quintic": p["quintic"]},
     ("oscillatory_drag", "exponential"): lambda p: {
         "swept_form": 1.0,
         "swept_gain": p["gain"],
@@ -245,7 +257,9 @@ def _holding(heading: float, rate: float, start: float, w: Water) -> float:
     turned = heading - start
     torque = -w.torsion * turned - w.torsion_cubic * turned**3
     if w.restoring != 0.0:
-        torque -= w.restoring * math.sin(heading - w.level)
+        tilt = heading - w.level
+        bend = 1.0 + w.restoring_cubic * tilt**2 + w.restoring_quintic * tilt**4
+        torque -= w.restoring * bend * math.sin(tilt)
     if w.net_force != 0.0:
         torque += w.net_force
     if w.once != 0.0:
@@ -254,7 +268,8 @@ def _holding(heading: float, rate: float, start: float, w: Water) -> float:
         torque += w.twice * math.sin(2.0 * heading + w.twice_phase)
     if w.coulomb != 0.0:
         excess = w.coulomb_excess * math.exp(-((rate / (5.0 * w.coulomb_rate)) ** 2))
-        torque -= w.coulomb * (1.0 + excess) * math.tanh(rate / w.coulomb_rate)
+        friction = w.coulomb * (1.0 + excess) * math.tanh(rate / w.coulomb_rate)
+        torque -= friction if rate > 0.0 else w.coulomb_back * friction + w.viscous_back * rate
     return torque
 
 
@@ -306,6 +321,7 @@ def _slope(
     arms: FloatArray,
     outer: float,
     drag_factor: float,
+    damping: float,
     scale: float,
     drift: float,
     start: float,
@@ -316,7 +332,7 @@ def _slope(
     thrusters = _thrusters(y, out, commanded, arms, w)
     drag = drag_factor * _drag(rate - y[SWIRL], y[SWEPT], w)
     memory, out[MEMORY] = _memory(rate, y[MEMORY], w)
-    torque = thrusters + outer - drag + _holding(y[HEADING], rate, start, w) + memory
+    torque = thrusters + outer - drag - damping * rate + _holding(y[HEADING], rate, start, w) + memory
     if w.mode_form != 0.0:
         torque -= w.mode_gain * w.inertia * w.mode_frequency * y[MODE_RATE]
     out[HEADING] = scale * rate + drift
@@ -342,6 +358,7 @@ def integrate(
     arms: FloatArray,
     outer: FloatArray,
     drag_factor: FloatArray,
+    damping: FloatArray,
     scale: FloatArray,
     drift: FloatArray,
     heading: float,
@@ -349,8 +366,8 @@ def integrate(
 ) -> FloatArray:
     """(steps + 1, states) from rest at ``heading`` in rad: classical fourth-order Runge-Kutta.
 
-    ``length`` of the steps is in s; ``commanded`` thrust in N is (3, steps, thrusters), ``outer`` torque in N m and
-    ``drag_factor`` are (3, steps), at the start, the middle and the end of each step.
+    ``length`` of the steps is in s; ``commanded`` thrust in N is (3, steps, thrusters), ``outer`` torque in N m,
+    ``drag_factor`` and ``damping`` in N m s/rad are (3, steps), at the start, the middle and the end of each step.
     """
     states = np.zeros((len(length) + 1, LAGS + len(arms)))
     states[0, HEADING] = heading
@@ -358,11 +375,11 @@ def integrate(
     for k in range(len(length)):
         h = length[k]
         y = states[k]
-        u, o, f = commanded[:, k], outer[:, k], drag_factor[:, k]
-        _slope(y, k1, u[0], arms, o[0], f[0], scale[k], drift[k], heading, w)
-        _slope(y + 0.5 * h * k1, k2, u[1], arms, o[1], f[1], scale[k], drift[k], heading, w)
-        _slope(y + 0.5 * h * k2, k3, u[1], arms, o[1], f[1], scale[k], drift[k], heading, w)
-        _slope(y + h * k3, k4, u[2], arms, o[2], f[2], scale[k], drift[k], heading, w)
+        u, o, f, d = commanded[:, k], outer[:, k], drag_factor[:, k], damping[:, k]
+        _slope(y, k1, u[0], arms, o[0], f[0], d[0], scale[k], drift[k], heading, w)
+        _slope(y + 0.5 * h * k1, k2, u[1], arms, o[1], f[1], d[1], scale[k], drift[k], heading, w)
+        _slope(y + 0.5 * h * k2, k3, u[1], arms, o[1], f[1], d[1], scale[k], drift[k], heading, w)
+        _slope(y + h * k3, k4, u[2], arms, o[2], f[2], d[2], scale[k], drift[k], heading, w)
         after = states[k + 1]
         after[:] = y + h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
         if y[RATE] * after[RATE] < 0.0:

@@ -10,7 +10,7 @@ import numpy as np
 
 from rovid.control.allocation import Allocation, bare_actuation
 from rovid.control.law import Law
-from rovid.effects.base import TERM_STATES, Actuation
+from rovid.effects.base import SPEEDS, TERM_STATES, Actuation
 from rovid.model import Drive, Model
 from rovid.trial import FloatArray, Trial
 from rovid.vehicle import Vehicle
@@ -148,7 +148,7 @@ def _run(
     deviates = any(effect.on_heading for effect in model.effects)
     heading, rate, asked = np.full(n, start), np.zeros(n), np.zeros(n)
     commands = np.zeros((n, len(plant.vehicle.thrusters)))
-    torque, moment, race = np.zeros(n), np.zeros(n), np.zeros(n)
+    torque, moment, beside = np.zeros(n), np.zeros(n), np.zeros((n, 1 + len(SPEEDS)))
     angle, turning, stiffness, tick = 0.0, 0.0, 0.0, float(time[1])
     state = None
     for k in range(len(wanted)):
@@ -162,8 +162,8 @@ def _run(
         asked[at : at + m] = ask
         commands[at : at + m + 1] = allocation(np.array([ask]))
         drive = _latest(model, plant.vehicle, where, commands, max(at - window, 0), at + m)
-        torque[at : at + m], moment[at : at + m], race[at : at + m] = (
-            values[-m - 1 : -1] for values in (drive.torque, drive.moment, drive.race)
+        torque[at : at + m], moment[at : at + m], beside[at : at + m] = (
+            values[-m - 1 : -1] for values in (drive.torque, drive.moment, drive.beside)
         )
         for j in range(at, at + m):
             turning, angle, stiffness = advance(
@@ -172,7 +172,7 @@ def _run(
                 torque[j],
                 outside[j],
                 moment[j],
-                race[j],
+                beside[j],
                 tick,
                 base,
                 terms,
@@ -182,7 +182,7 @@ def _run(
                 stiffness,
             )
             heading[j + 1], rate[j + 1] = start + angle, turning
-    asked[-1], torque[-1], race[-1] = asked[-2], torque[-2], race[-2]
+    asked[-1], torque[-1], beside[-1] = asked[-2], torque[-2], beside[-2]
     shown = heading + model.deviation(heading) if deviates else heading
     held = np.append(np.repeat(wanted, m), wanted[-1])
     return Course(
@@ -193,7 +193,7 @@ def _run(
         torque=asked,
         commands=commands,
         push=outside,
-        drive=Drive(torque, moment, race, np.zeros(len(torque))),
+        drive=Drive(torque, moment, beside, np.zeros(len(torque))),
     )
 
 

@@ -70,6 +70,7 @@ INVISIBLE = {
     "thrust_scale": "a common scale of all thrust",
     "rate_scale": "a constant scale of the rate",
     "thruster_imbalance": "an imbalance between thrusters",
+    "inertia": "the inertia, and with it the size of every torque and drag, where nothing drives the vehicle",
 }
 # A rate below so many times its noise is no motion.
 _MOTION = 2.0
@@ -424,7 +425,7 @@ def _lack(runs: Sequence[Run], part: float) -> str:
             "kinds (a hold the other way, a sine, a coast-down)."
         )
     axis = runs[0].trial.axis
-    if not any(np.any(run.torque != 0.0) for run in runs):
+    if all(run.trial.driven for run in runs) and not any(np.any(run.torque != 0.0) for run in runs):
         return f"no thruster ever runs: there is no {axis.push} to explain the motion with. Log a run under thrust."
     if not any(_moves(run) for run in runs):
         moves, move = ("turns", "turn") if axis.angular else ("moves", "move")
@@ -510,7 +511,7 @@ def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
     names = fitted.likelihood.model(x).names
     # What follows a signal is a dependence; it is no parameter of the vehicle.
     at = [k for k, name in enumerate(names) if not name.startswith(PREFIX)]
-    return Estimate(
+    estimate = Estimate(
         names=tuple(names[k] for k in at),
         values=physical(fitted.likelihood, x)[at],
         covariance=covariance(fitted.likelihood, x, sandwich=not white)[np.ix_(at, at)],
@@ -518,6 +519,7 @@ def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
         method=fitted.likelihood.method,
         samples=len(fitted.likelihood.records.trial),
     )
+    return estimate if fitted.likelihood.records.driven else estimate.undriven()
 
 
 def _across_forms(work: _Work, estimate: Estimate) -> Estimate:
@@ -630,5 +632,7 @@ def _detectable(work: _Work) -> tuple[tuple[Effect, float], ...]:
 
 def not_identifiable(vehicle: Vehicle) -> tuple[str, ...]:
     """What data of ``vehicle`` cannot show at all."""
+    if not vehicle.thrusters:
+        return ("inertia", "rate_scale")
     thrusters = [thruster for thruster in vehicle.thrusters if thruster.curve is not None]
     return NEVER_SHOWN if len(thrusters) > 1 else (*NEVER_SHOWN, "thruster_imbalance")

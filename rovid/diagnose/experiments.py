@@ -21,6 +21,9 @@ _PAIRS = {
     frozenset({"thruster_deadband", "supply_sag"}): "a low-speed staircase through neutral, both ways",
     frozenset({"oscillatory_drag", "entrained_swirl"}): "coast-downs from turns of different length",
     frozenset({"command_hysteresis", "command_delay"}): "a slow staircase up and down through neutral",
+    frozenset({"speed_dependent_damping", "advance_speed_loss"}): "coast-downs of the rate at several speeds ahead",
+    frozenset({"sideslip_moment", "bias_torque"}): "the same drift sideways both ways",
+    frozenset({"restoring_curve", "drag_curvature"}): "releases from a large and from a small tilt",
     frozenset({"drag_curvature", "supply_sag"}): "coast-downs beside holds, with the supply's voltage in the log",
 }
 

@@ -14,7 +14,7 @@ from rovid.trial import FloatArray, Trial
 
 PREFIX = "signal "
 # A catalogued effect acts through the same channel in the same way.
-_CATALOGUED = {("supply_voltage", "thrust")}
+_CATALOGUED = {("supply_voltage", "thrust"), ("surge_velocity", "drag")}
 _SHARE = EffectParameter(name="share", unit="1", null=0.0, low=-2.0, high=2.0, starts=(0.05,))
 _TORQUE = EffectParameter(name="torque", unit="N m", null=0.0, low=-2.0, high=2.0, starts=(0.03,), scale="torque")
 # A torque's own zero is not the signal's mean; how drag divides is not what the model without the signal says.

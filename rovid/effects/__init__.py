@@ -19,7 +19,10 @@ from rovid.effects import (
     heading_deviation,
     oscillatory_drag,
     restoring,
+    restoring_curve,
+    sideslip_moment,
     slew_limit,
+    speed_dependent_damping,
     supply_sag,
     tank_seiche,
     tether_torsion,
@@ -30,7 +33,7 @@ from rovid.effects import (
     thruster_lag,
     wave_torque,
 )
-from rovid.effects.base import Actuation, Effect, EffectParameter
+from rovid.effects.base import SPEEDS, Actuation, Effect, EffectParameter
 from rovid.errors import ConfigError, nearest
 from rovid.vehicle import Vehicle
 
@@ -58,6 +61,9 @@ FORMS: tuple[Effect, ...] = (
     wave_torque.EFFECT,
     *tank_seiche.FORMS,
     *heading_deviation.FORMS,
+    *speed_dependent_damping.FORMS,
+    *sideslip_moment.FORMS,
+    *restoring_curve.FORMS,
 )
 CATALOGUE: tuple[Effect, ...] = tuple(effect for effect in FORMS if not effect.form)
 # What weight and buoyancy do; part of the base model of these axes.
@@ -92,15 +98,18 @@ def restoring_of(axis: Axis) -> Effect | None:
 def forms_for(vehicle: Vehicle, channels: Collection[str] = ()) -> tuple[Effect, ...]:
     """Every form that can be tried on ``vehicle`` with these further ``channels`` in its logs."""
     found: list[Effect] = []
+    ahead = any(thruster.ahead for thruster in vehicle.thrusters)
     for effect in FORMS:
         if effect.axes and vehicle.axis.name not in effect.axes:
+            continue
+        if not vehicle.thrusters and (effect.actuates or effect.races):
             continue
         if effect.each_thruster:
             # One thruster alone only scales the torque, which yaw data do not show.
             names = [t.name for t in vehicle.thrusters if t.curve is not None]
             ways = ("", thruster_imbalance.BESIDE)
             found += [thruster_imbalance.of_thruster(name + way) for name in names for way in ways if len(names) > 1]
-        elif not effect.needs or effect.needs in channels:
+        elif set(effect.needs) <= set(channels) and not (effect.on_speed and (SPEEDS[0] in channels or not ahead)):
             found.append(effect)
     return tuple(found)
 

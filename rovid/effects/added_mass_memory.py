@@ -36,7 +36,9 @@ EFFECT: Effect = Effect(
     id="added_mass_memory",
     title="added mass with memory",
     parameters=(
-        EffectParameter(name="inertia", unit="kg m^2", null=0.0, low=-3.0, high=20.0, starts=(1.0,), scale="inertia"),
+        EffectParameter(
+            name="inertia", unit="kg m^2", null=0.0, low=-3.0, high=20.0, starts=(1.0,), scale="torque/rate"
+        ),
         EffectParameter(name="time_constant", unit="s", null=1.0, low=0.2, high=120.0, starts=(2.0, 10.0)),
     ),
     equation="− Im·dw/dt, τ·dw/dt = r − w",
@@ -54,7 +56,7 @@ FORMS: tuple[Effect, ...] = (
         form="porous",
         parameters=(
             EffectParameter(
-                name="inertia", unit="kg m^2", null=0.0, low=0.0, high=20.0, starts=(1.0,), scale="inertia"
+                name="inertia", unit="kg m^2", null=0.0, low=0.0, high=20.0, starts=(1.0,), scale="torque/rate"
             ),
             # At a slip of 0.3 rad/s; three times as long at 0.1.
             EffectParameter(name="time_constant", unit="s", null=1.0, low=0.02, high=120.0, starts=(0.7, 4.0)),

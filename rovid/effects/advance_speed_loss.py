@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from rovid.effects.base import Effect, EffectParameter, compiled
+import numpy as np
+
+from rovid.effects.base import RACE, SPEEDS, Actuation, Effect, EffectParameter, Values, compiled
+from rovid.trial import FloatArray
 
 # Thrust against the stream is half as much again at most: beyond, the curve is not known.
 _AGAINST = -0.5
@@ -14,14 +17,14 @@ _AGAINST = -0.5
 @compiled
 def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
     # Of each thruster as rotor speed times speed of advance; the rotor's speed as the root of thrust.
-    return -p[j, 0] * base[5] * rate
+    return -p[j, 0] * base[RACE] * rate
 
 
 @compiled
 def _open_water(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
     along = rate if push >= 0.0 else -rate
     # The mean of the thrusters, each at its speed over the root of its thrust.
-    advance = max(p[j, 0] * along * base[5] / (abs(push) + 1e-9), _AGAINST)
+    advance = max(p[j, 0] * along * base[RACE] / (abs(push) + 1e-9), _AGAINST)
     if advance <= 0.0:
         return -push * advance
     # Minerva's KT = 0.24 − 0.25 J − 0.66 J² + 0.5 J³ over its value at J = 0, with j = 1.04 J; no thrust from J = 0.53.
@@ -29,14 +32,20 @@ def _open_water(rate: float, angle: float, push: float, base: Any, p: Any, x: An
     return -push * min(advance * (1.0 + advance * (2.534 - 1.843 * advance)), 1.0)
 
 
+def _measured(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+    # Where it is not told which way the thrusters push, they are taken to push ahead.
+    along = np.outer(where.speed(SPEEDS[0]), where.ahead if where.ahead.any() else np.ones(len(where.ahead)))
+    return np.asarray(thrust - values["coefficient"] * along * np.sqrt(np.abs(thrust)))
+
+
+_COEFFICIENT = EffectParameter(
+    name="coefficient", unit="N^0.5 s/m", null=0.0, low=0.0, high=2.0, starts=(0.05,), scale="torque/race/rate"
+)
+
 EFFECT: Effect = Effect(
     id="advance_speed_loss",
     title="loss of thrust with speed of advance",
-    parameters=(
-        EffectParameter(
-            name="coefficient", unit="N^0.5 s/m", null=0.0, low=0.0, high=2.0, starts=(0.05,), scale="advance"
-        ),
-    ),
+    parameters=(_COEFFICIENT,),
     equation="each thrust less a·√|F|·l·r, l its arm",
     fingerprint="more damping with thrust on than coasting",
     experiment="coast-downs beside holds at the same rates",
@@ -51,5 +60,18 @@ FORMS: tuple[Effect, ...] = (
         form="open_water",
         equation="− T·(j + 2.5 j² − 1.8 j³), j = a·l·r·sign(T)/√|F|: a bent open-water curve",
         term=_open_water,
+    ),
+    replace(
+        EFFECT,
+        form="measured",
+        parameters=(replace(_COEFFICIENT, scale="root/surge"),),
+        equation="each thrust less a·√|F|·s·u, u the logged speed ahead, s the thruster's share along it",
+        fingerprint="residual torque as the root of the thrust times the speed ahead; none of it while coasting",
+        experiment="the same commands at several speeds ahead; coast-downs at speed, which know no thrust",
+        rivals=("speed_dependent_damping", "supply_sag"),
+        needs=SPEEDS[:1],
+        term=None,
+        races=False,
+        on_thrust=_measured,
     ),
 )

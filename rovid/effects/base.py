@@ -14,21 +14,30 @@ a cause is named, whichever form fits best.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import numba
 import numpy as np
 
+from rovid.caches import keeps_compiled
 from rovid.trial import FloatArray, Trial
 from rovid.vehicle import ThrustCurve, Vehicle
 
 # Compiled for the machine at first use; the result is kept on disk. Several may run at once.
-compiled = numba.njit(cache=True, error_model="numpy", nogil=True)
+compiled = numba.njit(cache=keeps_compiled(), error_model="numpy", nogil=True)
 
 # Room for each term of the equation of motion: parameters and states of its own.
 TERM_PARAMETERS = 4
 TERM_STATES = 2
+
+# What terms read of ``base`` by name, see `rovid.kernels.simulate_effects`. From `BESIDE` on stands what they are told
+# of each interval: the thrusters' race, and the speeds of `SPEEDS`.
+STIFFNESS, TRIM, WATER, RACE, SURGE, SWAY = 5, 6, 7, 8, 9, 10
+BESIDE, BASE_SIZE = RACE, SWAY + 1
+# Channels of the log that say how fast the vehicle goes ahead and to starboard, m/s.
+SPEEDS = ("surge_velocity", "sway_velocity")
 
 # rad/s; where forms that depend on the rate agree with the plain one, or have the time constant that they are given.
 REFERENCE_RATE = 0.3
@@ -56,9 +65,9 @@ class EffectParameter:
     starts
         Where to begin a fit, in units of the scale.
     scale
-        What one unit of the search is: ``one``, ``command`` (a hundredth of the largest command in use), ``torque``
-        (that in use), ``rate`` (that in use), ``cubic`` (torque over rate cubed), ``inertia`` (torque over rate, times
-        a second) or ``advance`` (torque over race and rate).
+        What one unit of the search is: ``one``, ``command`` (a hundredth of the largest command in use), or what is in
+        use of ``torque``, ``rate``, ``race``, ``surge`` or ``sway`` speed and of ``root``, that of a thrust; or one of
+        them over others, as ``torque/surge/rate``.
     step
         Share of its size over which slopes are taken. A threshold between samples makes stairs of the likelihood: over
         less than a step of them it has no slope, or far too much.
@@ -100,6 +109,10 @@ class Actuation:
         (k,) N; largest thrust of each actuator's bench curve, or largest torque or force of a campaign that logs it.
     names
         (k,) of the thrusters.
+    ahead
+        (k,) share of each thrust that drives the vehicle ahead; 0 where that is not told.
+    ends
+        (k, 2) the least and the largest command of the bench curve.
     dead_zone
         (k, 2) commands between which the bench curve gives no thrust; both ``neutral`` where there is no such zone.
     extras
@@ -117,6 +130,8 @@ class Actuation:
     arms: FloatArray
     full_thrust: FloatArray
     names: tuple[str, ...]
+    ahead: FloatArray
+    ends: FloatArray
     dead_zone: FloatArray
     extras: Mapping[str, FloatArray]
     reference: Mapping[str, float] = field(default_factory=dict)
@@ -127,6 +142,14 @@ class Actuation:
     def reference_thrust(self) -> FloatArray:
         """(k,) N; a tenth of the full thrust, at which forms of the thrust curve agree with the bench."""
         return _REFERENCE_SHARE * self.full_thrust
+
+    def speed(self, name: str) -> FloatArray:
+        """(n,) m/s, the mean until the next instant of one of `SPEEDS`; that of the campaign where it is not logged."""
+        logged = self.extras.get(name)
+        if logged is None or not np.isfinite(logged).any():
+            return np.full(len(self.time), self.reference.get(name, 0.0))
+        known = bridged(logged)
+        return np.asarray(0.5 * (known + np.append(known[1:], known[-1])))
 
     def beyond(self, command: FloatArray) -> FloatArray:
         """(n, k) how far each command is beyond the bench's dead zone, with its sign; 0 inside."""
@@ -163,11 +186,15 @@ class Effect:
     scatter
         (n,) torque in N m, before ``on_torque`` -> variance of its impulse until the next instant in N^2 m^2 s^2, where
         the equation leaves open when the torque acts.
+    on_speed
+        (n, k) thrusts in N -> (n,) what ``base[SURGE]`` is, each value the mean until the next instant, of a form that
+        makes do without a logged speed.
     term
         Compiled; torque in N m from (rate, angle since the start, push, base, p, x, dx, j), with ``base`` the inertia,
-        quadratic and linear drag, the first position, the fastest state, the thrusters' race, the stiffness and the
-        rate of the water about the hull. Row ``j`` of ``p`` holds the effect's parameters in their order, of ``x`` its
-        states, and of ``dx`` their rates of change, to be filled in.
+        quadratic and linear drag, the first position, the fastest state, and what the names above stand for:
+        `STIFFNESS` and `TRIM` of the restoring torque, the rate `WATER` of the water about the hull, the thrusters'
+        `RACE`, the speeds `SURGE` and `SWAY` in m/s. Row ``j`` of ``p`` holds the effect's parameters in their order,
+        of ``x`` its states, and of ``dx`` their rates of change, to be filled in.
     fastest
         (parameters) -> the fastest rate of the term's states in 1/s, for the step of the integration.
     carried
@@ -179,17 +206,17 @@ class Effect:
     wave
         Whether it is a torque at random phase: the parameters are amplitude, frequency and damping.
     races
-        Whether its term asks for the thrusters' race, ``base[5]``.
+        Whether its term asks for the thrusters' race, ``base[RACE]``.
     remembers
         Whether its term has states of its own.
     moves_water
-        Whether its term sets ``base[7]``: all drag is of the rate less that of the water.
+        Whether its term sets ``base[WATER]``: all drag is of the rate less that of the water.
     quick
         Whether it acts in less than the interval between two samples.
     form
         Which of the effect's forms this is; empty for the plain one.
     needs
-        Channel of the log without which this form cannot be.
+        Channels of the log without which this form cannot be.
     each_thruster
         Whether it acts on one thruster, whose name is the form.
     canonical
@@ -197,7 +224,7 @@ class Effect:
     axes
         Names of the axes along which there is such a thing; empty for all.
     anchored
-        Whether ``on_thrust`` leaves thrust as it was taken at one thrust, or voltage, that is a mere choice. An effect
+        Whether it leaves thrust as it was taken at one thrust, command or voltage that is a mere choice. An effect
         that says where thrust is gone (astern, of one thruster, with load, with time) leaves the rest as it was.
     """
 
@@ -213,6 +240,7 @@ class Effect:
     on_thrust: OnSeries | None = None
     on_torque: OnSeries | None = None
     scatter: OnSeries | None = None
+    on_speed: OnSeries | None = None
     term: Callable[..., float] | None = None
     fastest: Callable[[Values], float] | None = None
     carried: bool = False
@@ -222,7 +250,7 @@ class Effect:
     remembers: bool = False
     moves_water: bool = False
     quick: bool = False
-    needs: str = ""
+    needs: tuple[str, ...] = ()
     each_thruster: bool = False
     canonical: Callable[[FloatArray], FloatArray] | None = None
     axes: tuple[str, ...] = ()
@@ -236,14 +264,14 @@ class Effect:
     @property
     def actuates(self) -> bool:
         """Whether it acts between command and torque."""
-        return bool(self.on_command or self.on_thrust or self.on_torque)
+        return bool(self.on_command or self.on_thrust or self.on_torque or self.on_speed)
 
     def values(self, numbers: FloatArray) -> dict[str, float]:
         """Parameters by name."""
         return {parameter.name: float(value) for parameter, value in zip(self.parameters, numbers, strict=True)}
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Scales:
     """What one unit of each parameter's search is, in SI; see ``EffectParameter.scale``."""
 
@@ -251,24 +279,26 @@ class Scales:
     torque: float
     rate: float
     race: float
+    root: float = 1.0
+    surge: float = 1.0
+    sway: float = 1.0
 
     def of(self, parameter: EffectParameter) -> float:
         """Size of one unit of ``parameter``."""
-        sizes = {
-            "one": 1.0,
-            "command": 0.01 * self.command,
-            "torque": self.torque,
-            "rate": self.rate,
-            "cubic": self.torque / self.rate**3,
-            "inertia": self.torque / self.rate,
-            "advance": self.torque / (self.race * self.rate),
-        }
-        return float(sizes[parameter.scale])
+        sizes = {"one": 1.0, **asdict(self), "command": 0.01 * self.command}
+        first, *others = parameter.scale.split("/")
+        return float(sizes[first] / math.prod(sizes[name] for name in others))
 
 
 def finer(held: FloatArray, parts: int) -> FloatArray:
     """(m, ...) of (n, ...) values that are held, with each interval between two instants cut into ``parts``."""
     return np.repeat(held, parts, axis=0)[: (len(held) - 1) * parts + 1]
+
+
+def bridged(values: FloatArray) -> FloatArray:
+    """(n,) ``values`` with straight lines through their gaps; zeros where none is known."""
+    known = np.flatnonzero(np.isfinite(values))
+    return np.interp(np.arange(len(values)), known, values[known]) if known.size else np.zeros(len(values))
 
 
 def _instants(time: FloatArray, parts: int) -> FloatArray:
@@ -285,6 +315,8 @@ def actuation(vehicle: Vehicle, trial: Trial, parts: int = 1) -> Actuation:
     return Actuation(
         time=trial.time if parts == 1 else _instants(trial.time, parts),
         names=tuple(thruster.name for thruster in vehicle.thrusters),
+        ahead=np.array([thruster.ahead for thruster in vehicle.thrusters]),
+        ends=np.array([(-t.most, t.most) if t.curve is None else t.curve.command[[0, -1]] for t in vehicle.thrusters]),
         dead_zone=np.array([(0.0, 0.0) if c is None else _dead_zone(c) for c in curves]),
         extras={name: finer(values, parts) for name, values in trial.extras.items()},
         reference=trial.reference,

@@ -21,14 +21,20 @@ def _stiction(rate: float, angle: float, push: float, base: Any, p: Any, x: Any,
     return -p[j, 0] * math.tanh(5.0 * share) * (1.0 + 0.5 * math.exp(-share * share))
 
 
+@compiled
+def _unequal(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    share = math.tanh(rate / (p[j, 3] + 1e-9))
+    return -p[j, 0] * share if rate >= 0.0 else -p[j, 1] * share - p[j, 2] * rate
+
+
+_TORQUE = EffectParameter(name="torque", unit="N m", null=0.0, low=0.0, high=1.0, starts=(0.03,), scale="torque")
+# Nothing turns its sign at once: the rate over which this does.
+_RATE = EffectParameter(name="rate", unit="rad/s", null=0.03, low=0.03, high=0.5, starts=(0.03, 0.12), scale="rate")
+
 EFFECT: Effect = Effect(
     id="coulomb_resistance",
     title="Coulomb-like resistance",
-    parameters=(
-        EffectParameter(name="torque", unit="N m", null=0.0, low=0.0, high=1.0, starts=(0.03,), scale="torque"),
-        # Nothing turns its sign at once: the rate over which this does.
-        EffectParameter(name="rate", unit="rad/s", null=0.03, low=0.03, high=0.5, starts=(0.03, 0.12), scale="rate"),
-    ),
+    parameters=(_TORQUE, _RATE),
     equation="− c·tanh(r/r0)",
     fingerprint="a coast-down that stops at a finite time; torque that does not vanish with the rate",
     experiment="coast-downs to rest and the slowest possible holds",
@@ -38,4 +44,27 @@ EFFECT: Effect = Effect(
 FORMS: tuple[Effect, ...] = (
     EFFECT,
     replace(EFFECT, form="stiction", equation="− c·tanh(5 r/r0)·(1 + ½·exp(−r²/r0²))", term=_stiction),
+    replace(
+        EFFECT,
+        form="unequal",
+        parameters=(
+            _TORQUE,
+            replace(_TORQUE, name="back_torque"),
+            EffectParameter(
+                name="back_linear",
+                unit="N m s/rad",
+                null=0.0,
+                low=-0.5,
+                high=1.0,
+                starts=(0.0, 0.05, -0.05),
+                scale="torque/rate",
+            ),
+            _RATE,
+        ),
+        equation="− c·tanh(r/r0) where r > 0, − c2·tanh(r/r0) − d2·r where r < 0",
+        fingerprint="a torque that does not vanish with the rate, of another size each way",
+        experiment="coast-downs to rest and the slowest possible holds, both ways",
+        rivals=("drag_asymmetry", "bias_torque", "thrust_asymmetry"),
+        term=_unequal,
+    ),
 )

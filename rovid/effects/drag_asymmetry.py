@@ -5,18 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from rovid.effects.base import Effect, EffectParameter, compiled
+from rovid.effects.base import WATER, Effect, EffectParameter, compiled
 
 
 @compiled
 def _whole(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    slip = rate - base[7]
+    slip = rate - base[WATER]
     return 0.0 if slip >= 0.0 else -(p[j, 0] - 1.0) * (base[1] * abs(slip) + base[2]) * slip
 
 
 @compiled
 def _quadratic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    slip = rate - base[7]
+    slip = rate - base[WATER]
     return 0.0 if slip >= 0.0 else -(p[j, 0] - 1.0) * base[1] * abs(slip) * slip
 
 

@@ -5,18 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, compiled
+from rovid.effects.base import REFERENCE_RATE, WATER, Effect, EffectParameter, compiled
 
 
 @compiled
 def _cubic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    slip = rate - base[7]
+    slip = rate - base[WATER]
     return -p[j, 0] * slip * slip * slip
 
 
 @compiled
 def _exponent(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    slip = rate - base[7]
+    slip = rate - base[WATER]
     share = abs(slip) / REFERENCE_RATE
     change = base[1] * REFERENCE_RATE * REFERENCE_RATE * (share * share - share ** p[j, 0])
     return change if slip >= 0.0 else -change
@@ -27,7 +27,13 @@ EFFECT: Effect = Effect(
     title="curvature of the drag",
     parameters=(
         EffectParameter(
-            name="cubic", unit="N m s^3/rad^3", null=0.0, low=-3.0, high=10.0, starts=(0.2, -0.1), scale="cubic"
+            name="cubic",
+            unit="N m s^3/rad^3",
+            null=0.0,
+            low=-3.0,
+            high=10.0,
+            starts=(0.2, -0.1),
+            scale="torque/rate/rate/rate",
         ),
     ),
     equation="− c·r³",

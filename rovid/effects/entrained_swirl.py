@@ -5,20 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Values, compiled
+from rovid.effects.base import REFERENCE_RATE, WATER, Effect, EffectParameter, Values, compiled
 
 
 @compiled
 def _linear(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
     dx[j, 0] = (rate - x[j, 0]) / p[j, 1]
-    base[7] = p[j, 0] * x[j, 0]
-    slip = rate - base[7]
+    base[WATER] = p[j, 0] * x[j, 0]
+    slip = rate - base[WATER]
     return (base[1] * abs(rate) + base[2]) * rate - (base[1] * abs(slip) + base[2]) * slip
 
 
 @compiled
 def _annulus(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    dx[j, 0], base[7] = 0.0, x[j, 0]
+    dx[j, 0], base[WATER] = 0.0, x[j, 0]
     if p[j, 0] <= 0.0:
         return 0.0
     # The walls' friction that balances the drag when the hull turns at the reference rate and the water at its share.

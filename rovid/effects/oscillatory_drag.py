@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from rovid.effects.base import Effect, EffectParameter, compiled
+from rovid.effects.base import WATER, Effect, EffectParameter, compiled
 
 
 @compiled
@@ -20,13 +20,13 @@ def _swept(rate: float, x: Any, dx: Any, j: int) -> Any:
 
 @compiled
 def _exponential(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    slip = rate - base[7]
+    slip = rate - base[WATER]
     return -p[j, 0] * math.exp(-_swept(rate, x, dx, j) / p[j, 1]) * base[1] * abs(slip) * slip
 
 
 @compiled
 def _algebraic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    slip = rate - base[7]
+    slip = rate - base[WATER]
     return -p[j, 0] / (1.0 + _swept(rate, x, dx, j) / p[j, 1]) * base[1] * abs(slip) * slip
 
 
@@ -35,7 +35,7 @@ def _fading(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, d
     # x[j, 0] follows the direction of turning over the swept angle: opposite to it just after a reversal.
     way = 1.0 if rate > 0.0 else -1.0
     dx[j, 0] = abs(rate) * (way - x[j, 0]) / p[j, 1]
-    slip = rate - base[7]
+    slip = rate - base[WATER]
     return -p[j, 0] * 0.5 * (1.0 - way * x[j, 0]) * base[1] * abs(slip) * slip
 
 

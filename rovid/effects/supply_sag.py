@@ -71,7 +71,7 @@ FORMS: tuple[Effect, ...] = (
         parameters=(EffectParameter(name="exponent", unit="1", null=0.0, low=-3.0, high=5.0, starts=(1.0,)),),
         equation="T' = T·(V/V0)^p, V0 the median voltage",
         fingerprint="residual torque in proportion to T and to the change of the logged voltage",
-        needs=_CHANNEL,
+        needs=(_CHANNEL,),
         on_thrust=_with_voltage,
         anchored=True,
     ),

@@ -22,6 +22,13 @@ def _saturating(where: Actuation, thrust: FloatArray, values: Values) -> FloatAr
     return np.asarray(thrust * (gain if loss >= 0.0 else 1.0 / gain))
 
 
+def _in_command(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
+    excess = where.beyond(command)
+    ends = np.abs(where.ends - where.dead_zone)
+    full = np.where(excess > 0.0, ends[:, 1], ends[:, 0])
+    return where.from_beyond(np.sign(excess) * full * (np.abs(excess) / full) ** values["exponent"])
+
+
 EFFECT: Effect = Effect(
     id="thrust_curve_shape",
     title="shape of the thrust curve",
@@ -41,5 +48,13 @@ FORMS: tuple[Effect, ...] = (
         parameters=(EffectParameter(name="loss", unit="1", null=0.0, low=-0.5, high=5.0, starts=(0.1,)),),
         equation="F' = F·(1 + a)/(1 + a·|F|/F0), F0 a tenth of the bench's largest thrust",
         on_thrust=_saturating,
+    ),
+    replace(
+        EFFECT,
+        form="command",
+        equation="u' = U·(|u|/U)^e·sign(u), u the command beyond the bench's dead zone and U the largest of its sign",
+        fingerprint="residual torque odd in the command, of the same shape both ways though the bench thrusts differ",
+        on_thrust=None,
+        on_command=_in_command,
     ),
 )

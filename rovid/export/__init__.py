@@ -14,6 +14,8 @@ from rovid.errors import ConfigError, nearest
 from rovid.export import gz_sim, mujoco, plain, python_vehicle_simulator, stonefish, uuv, vrx
 from rovid.export.base import Subject, Target
 from rovid.export.manoeuvre import PERIOD, Mismatch, compare, manoeuvre, rovid_rate
+from rovid.files import Output
+from rovid.files.form import export_form
 from rovid.parameters import Parameters
 from rovid.study import Study
 from rovid.trial import FloatArray
@@ -61,7 +63,7 @@ class Exported:
     warnings: tuple[str, ...]
 
 
-def exporter(name: str, path: Path | None) -> tuple[Callable[[Subject], Target], Path]:
+def exporter(name: str, path: Path | None) -> tuple[Callable[[Subject], Target], Output]:
     """The exporter of this format and the file to write.
 
     Raises
@@ -73,7 +75,9 @@ def exporter(name: str, path: Path | None) -> tuple[Callable[[Subject], Target],
         raise ConfigError(f"is {name!r}. {nearest(name, EXPORTERS)}", where="FORMAT")
     function, default = EXPORTERS[name]
     target = path or Path(default)
-    return (uuv.export_yaml if name == "uuv" and target.suffix in {".yaml", ".yml"} else function), target
+    if name == "uuv" and target.suffix in {".yaml", ".yml"}:
+        return uuv.export_yaml, Output(target, export_form("uuv as yaml"))
+    return function, Output(target, export_form(name))
 
 
 def subject_of(stored: Parameters, study: Study | None) -> Subject:
@@ -104,7 +108,7 @@ def subject_of(stored: Parameters, study: Study | None) -> Subject:
         largest = float(model.drag(np.array(rate)))
         vehicle = replace(vehicle, thrusters=(Thruster(name="yaw_torque", arm=1.0, curve=None, most=largest),))
         used = np.array([[-largest, largest]])
-    needed = {effect.needs for effect in model.effects if effect.needs}
+    needed = {name for effect in model.effects for name in effect.needs}
     return Subject(
         model=model,
         vehicle=vehicle,
@@ -146,5 +150,5 @@ def _loss(subject: Subject, effect: Effect, commands: FloatArray, whole: FloatAr
     unseen = effect.wave or bool(effect.needs)
     why = f"the format has nothing for {effect.title} ({effect.equation})"
     if unseen:
-        why += "; the manoeuvre does not show it, for it depends on " + (effect.needs or "a random phase")
+        why += "; the manoeuvre does not show it, for it depends on " + (" and ".join(effect.needs) or "a random phase")
     return Loss(what=effect.key, why=why, percent_of_range=math.nan if unseen else without)

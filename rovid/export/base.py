@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +13,7 @@ from rovid.effects.base import actuation, neutral_commands
 from rovid.effects.thruster_imbalance import BESIDE
 from rovid.model import Model
 from rovid.parameters import Entry
+from rovid.quoting import identifiers, xml_comment
 from rovid.trial import FloatArray, Trial
 from rovid.vehicle import Thruster, Vehicle
 
@@ -22,6 +21,8 @@ from rovid.vehicle import Thruster, Vehicle
 CURVE_EFFECTS = ("thruster_deadband", "thrust_asymmetry", "thrust_curve_shape", "thruster_imbalance")
 _CURVE_POINTS = 2001
 _CURVE_TOLERANCE = 1e-5  # of the largest thrust; far below what shows in the rate
+# Names that targets use for parts of their own; a thruster's link is called by its name and "_link".
+_TAKEN = ("base", "base_link", "bias_torque", "yaw")
 _SDF_MASS = 1.0  # kg, where none is known: a mass of zero is refused, and yaw does not ask for it
 
 
@@ -157,18 +158,17 @@ def curve_keys(subject: Subject) -> frozenset[str]:
 def curves(subject: Subject) -> list[Curve]:
     """Thrust curve of each thruster, with as many points as it takes."""
     held = [effect for effect in subject.model.effects if is_curve_effect(effect)]
+    names = identifiers([thruster.name for thruster in subject.vehicle.thrusters], taken=_TAKEN)
     found: list[Curve] = []
     for index, thruster in enumerate(subject.vehicle.thrusters):
         command = _grid(thruster, subject.commands[index], fine=bool(held))
         thrust = _steady_thrust(subject, held, index, command)
         kept = _corners(command, thrust)
-        name = identifier(thruster.name)
-        name += f"_{index}" if name in {curve.identifier for curve in found} else ""
         neutral = float(neutral_commands(subject.vehicle)[index])
         found.append(
             Curve(
                 name=thruster.name,
-                identifier=name,
+                identifier=names[index],
                 arm=thruster.arm,
                 neutral=neutral,
                 command=command[kept],
@@ -213,16 +213,6 @@ def numbers(values: FloatArray) -> str:
     return " ".join(f"{value:.10g}" for value in values)
 
 
-def identifier(name: str) -> str:
-    """A name that XML, YAML and topics take."""
-    return "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name) or "_"
-
-
-def comment(text: str) -> str:
-    """Text for an XML comment, which may hold no two hyphens in a row."""
-    return re.sub("-(?=-)", "- ", escape(text))
-
-
 def curve_comment(values: Curve) -> str:
     """A thrust curve as a line for people and scripts."""
-    return comment(f"{values.name}: command {numbers(values.command)} | thrust {numbers(values.thrust)}")
+    return xml_comment(f"{values.name}: command {numbers(values.command)} | thrust {numbers(values.thrust)}")

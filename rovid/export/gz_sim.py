@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from rovid.effects.base import Actuation, actuation
-from rovid.export.base import Curve, Subject, Target, comment, curve_comment, curve_keys, curves
+from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves
 from rovid.export.manoeuvre import march, thrust_torque
+from rovid.files.form import export_mark
+from rovid.quoting import xml_attribute, xml_comment
 from rovid.trial import FloatArray, Trial
 
 NEWTONS = "Thruster takes newtons: the curves in the file turn commands into them, effects of the curve included."
@@ -32,7 +33,7 @@ def export(subject: Subject) -> Target:
       <nRabsR>{-model.quadratic_drag:.10g}</nRabsR>
     </plugin>"""
     fluid = f"<fluid_added_mass><rr>{added:.10g}</rr></fluid_added_mass>"
-    content = sdf(subject, propulsion, bands, izz, fluid, hydrodynamics)
+    content = sdf("gz-sim", subject, propulsion, bands, izz, fluid, hydrodynamics)
 
     def advance(rate: float, _: float, torque: float) -> float:
         drag = (-model.linear_drag - model.quadratic_drag * abs(rate)) * rate
@@ -109,9 +110,15 @@ def plant_of(
 
 
 def sdf(
-    subject: Subject, propulsion: list[Curve], bands: list[float], izz: float, fluid: str, hydrodynamics: str
+    name: str,
+    subject: Subject,
+    propulsion: list[Curve],
+    bands: list[float],
+    izz: float,
+    fluid: str,
+    hydrodynamics: str,
 ) -> str:
-    """An SDF model with one link, its thrusters and these hydrodynamics."""
+    """An SDF model with one link, its thrusters and these hydrodynamics, for the format ``name``."""
     parts = [
         _thruster(curve, band, sign)
         for curve, band, sign, thruster in zip(
@@ -120,9 +127,10 @@ def sdf(
         if thruster.curve is not None
     ]
     return f"""<?xml version="1.0"?>
-<!-- {comment(subject.vehicle.name)}: yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
+<!-- {export_mark(name)}.
+     {xml_comment(subject.vehicle.name)}: yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
 <sdf version="1.11">
-  <model name={quoteattr(subject.vehicle.name)}>
+  <model name={xml_attribute(subject.vehicle.name)}>
     <link name="base_link">
       <inertial>
         <mass>{subject.mass:.10g}</mass>

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from rovid.export.base import Curve, Subject, Target, curve_keys, curves, numbers
 from rovid.export.manoeuvre import lagged, march, stepped
+from rovid.files.form import export_mark
+from rovid.quoting import xml_attribute
 from rovid.trial import FloatArray
 
 _STEP = 0.002  # s, MuJoCo's default
@@ -68,8 +69,8 @@ def _mjcf(subject: Subject, propulsion: list[Curve]) -> str:
     ]
     joint = f'<joint name="yaw" type="hinge" axis="0 0 1" damping="{numbers(damping)}"'
     joint += f' stiffness="{stiffness:.10g}"/>' if stiffness else "/>"
-    return f"""<mujoco model={quoteattr(subject.vehicle.name)}>
-  <!-- Yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
+    return f"""<mujoco model={xml_attribute(subject.vehicle.name)}>
+  <!-- {export_mark("mujoco")}. Yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
   <option timestep="{_STEP:g}" gravity="0 0 0" integrator="implicitfast"/>
   <custom>
 {chr(10).join(tables)}

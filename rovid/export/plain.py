@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from rovid.export.base import Subject, Target, identifier
+from rovid.export.base import Subject, Target
 from rovid.export.manoeuvre import rovid_rate
+from rovid.files.form import export_mark
 from rovid.model import Model
 from rovid.output import to_json
+from rovid.quoting import identifiers, toml_text
 from rovid.trial import FloatArray
 
 EQUATION = "inertia*rdot + quadratic_drag*|r|*r + linear_drag*r = sum(yaw_arm*thrust(command)) + effects"
@@ -32,44 +34,53 @@ def export_matlab(subject: Subject) -> Target:
     """A .mat file of version 5 with one struct ``rovid``."""
     from scipy.io import loadmat, savemat
 
+    keys = _identifiers(subject)
     values = _base(subject) | {
         "equation": EQUATION,
         "axes": _AXES,
         "thrusters": np.array(
             [_thruster(subject, index, np.array) for index in range(len(subject.vehicle.thrusters))], dtype=object
         ),
-        "effects": {identifier(key): parameters for key, parameters in subject.effects.items()},
+        "effects": {keys[key]: parameters for key, parameters in subject.effects.items()},
     }
     stream: Any = io.BytesIO()
     savemat(stream, {"rovid": values}, oned_as="column", long_field_names=True)
-    again: Any = io.BytesIO(stream.getvalue())
+    # 116 bytes of text for people begin such a file.
+    content = f"MATLAB 5.0 MAT-file. {export_mark('matlab')}.".ljust(116).encode() + stream.getvalue()[116:]
+    again: Any = io.BytesIO(content)
     read = loadmat(again, simplify_cells=True)["rovid"]
     base = [float(read[name]) for name in ("inertia", "quadratic_drag", "linear_drag")]
     effects = {
-        key: {name: float(read["effects"][identifier(key)][name]) for name in parameters}
+        key: {name: float(read["effects"][keys[key]][name]) for name in parameters}
         for key, parameters in subject.effects.items()
     }
-    return _target(subject, stream.getvalue(), base, effects)
+    return _target(subject, content, base, effects)
 
 
 def export_ros2(subject: Subject) -> Target:
     """A parameter YAML for any node; names with a colon keep it as an underscore."""
-    lines = [f"# {EQUATION}", f"# {_AXES}", "/**:", "  ros__parameters:"]
+    lines = [f"# {export_mark('ros2')}.", f"# {EQUATION}", f"# {_AXES}", "/**:", "  ros__parameters:"]
     lines += [f"    {name}: {_yaml(value)}" for name, value in _base(subject).items()]
-    lines.append(f"    thruster_names: [{', '.join(json.dumps(t.name) for t in subject.vehicle.thrusters)}]")
+    lines.append(f"    thruster_names: [{', '.join(toml_text(t.name) for t in subject.vehicle.thrusters)}]")
     for index in range(len(subject.vehicle.thrusters)):
         thruster = _thruster(subject, index, list)
         lines.append(f"    thruster_{index}:")
         lines += [f"      {name}: {_yaml(thruster[name])}" for name in ("yaw_arm", "command", "thrust")]
-    lines.append(f"    effect_names: [{', '.join(json.dumps(key) for key in subject.effects)}]")
+    lines.append(f"    effect_names: [{', '.join(toml_text(key) for key in subject.effects)}]")
     if subject.effects:
         lines.append("    effects:")
+    keys = _identifiers(subject)
     for key, parameters in subject.effects.items():
-        lines.append(f"      {identifier(key)}:")
+        lines.append(f"      {keys[key]}:")
         lines += [f"        {name}: {_yaml(value)}" for name, value in parameters.items()]
     base = [float(_yaml(_base(subject)[name])) for name in ("inertia", "quadratic_drag", "linear_drag")]
     effects = {k: {n: float(_yaml(v)) for n, v in parameters.items()} for k, parameters in subject.effects.items()}
     return _target(subject, "\n".join([*lines, ""]), base, effects)
+
+
+def _identifiers(subject: Subject) -> dict[str, str]:
+    """Key of each effect -> the same as a name of a field."""
+    return dict(zip(subject.effects, identifiers(list(subject.effects)), strict=True))
 
 
 def _base(subject: Subject) -> dict[str, float]:

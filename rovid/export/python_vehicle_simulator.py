@@ -12,6 +12,8 @@ import numpy as np
 
 from rovid.export.base import Curve, Subject, Target, curve_keys, curves
 from rovid.export.manoeuvre import stepped
+from rovid.files.form import export_mark
+from rovid.quoting import python_docstring
 from rovid.trial import FloatArray
 
 _STEP = 0.02  # s, of the simulator's main.py
@@ -67,7 +69,10 @@ def _module(subject: Subject, propulsion: list[Curve], lag: str) -> str:
     names = ", ".join(repr(f"{curve.name} command") for curve in propulsion)
     start = [0.0 if behind else curve.neutral for curve in propulsion]
     time_constant = subject.effects[lag]["time_constant"] if lag else 0.0
-    return f'''"""Yaw of {_plain(subject.vehicle.name)}, identified by rovid, as a vehicle of PythonVehicleSimulator.
+    title = python_docstring(subject.vehicle.name)
+    return f'''"""Yaw of {title}, identified by rovid, as a vehicle of PythonVehicleSimulator.
+
+{export_mark("python-vehicle-simulator")}.
 
 NED: the yaw rate nu[5] in rad/s and the heading eta[5] in rad are positive clockwise from above.
 """
@@ -129,7 +134,3 @@ class RovidVehicle:
     def stepInput(self, t):
         return np.array([table[-1] if 10.0 < t < 60.0 else neutral for _, neutral, table, _ in self.thrusters])
 '''
-
-
-def _plain(text: str) -> str:
-    return text.replace("\\", " ").replace('"', "'")

@@ -8,7 +8,6 @@ no |r|*r. Axes are FRD, z down, as rovid's: no sign changes.
 from __future__ import annotations
 
 from collections.abc import Callable
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from scipy.optimize import nnls
@@ -16,6 +15,8 @@ from scipy.optimize import nnls
 from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves, numbers
 from rovid.export.manoeuvre import march, thrust_torque
 from rovid.export.rotor import first_order, input_notes, inputs_of
+from rovid.files.form import export_mark
+from rovid.quoting import xml_attribute
 from rovid.trial import FloatArray
 
 _STEP = 0.002  # s
@@ -148,10 +149,10 @@ def _scenario(
         if thruster.curve is not None
     ]
     return f"""<?xml version="1.0"?>
-<!-- Yaw identified by rovid; z down, a yaw rate is the heading's.
+<!-- {export_mark("stonefish")}. Yaw identified by rovid; z down, a yaw rate is the heading's.
      Torque of drag: {torques[0]:.10g}*r + {torques[1]:.10g}*r^3 N m. -->
 <scenario>
-  <robot name={quoteattr(subject.vehicle.name)} fixed="false" self_collisions="false">
+  <robot name={xml_attribute(subject.vehicle.name)} fixed="false" self_collisions="false">
     <base_link name="base_link" type="box" physics="floating">
       <dimensions xyz="{length:.10g} {width:.10g} {width:.10g}"/>
       <origin xyz="0 0 0" rpy="0 0 0"/>

@@ -10,10 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves, identifier, numbers
+from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves, numbers
 from rovid.export.gz_sim import frame_notes, place
 from rovid.export.manoeuvre import march, settling_time, thrust_torque
 from rovid.export.rotor import first_order, input_notes, inputs_of
+from rovid.files.form import export_mark
+from rovid.quoting import identifiers
 from rovid.trial import FloatArray
 
 _STEP = 0.002  # s, of uuv_simulator's worlds
@@ -48,6 +50,7 @@ def export_yaml(subject: Subject) -> Target:
     rows.append(f"    - [{', '.join([*zeros, f'{added:.10g}'])}]")
     content = "\n".join(
         [
+            f"# {export_mark('uuv as yaml')}.",
             "# Yaw identified by rovid; z up, a yaw rate is minus the heading's. Only the yaw entries are known.",
             f"mass: {subject.mass:.10g}",
             "inertial:",
@@ -102,7 +105,7 @@ def _plant(
 
 def _xacro(subject: Subject, split: tuple[float, float], inputs: list[Curve], tables: list[Curve], lag: float) -> str:
     model, (body, added) = subject.model, split
-    name = identifier(subject.vehicle.name).lower()
+    name = identifiers([subject.vehicle.name])[0].lower()
     matrix = "\n".join(
         "            " + " ".join(f"{added:.10g}" if i == j == 5 else "0" for j in range(6)) for i in range(6)
     )
@@ -112,7 +115,7 @@ def _xacro(subject: Subject, split: tuple[float, float], inputs: list[Curve], ta
         if thruster.curve is not None
     ]
     return f"""<?xml version="1.0"?>
-<!-- Yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
+<!-- {export_mark("uuv")}. Yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
 <robot name="{name}" xmlns:xacro="http://www.ros.org/wiki/xacro">
   <link name="{name}/base_link">
     <inertial>

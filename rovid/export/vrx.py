@@ -37,7 +37,7 @@ def export(subject: Subject) -> Target:
         f"{subject.added_inertia / subject.rigid_inertia:.2g} times it), diverges."
     )
     return Target(
-        content=sdf(subject, propulsion, bands, model.inertia, "", hydrodynamics),
+        content=sdf("vrx", subject, propulsion, bands, model.inertia, "", hydrodynamics),
         plant=plant_of(propulsion, bands, advance, _STEP),
         holds=curve_keys(subject),
         notes=(

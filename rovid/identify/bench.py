@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.errors import DataError, LogError
-from rovid.tables import Table
+from rovid.tables import Table, offered
 from rovid.trial import FloatArray
 from rovid.vehicle import ThrustCurve
 
@@ -80,7 +80,7 @@ def _column(table: Table, patterns: tuple[str, ...], option: str) -> str:
         if len(matches) == 1:
             return matches[0]
     raise LogError(
-        f"it is not clear which column is meant; there are {', '.join(map(repr, table.header))}.",
+        f"it is not clear which column is meant. {offered('', table.header, table.rows)}",
         where=table.path,
         mend=f"Name the column with {option}.",
     )

@@ -14,6 +14,11 @@ from rovid.axis import YAW, Axis
 from rovid.model import unit_of
 from rovid.trial import FloatArray, read_only
 
+# What the unit of a torque, and of all that is larger with it, ends in where the inertia is not known.
+PER_INERTIA = " per kg m^2"
+UNDRIVEN = (
+    "nothing drives these logs, so that the inertia cannot be known: every torque and drag is that of 1 kg m^2 of it"
+)
 # A share of all thrust that is not worth a word.
 _NO_DOUBT = 1e-3
 
@@ -41,6 +46,8 @@ class Estimate:
     scale_doubt
         How open the scale of all thrust is, as a share, and with it that of inertia, drag and every torque. It is in
         the standard errors and intervals and not in ``covariance``: no loop and no simulation feels it.
+    per_inertia
+        Whether the inertia cannot be known and is taken to be 1.
     """
 
     names: tuple[str, ...]
@@ -53,6 +60,7 @@ class Estimate:
     warnings: tuple[str, ...] = ()
     axis: Axis = YAW
     scale_doubt: float = 0.0
+    per_inertia: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(self.values))
@@ -87,8 +95,7 @@ class Estimate:
 
     def _scaled(self, name: str) -> float:
         """Size of what is larger with all thrust; 0 of what is not."""
-        unit = self.unit(name)
-        return abs(self.value(name)) if unit == "N" or unit.startswith(("N ", "kg")) else 0.0
+        return abs(self.value(name)) if _goes_with_thrust(unit_of(name, self.axis)) else 0.0
 
     def correlation(self, first: str, second: str) -> float:
         """Correlation between two parameters; NaN where one of them is not estimated."""
@@ -112,9 +119,21 @@ class Estimate:
         )
         return replace(self, scale_doubt=doubt, warnings=(*self.warnings, warning))
 
+    def undriven(self) -> Self:
+        """The same of logs that nothing drives: the inertia was taken to be 1, and is refused."""
+        warning = f"{UNDRIVEN[:1].upper()}{UNDRIVEN[1:]}."
+        warnings = (*self.warnings, warning)
+        return replace(self, refused={**self.refused, "inertia": UNDRIVEN}, per_inertia=True, warnings=warnings)
+
     def unit(self, name: str) -> str:
         """Unit of the parameter ``name``."""
-        return unit_of(name, self.axis)
+        unit = unit_of(name, self.axis)
+        told = self.per_inertia and name != "inertia" and _goes_with_thrust(unit)
+        return unit + PER_INERTIA if told else unit
+
+
+def _goes_with_thrust(unit: str) -> bool:
+    return unit == "N" or unit.startswith(("N ", "kg"))
 
 
 def student_t(probability: float, degrees_of_freedom: float) -> float:

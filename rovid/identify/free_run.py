@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rovid.axis import Axis
-from rovid.identify.regression import fit_regression
+from rovid.identify.regression import fit_regression, fit_released
 from rovid.model import Drive, Model
 from rovid.runs import Run
 from rovid.simulation import compare, simulated_rate
@@ -27,8 +27,9 @@ def fit_free_run(runs: Sequence[Run]) -> Model:
         The vehicle was not excited enough to start from.
     """
     axis = runs[0].trial.axis
+    driven = runs[0].trial.driven
     # Where the model misses much the regression is uncertain, and good enough to start from.
-    start = fit_regression(runs, certainty=2.0).estimate.values
+    start = fit_regression(runs, certainty=2.0).estimate.values if driven else fit_released(runs).values
     # A drag at its bound still needs a scale to move by, and so do both; so does what weight and buoyancy do.
     rate, torque = (
         max(float(np.sqrt(np.nanmean(np.concatenate(series) ** 2))), 1e-9)
@@ -36,18 +37,28 @@ def fit_free_run(runs: Sequence[Run]) -> Model:
     )
     drag = start[1] * rate + start[2] or torque
     scale = np.array([start[0], drag / rate, drag, *np.maximum(np.abs(start[3:]), _LEAST)])
+    # Without a drive nothing tells the inertia.
+    free = slice(None) if driven else slice(1, None)
 
-    def misfit(x: FloatArray) -> FloatArray:
-        return _misfit(runs, _model(x * scale, axis))
+    def model(x: FloatArray) -> Model:
+        values = start / scale
+        values[free] = x
+        return _model(values * scale, axis)
 
     more = np.full(len(start) - 3, np.inf)
+    low, high = np.array([0.05, 0.0, 0.0, *-more]), np.array([20.0, np.inf, np.inf, *more])
+    begin = (start / scale)[free]
+
+    def misfit(x: FloatArray) -> FloatArray:
+        return _misfit(runs, model(x))
+
     solution = least_squares(
         misfit,
-        start / scale,
-        bounds=(np.array([0.05, 0.0, 0.0, *-more]), np.array([20.0, np.inf, np.inf, *more])),
-        x_scale=np.maximum(np.abs(start / scale), 0.1),
+        begin,
+        bounds=(low[free], high[free]),
+        x_scale=np.maximum(np.abs(begin), 0.1),
     )
-    return _model(solution.x * scale, axis)
+    return model(solution.x)
 
 
 def free_run_r2(runs: Sequence[Run], model: Model) -> float:

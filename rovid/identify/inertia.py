@@ -92,6 +92,11 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
         No method has the data it needs, or the result is impossible beside the rigid body.
     """
     axis = runs[0].trial.axis
+    if not runs[0].trial.driven:
+        raise DataError(
+            f"nothing drives these logs in {axis.name}, so that the inertia cannot be known.",
+            mend="Run `rovid fit`: it gives frequency, damping and their ratios to the inertia.",
+        )
     trials = [] if axis.rights else sine_trials(runs)
     refused: dict[str, str] = {}
     regression: Regression | None = None
@@ -245,9 +250,11 @@ def _plausibility(estimate: Estimate, rigid_body: float | None) -> list[str]:
 
 def unlike_rigid_body(estimate: Estimate, rigid_body: float | None) -> list[str]:
     """What is odd about the inertia beside the ``rigid_body``'s in kg m^2 or kg; nothing where that is not known."""
+    if rigid_body is None or "inertia" in estimate.refused:
+        return []
     low, high = _PLAUSIBLE_RATIO
-    ratio = 1.0 if rigid_body is None else estimate.value("inertia") / rigid_body
-    if rigid_body is None or low < ratio < high:
+    ratio = estimate.value("inertia") / rigid_body
+    if low < ratio < high:
         return []
     axis, unit = estimate.axis, estimate.unit("inertia")
     text = (

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rovid.axis import Axis
 from rovid.effects import Effect, restoring_of
-from rovid.effects.base import Actuation, Scales, actuation, neutral_commands, race
+from rovid.effects.base import SPEEDS, Actuation, Scales, actuation, neutral_commands, race
 from rovid.model import MOST_PARTS, Drive, Model
 from rovid.rates import body_position
 from rovid.runs import Run
@@ -210,7 +210,16 @@ class Records:
     def torque(self) -> float:
         """Root mean square of the torque in use, N m."""
         torque = np.concatenate([run.torque for run in self.runs])
+        if not self.driven:
+            # Of what brings the vehicle back.
+            tilt = np.concatenate([run.trial.position[run.trial.measured] for run in self.runs])
+            torque = self.start.stiffness * np.sin(tilt - self.start.restoring_values[1])
         return float(np.sqrt(np.mean(torque[torque != 0.0] ** 2)))
+
+    @property
+    def driven(self) -> bool:
+        """Whether anything drives the vehicle; else all torques, and the inertia, are those of 1 kg m^2."""
+        return self.runs[0].trial.driven
 
     @cached_property
     def drag_scale(self) -> FloatArray:
@@ -222,17 +231,26 @@ class Records:
     def scales(self) -> Scales:
         """Of the effects' parameters."""
         neutral = 0.0 if self.vehicle is None else neutral_commands(self.vehicle)
-        command = max(float(np.max(np.abs(run.trial.commands - neutral))) for run in self.runs)
-        return Scales(command=command, torque=self.torque, rate=self.rate, race=self._race)
+        command = max(float(np.max(np.abs(run.trial.commands - neutral), initial=0.0)) for run in self.runs)
+        speeds = (self._speed(name) for name in SPEEDS)
+        race, root = self._races
+        return Scales(command, self.torque, self.rate, race, root, *speeds)
+
+    def _speed(self, name: str) -> float:
+        """Root mean square of a logged speed, m/s; 1 where there is none."""
+        logged = np.concatenate([run.trial.extras.get(name, np.zeros(0)) for run in self.runs])
+        return float(np.sqrt(np.mean(logged[np.isfinite(logged)] ** 2))) if np.nansum(np.abs(logged)) > 0.0 else 1.0
 
     @cached_property
-    def _race(self) -> float:
-        """Root mean square of the race in use, N^0.5 m^2."""
-        if self.vehicle is None:
-            return math.sqrt(self.torque)
+    def _races(self) -> tuple[float, float]:
+        """Root mean squares of the race in use, N^0.5 m^2, and of the root of a thrust in use, N^0.5."""
+        if self.vehicle is None or not self.driven:
+            return math.sqrt(self.torque), math.sqrt(self.torque)
         arms = np.array([thruster.arm for thruster in self.vehicle.thrusters])
-        races = np.concatenate([race(self.vehicle.thrust(run.trial.commands), arms) for run in self.runs])
-        return float(np.sqrt(np.mean(races[races > 0.0] ** 2)))
+        thrust = np.concatenate([self.vehicle.thrust(run.trial.commands) for run in self.runs])
+        races, roots = race(thrust, arms), np.sqrt(np.abs(thrust))
+        race_in_use, root_in_use = (float(np.sqrt(np.mean(each[each > 0.0] ** 2))) for each in (races, roots))
+        return race_in_use, root_in_use
 
     @cached_property
     def position_noise(self) -> float:
@@ -303,16 +321,17 @@ class Likelihood:
         self.units = np.array([records.scales.of(parameter) for parameter in self.parameters])
         top = math.log(limit * records.torque)
         start = records.start
+        open_by = 2.5 if records.driven else 0.0
         self.low = np.array(
             [
-                math.log(start.inertia) - 2.5,
+                math.log(start.inertia) - open_by,
                 *(0.0, 0.0, top - 9.0, math.log(0.2), math.log(_ANGLE_NOISE_FLOOR)),
                 *(p.low for p in self.parameters),
             ]
         )
         self.high = np.array(
             [
-                math.log(start.inertia) + 2.5,
+                math.log(start.inertia) + open_by,
                 *(np.inf, np.inf, top, math.log(100.0), math.log(0.2)),
                 *(p.high for p in self.parameters),
             ]
@@ -406,7 +425,7 @@ class Likelihood:
         for number, (run, drive, angle, gyro) in enumerate(parts):
             start = np.array([records.initial_rates[number], _RATE_ERROR * records.rate])
             true, gain = model.true_angle(run.trial, angle, records.instants[number])
-            driven = (records.times[number], drive.torque, drive.race, drive.moment, drive.scatter)
+            driven = (records.times[number], drive.torque, drive.beside, drive.moment, drive.scatter)
             motion = (model.base(run.trial), terms, active, noise)
             if wide:
                 error, variance = innovations_wide(*driven, true, gyro, *motion, wave, start)
@@ -600,6 +619,7 @@ def _spaced(time: FloatArray, known: NDArray[np.intp], interval: float) -> NDArr
 
 def _pieces(error: FloatArray, variance: FloatArray) -> FloatArray:
     # No innovation is so far out that its square could not be told from infinity.
-    z = np.minimum(np.abs(error) / np.sqrt(variance), _FARTHEST)
+    with np.errstate(over="ignore"):
+        z = np.minimum(np.abs(error) / np.sqrt(variance), _FARTHEST)
     square = np.where(z > _OUTLIER, _OUTLIER * (2.0 * z - _OUTLIER), z * z)
     return np.asarray(0.5 * (np.log(2.0 * np.pi * variance) + square))

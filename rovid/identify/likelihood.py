@@ -11,7 +11,7 @@ from scipy import special
 
 from rovid.effects import Effect
 from rovid.errors import DataError
-from rovid.identify.estimate import Estimate
+from rovid.identify.estimate import PER_INERTIA, Estimate
 from rovid.identify.free_run import fit_free_run, free_run_r2
 from rovid.identify.horizons import HorizonLikelihood, HorizonRecords
 from rovid.identify.innovations import BASE, Likelihood, Records
@@ -209,6 +209,8 @@ def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> Floa
             reach = max(inflated * reach, parameter.step * abs(x[at]) / math.sqrt(3.0))
             factor = np.where(np.arange(len(x)) == at, reach / math.sqrt(inverse[at, at]), 1.0)
             inverse = inverse * np.outer(factor, factor)
+    held = likelihood.low == likelihood.high
+    inverse = np.where(held | held[:, np.newaxis], 0.0, inverse)
     shown, size = likelihood.of_model(x)
     return np.asarray(inverse[np.ix_(shown, shown)] * np.outer(size, size))
 
@@ -257,6 +259,7 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
         samples=sum(int(run.trial.measured.sum()) for run in likelihood.records.runs),
         warnings=tuple(_warnings(likelihood, model, white=white, at_limit=at_limit)),
     )
+    estimate = estimate if likelihood.records.driven else estimate.undriven()
     require_inertia(estimate, CERTAINTY)
     estimate = estimate.with_scale_doubt(scale_doubt(likelihood, x))
     return LikelihoodFit(
@@ -294,7 +297,8 @@ def canonical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
 def _warnings(likelihood: Likelihood, model: Model, *, white: bool, at_limit: bool) -> list[str]:
     texts, axis = [], likelihood.records.axis
     if at_limit:
-        most = f"{likelihood.limit * likelihood.records.torque:.3g} {axis.push_unit}"
+        unit = axis.push_unit if likelihood.records.driven else axis.push_unit + PER_INERTIA
+        most = f"{likelihood.limit * likelihood.records.torque:.3g} {unit}"
         texts.append(
             f"The disturbance {axis.push} would exceed {100 * likelihood.limit:.2g} % of the {axis.push} in use "
             f"({most}): the model misses something that these data show. The standard errors include what "

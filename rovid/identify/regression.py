@@ -93,6 +93,33 @@ def fit_regression(runs: Sequence[Run], *, certainty: float = 3.0) -> Regression
     return Regression(estimate=estimate, least_squares=plain, r_squared=1.0 - float(residuals @ residuals) / spread)
 
 
+def fit_released(runs: Sequence[Run]) -> Model:
+    """Least squares of the acceleration of vehicles that were let go of, tilted; all is that of 1 kg m^2.
+
+    Raises
+    ------
+    DataError
+        They do not swing.
+    """
+    from scipy.optimize import lsq_linear
+
+    axis = runs[0].trial.axis
+    known = [np.isfinite(run.rates.rate) & np.isfinite(run.rates.acceleration) for run in runs]
+    moved = [_regressors(axis, _motion(run))[at] for run, at in zip(runs, known, strict=True)]
+    acceleration, *others = np.concatenate(moved).T
+    columns_of = np.column_stack(others)
+    _require_motion(np.column_stack((acceleration, columns_of)), np.ones(len(acceleration)))
+    scale = np.linalg.norm(columns_of, axis=0)
+    low = np.array([0.0, 0.0, *np.full(len(scale) - 2, -np.inf)])
+    found = lsq_linear(columns_of / scale, -acceleration, bounds=(low, np.inf)).x / scale
+    if not found[2] > 0.0:
+        raise DataError(
+            f"nothing brings the vehicle back in {axis.name}: what is let go of does not swing.",
+            mend=f"Give logs of releases, or map what drives the vehicle: [[thrusters]] with {axis.arm}.",
+        )
+    return _model(axis, np.array([1.0, *found]))
+
+
 def require_inertia(estimate: Estimate, certainty: float) -> None:
     """Refuse an inertia that is less than ``certainty`` standard errors away from nothing.
 

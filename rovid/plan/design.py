@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rovid.errors import DataError
 from rovid.identify.likelihood import LikelihoodFit
 from rovid.plan.programme import Limits, Pace, programme
 from rovid.plan.worth import DECIDES, Belief, Worth, ranked
+from rovid.quoting import csv_line
 from rovid.trial import Trial
 from rovid.vehicle import Vehicle
 
@@ -51,10 +53,12 @@ def plan(
     Raises
     ------
     DataError
-        The thrusters push one way only, or no run stays within the limits.
+        There are no thrusters, they push one way only, or no run stays within the limits.
     """
     names = tuple(thruster.name for thruster in vehicle.thrusters)
-    runs = programme(Pace.of(beliefs[0].model, vehicle, trials, limits.share), names)
+    require_drive(vehicle)
+    pace = Pace.of(beliefs[0].model, vehicle, trials, limits.share)
+    runs = [replace(run, reference=trials[0].reference) for run in programme(pace, names)]
     narrow = narrow or ("" if len(beliefs) > 1 else widest(beliefs[0]))
     found = ranked(runs, beliefs, vehicle, limits, narrow=narrow)
     rate = float(np.sqrt(np.mean(found[0].rates ** 2)))
@@ -65,6 +69,21 @@ def plan(
         thrusters=names,
         noise_rate=beliefs[0].driven_rate(rate),
     )
+
+
+def require_drive(vehicle: Vehicle) -> None:
+    """Refuse to plan commands where nothing takes any.
+
+    Raises
+    ------
+    DataError
+        There are no thrusters.
+    """
+    if not vehicle.thrusters:
+        raise DataError(
+            f"nothing drives the vehicle in {vehicle.axis.name}: there are no commands to plan.",
+            mend="Let go of it from a large and from a small tilt, at rest and at speed.",
+        )
 
 
 def widest(belief: Belief) -> str:
@@ -96,12 +115,11 @@ def command_rows(worth: Worth) -> tuple[list[float], list[list[float]]]:
 
 
 def command_text(found: Plan) -> str:
-    """The best run as CSV: time_s and a column for each actuator; each row holds until the next."""
+    """The best run as CSV: time_s and a column for each actuator; each row holds until the next.
+
+    The quotes about time_s are the mark of what rovid wrote.
+    """
     times, rows = command_rows(found.best)
-    header = ",".join(["time_s", *(_cell(name) for name in found.thrusters)])
+    header = ",".join(['"time_s"', csv_line(found.thrusters)])
     lines = (",".join(f"{value:g}" for value in (time, *row)) for time, row in zip(times, rows, strict=True))
     return "\n".join([header, *lines]) + "\n"
-
-
-def _cell(name: str) -> str:
-    return '"' + name.replace('"', '""') + '"' if set(name) & set(',"\n') else name

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -33,11 +33,14 @@ class Planned:
         One line for a crew.
     time, commands
         (n,) s and (n, k) in each actuator's unit, held from each instant to the next.
+    reference
+        What each further channel is taken to be meanwhile.
     """
 
     name: str
     time: FloatArray
     commands: FloatArray
+    reference: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def seconds(self) -> float:

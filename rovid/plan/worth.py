@@ -131,7 +131,7 @@ def _worth(run: Planned, beliefs: Sequence[Belief], vehicle: Vehicle, limits: Li
 
 def _imagined(run: Planned, belief: Belief, vehicle: Vehicle) -> Trial:
     """The run as the vehicle of ``belief`` would answer it, without noise or disturbance."""
-    trial = replace(Trial.imagined(run.time, run.commands, name=run.name), axis=vehicle.axis)
+    trial = replace(Trial.imagined(run.time, run.commands, name=run.name, reference=run.reference), axis=vehicle.axis)
     rate, position = belief.model.simulate(trial, belief.model.drive(vehicle, trial))
     return replace(trial, rate=rate, position=position, integrated=belief.integrated)
 

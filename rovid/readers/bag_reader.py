@@ -2,29 +2,45 @@
 
 from __future__ import annotations
 
+import bz2
 import json
 import sqlite3
-from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import AbstractContextManager, closing, contextmanager, suppress
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
+
+import lz4.frame
 
 from rovid.config import Config
 from rovid.errors import LogError, nearest
-from rovid.readers.raw import RawLog, foreign, library, mapped
-from rovid.readers.topics import Decoder, Topics, numeric_fields
+from rovid.readers.raw import Contents, RawLog, foreign, library, mapped
+from rovid.readers.topics import Decoder, Listing, Topics
 from rovid.trial import Remark
 
 KIND = "bag"
 _EXTRA = "ros"
+# Kinds of fields in rosbags' definitions.
+_NAME, _ARRAY, _SEQUENCE = 2, 3, 4
 _ROS1_MARK, _ROS2_MARK = b"#ROSBAG V", b"SQLite format 3\0"
-# What a damaged table holds in the place of a number or of bytes is made one: decoding then says what is wrong.
-_TOPICS = "SELECT id, CAST(name AS TEXT), CAST(type AS TEXT), CAST(serialization_format AS TEXT) FROM topics"
-_DEFINITIONS = "SELECT topic_type, CAST(encoded_message_definition AS TEXT) FROM message_definitions"
-_MESSAGES = """SELECT topic_id, CAST(timestamp AS INTEGER), CAST(data AS BLOB) FROM messages
-    WHERE topic_id IN (SELECT value FROM json_each(?))"""
+# What a damaged table holds in the place of a number, text or bytes is made such: decoding then says what is wrong.
+_TOPICS = """SELECT CAST(id AS INTEGER), CAST(name AS TEXT), CAST(type AS TEXT), CAST(serialization_format AS TEXT)
+    FROM topics WHERE id IS NOT NULL AND name IS NOT NULL AND type IS NOT NULL AND serialization_format IS NOT NULL"""
+_DEFINITIONS = """SELECT CAST(topic_type AS TEXT), CAST(encoded_message_definition AS TEXT) FROM message_definitions
+    WHERE topic_type IS NOT NULL AND encoded_message_definition IS NOT NULL"""
+_MESSAGES = """SELECT CAST(topic_id AS INTEGER), CAST(timestamp AS INTEGER), CAST(data AS BLOB) FROM messages
+    WHERE topic_id IN (SELECT value FROM json_each(?)) AND timestamp IS NOT NULL AND data IS NOT NULL"""
+# Views could make up rows without end.
+_TABLES = "SELECT CAST(name AS TEXT) FROM sqlite_master WHERE type = 'table'"
+# Of a chunk when unpacked, or of a row, in bytes.
+_LARGEST = 128 << 20
+# A type of more fields, fixed arrays of types written out, takes rosbags longer than anybody waits.
+_MOST_FIELDS = 8192
+_LONGEST_DEFINITION = 1 << 20
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +54,9 @@ class _Connection:
     definition: str
 
 
-_Bag = tuple[list[_Connection], Callable[[Collection[int]], Iterable[tuple[int, int, bytes]]]]
+_Messages = Callable[[Collection[int]], Iterable[tuple[int, int, bytes]]]
+# Connections, messages of some of them, and what is known to be lacking.
+_Bag = tuple[list[_Connection], _Messages, list[str]]
 
 
 def read(path: Path, config: Config) -> RawLog:
@@ -52,40 +70,45 @@ def read(path: Path, config: Config) -> RawLog:
         rovid.toml does not map the heading or a command for bags or MCAP.
     """
     topics = Topics(path, KIND, mapped(config, KIND, path), config.time)
-    damage = ""
-    with _opened(path) as (connections, messages):
+    with _opened(path) as (connections, messages, damage):
         handlers = {
-            one.number: topic.handler(_decoder(path, one), mapping=False)
+            one.number: handler
             for one in connections
             if (topic := topics.open(one.topic, mapping=False)) is not None
+            and (handler := topic.handler(partial(_decoder, path, one), mapping=False)) is not None
         }
-        try:
-            for number, stamp, data in messages(handlers) if handlers else ():
-                handlers[number](data, stamp, stamp)
-        except LogError:
-            raise
-        except Exception as error:  # noqa: BLE001 - damaged files make the libraries raise anything
-            damage = f"The bag is cut or damaged ({str(error)[:100]}); what comes behind was not read."
-    remarks = (Remark(kind="truncated", count=1, text=damage),) if damage else ()
-    return topics.result(lambda _: remarks, f" {damage}" if damage else "")
+        for number, stamp, data in _until_damage(messages, handlers, damage):
+            handlers[number](data, stamp, stamp)
+    remarks = tuple(Remark(kind="truncated", count=1, text=text) for text in damage)
+    return topics.result(lambda _: remarks, "".join(f" {text}" for text in damage))
 
 
-def sources(path: Path) -> tuple[str, list[str]]:
-    """Nothing, for the clock is that of the recording, and every field that holds a number or an orientation.
+def sources(path: Path) -> Contents:
+    """Every field that holds a number or an orientation.
 
     Raises
     ------
     LogError
         It is no bag, or rosbags is not installed.
     """
-    found: dict[str, None] = {}
+    listing = Listing(path, KIND)
     library("rosbags.typesys", _EXTRA, path)
-    with _opened(path) as (connections, messages):
+    with _opened(path) as (connections, messages, damage):
         for one in connections:
-            with suppress(Exception):  # what cannot be decoded tells nothing
-                for _, _, payload in islice(messages([one.number]), 1):
-                    found.update(dict.fromkeys(numeric_fields(_decoder(path, one)(payload), one.topic)))
-    return "", list(found)
+            handler = listing.handler(one.topic, partial(_decoder, path, one), mapping=False)
+            if handler is not None:
+                for _, stamp, data in islice(_until_damage(messages, [one.number], damage), 1):
+                    handler(data, stamp, stamp)
+    return listing.contents(dict.fromkeys(damage))
+
+
+def _until_damage(messages: _Messages, wanted: Collection[int], damage: list[str]) -> Iterator[tuple[int, int, bytes]]:
+    """The messages of the connections ``wanted``; what ends them early is put into ``damage``."""
+    try:
+        # An empty choice would be every connection to rosbags, and a damaged index leads to messages of any.
+        yield from (message for message in (messages(wanted) if wanted else ()) if message[0] in wanted)
+    except Exception as error:  # noqa: BLE001 - damaged files make the libraries raise anything
+        damage.append(f"The bag is cut or damaged ({str(error)[:100]}); what comes behind was not read.")
 
 
 def _opened(path: Path) -> AbstractContextManager[_Bag]:
@@ -107,6 +130,7 @@ def _ros1(path: Path) -> Iterator[_Bag]:
         reader.open()
     except Exception as error:
         raise _unreadable(path, error, "If it was not closed, `rosbag reindex` mends it; else leave it out.") from error
+    reader.chunks = {at: chunk._replace(decompressor=_unpacker(chunk)) for at, chunk in reader.chunks.items()}
     try:
         yield (
             [
@@ -117,16 +141,35 @@ def _ros1(path: Path) -> Iterator[_Bag]:
                 (c.id, stamp, data)
                 for c, stamp, data in reader.messages(connections=[c for c in reader.connections if c.id in wanted])
             ),
+            [],
         )
     finally:
         reader.close()
 
 
+def _unpacker(chunk: Any) -> Callable[[bytes], bytes]:
+    """What unpacks a chunk of rosbags' and makes no more of it than there is room for."""
+    kinds: dict[Any, Any] = {bz2.decompress: bz2.BZ2Decompressor, lz4.frame.decompress: lz4.frame.LZ4FrameDecompressor}
+    kind = kinds.get(chunk.decompressor)
+
+    def unpack(data: bytes) -> bytes:
+        found: bytes = data if kind is None else kind().decompress(data, max_length=_LARGEST + 1)
+        if len(found) > _LARGEST:
+            raise ValueError(f"a chunk holds more than {_LARGEST >> 20} MB")
+        return found
+
+    return unpack
+
+
 @contextmanager
 def _ros2(path: Path) -> Iterator[_Bag]:
     with closing(sqlite3.connect(f"file:{quote(str(path.resolve()))}?mode=ro", uri=True)) as bag:
+        bag.text_factory = lambda text: text.decode("utf-8", errors="replace")
+        bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LARGEST)
         try:
-            names = {name for (name,) in bag.execute("SELECT name FROM sqlite_master")}
+            names = {name for (name,) in bag.execute(_TABLES)}
+            if lacking := {"topics", "messages"} - names:
+                raise sqlite3.DatabaseError(f"no table {min(lacking)}")
             # Bags up to ROS 2 Humble do not hold the definitions of their messages.
             definitions = dict(bag.execute(_DEFINITIONS)) if "message_definitions" in names else {}
             connections = [
@@ -135,9 +178,13 @@ def _ros2(path: Path) -> Iterator[_Bag]:
                 )
                 for number, topic, kind, encoding in bag.execute(_TOPICS)
             ]
-        except sqlite3.Error as error:
+            ((pages,),) = bag.execute("PRAGMA page_count")
+            ((page,),) = bag.execute("PRAGMA page_size")
+        except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite quotes what is damaged, text or not
             raise _unreadable(path, error, "Record the log again, or leave it out.") from error
-        yield connections, lambda wanted: bag.execute(_MESSAGES, (json.dumps(sorted(wanted)),))
+        lost = pages * page - path.stat().st_size
+        damage = [f"The bag is cut: {lost} bytes of it are not there."] if lost > 0 else []
+        yield connections, lambda wanted: bag.execute(_MESSAGES, (json.dumps(sorted(wanted)),)), damage
 
 
 def _unreadable(path: Path, error: Exception, mend: str) -> LogError:
@@ -151,7 +198,9 @@ def _decoder(path: Path, one: _Connection) -> Decoder:
     try:
         store = types.get_typestore(types.Stores.EMPTY if one.definition else types.Stores.LATEST)
         if one.definition:
-            store.register(types.get_types_from_msg(one.definition, one.kind))
+            found = types.get_types_from_msg(_short_enough(one.definition), one.kind)
+            _count_fields(found, one.kind, {})
+            store.register(found)
     except Exception as error:
         raise LogError(
             f"the type {one.kind} of topic {one.topic!r} cannot be understood ({str(error)[:100]!r}).",
@@ -167,3 +216,36 @@ def _decoder(path: Path, one: _Connection) -> Decoder:
         )
     decode = store.deserialize_ros1 if one.encoding == "ros1" else store.deserialize_cdr
     return lambda payload: decode(payload, one.kind)
+
+
+def _short_enough(definition: str) -> str:
+    if len(definition) > _LONGEST_DEFINITION:
+        raise ValueError(f"its definition is {len(definition)} characters long")
+    return definition
+
+
+def _count_fields(types: Mapping[str, Any], kind: str, known: dict[str, int]) -> int:
+    """Fields of ``kind``, those of the types inside it counted; the types in ``known`` have been.
+
+    Raises
+    ------
+    ValueError
+        They are too many, or without end: a type holds itself.
+    """
+    known[kind] = _MOST_FIELDS  # until it is counted: a type that holds itself is too large
+    known[kind] = sum(_count(types, field, known) for _, field in types.get(kind, ((), ()))[1])
+    if known[kind] >= _MOST_FIELDS:
+        raise ValueError(f"{kind} has more than {_MOST_FIELDS} fields")
+    return known[kind]
+
+
+def _count(types: Mapping[str, Any], field: tuple[int, Any], known: dict[str, int]) -> int:
+    """What a field of rosbags' definitions counts for; a fixed array of what is no number, for each of its places."""
+    node, description = field
+    if node == _NAME:
+        return known[description] if description in known else _count_fields(types, description, known)
+    if node in {_ARRAY, _SEQUENCE}:
+        inside, length = description
+        places = length if node == _ARRAY and (inside[0] == _NAME or inside[1][0] == "string") else 1
+        return places * _count(types, inside, known)
+    return 1

@@ -7,6 +7,7 @@ message to message only notes where the wanted ones begin; numpy then takes them
 from __future__ import annotations
 
 import struct
+from array import array
 from collections.abc import Callable
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from rovid.config import Config
 from rovid.readers.columns import Columns, channels_of, missing_topic, numeric_sources, of_sensor, raw_log, split_sensor
-from rovid.readers.raw import RawLog, foreign, mapped
+from rovid.readers.raw import Contents, RawLog, foreign, mapped
 from rovid.trial import Remark
 
 KIND = "bin"
@@ -59,8 +60,8 @@ def read(path: Path, config: Config) -> RawLog:
     return raw_log(channels, tuple(log.remarks))
 
 
-def sources(path: Path) -> tuple[str, list[str]]:
-    """Nothing, for every message has its time, and what tells of motion, thrusters and supply.
+def sources(path: Path) -> Contents:
+    """What tells of motion, thrusters and supply.
 
     Raises
     ------
@@ -74,7 +75,7 @@ def sources(path: Path) -> tuple[str, list[str]]:
             log = Log(path, data, set(_TELLING))
             present = [name for name in _TELLING if name in log.kinds and log.kinds[name].offsets]
             topics = {name: log.columns(name) for name in present}
-    return "", [source for source in numeric_sources(topics) if ".Des" not in source]
+    return Contents(sources=tuple(source for source in numeric_sources(topics) if ".Des" not in source))
 
 
 class _Kind:
@@ -83,14 +84,17 @@ class _Kind:
     def __init__(self, letters: str, labels: list[str]) -> None:
         fields = list(zip(labels, letters, strict=True))
         self.labels, self.instance = labels, next((label for label, kind in _INSTANCES if (label, kind) in fields), "")
-        self.offsets: list[int] = []
+        self.offsets = array("q")
         self.factors = {label: _FACTORS[letter] for label, letter in fields if letter in _FACTORS}
         self.layout = np.dtype([("", "V3"), *((label, _TYPES[letter]) for label, letter in fields)])
 
     def columns(self, data: mmap | bytes) -> dict[str, NDArray[Any]]:
         """Every field of the messages found, (n,) each, scaled."""
         size = self.layout.itemsize
-        rows = np.frombuffer(b"".join([data[at : at + size] for at in self.offsets]), dtype=self.layout)
+        found = bytearray()
+        for at in self.offsets:
+            found += data[at : at + size]
+        rows = np.frombuffer(found, dtype=self.layout)
         return {
             label: rows[label] * self.factors[label] if label in self.factors else rows[label] for label in self.labels
         }
@@ -143,7 +147,7 @@ class Log:
         names = labels.split(",") if labels else []
         if number == _FMT or number in self._names:
             return
-        whole = len(names) == len(set(names)) == len(letters) and set(letters) <= set(_TYPES)
+        whole = all(names) and len(names) == len(set(names)) == len(letters) and set(letters) <= set(_TYPES)
         kind = _Kind(letters, names) if whole else None
         if kind is None or kind.layout.itemsize != length:  # a damaged description would lead the walk astray
             return

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import filecmp
-import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ import numpy as np
 
 from rovid.config import Config
 from rovid.errors import LogError
+from rovid.places import require, search
 from rovid.readers.formats import READERS, read_log
 from rovid.tables import CURVE_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS
 from rovid.trial import Campaign, Remark, Trial
@@ -92,7 +92,7 @@ def find_logs(paths: Sequence[Path], config: Config) -> tuple[list[tuple[str, Pa
         A path does not exist, or there are no logs.
     """
     remarks: list[Remark] = []
-    found = _named(_once([one for path in paths for one in _search(path)], remarks))
+    found = _named(_once([one for path in paths for one in _search(path, remarks)], remarks))
     if config.maps("nmea"):  # the log beside such a text is read with it
         texts = {one.path.with_suffix("") for one in found if one.path.suffix.lower() == ".nmea"}
         found = [one for one in found if one.path.suffix.lower() == ".nmea" or one.path.with_suffix("") not in texts]
@@ -103,24 +103,23 @@ def find_logs(paths: Sequence[Path], config: Config) -> tuple[list[tuple[str, Pa
     return [(one.name, one.path) for one in _without_copies(logs, remarks)], remarks
 
 
-def _search(path: Path) -> Iterator[_Found]:
+def files_in(paths: Sequence[Path]) -> list[Path]:
+    """Every file in ``paths`` that may be a log or a table, whatever is in it."""
+    return [one.path for path in paths if path.exists() for one in _search(path, [])]
+
+
+def _search(path: Path, remarks: list[Remark]) -> Iterator[_Found]:
     """The file itself, or what the folder holds, by name."""
-    if path.is_dir():
-        inside = (item for item in _walk(path) if item.suffix.lower() in READERS)
-        names = sorted((item.relative_to(path).as_posix(), item) for item in inside)
-        yield from (_Found(path=item, name=name, asked=False) for name, item in names)
-    elif path.exists():
+    require(path, LogError)
+    if not path.is_dir():
         yield _Found(path=path, name=path.name, asked=True)
-    else:
-        raise LogError(
-            "there is no such file or folder.", where=path, mend="Give a log or the folder that holds the logs."
-        )
-
-
-def _walk(folder: Path) -> Iterator[Path]:
-    for here, folders, files in os.walk(folder, onerror=_unreadable):
-        folders[:] = [name for name in folders if not name.startswith(".")]
-        yield from (Path(here, name) for name in files if not name.startswith("."))
+        return
+    inside = search(path, _unreadable)
+    for item, what in inside.odd.items():
+        text = f"{item.relative_to(path).as_posix()} was left out: it is {what}."
+        remarks.append(Remark(kind="skipped", count=1, text=text))
+    names = sorted((item.relative_to(path).as_posix(), item) for item in inside.files if item.suffix.lower() in READERS)
+    yield from (_Found(path=item, name=name, asked=False) for name, item in names)
 
 
 def _unreadable(error: OSError) -> None:

@@ -50,8 +50,8 @@ def channels_of(
         except LogError:
             if not signal.optional:
                 raise
-    stamps = {one: _field(path, clock, one, topics[one], "time") for one, _, _ in found.values()}
-    origin = min(int(values[0]) for values in stamps.values())
+    stamps = {one: _whole(_field(path, clock, one, topics[one], "time")) for one, _, _ in found.values()}
+    origin = min((int(values[0]) for values in stamps.values() if values.dtype.kind == "i"), default=0)
     times = {one: seconds(values, clock, "us", origin) for one, values in stamps.items()}
     return {
         name: Channel(
@@ -129,6 +129,11 @@ def _values(path: Path, field: str, topic: str, columns: Columns, name: str) -> 
     if len(known) == 4:
         return euler(np.column_stack(known), name), True
     return _field(path, field, topic, columns, name), False
+
+
+def _whole(values: NDArray[Any]) -> NDArray[Any]:
+    """Whole numbers with a sign, so that every difference is one too; a stamp that does not fit is damaged."""
+    return values.astype(np.int64) if values.dtype.kind == "u" else values
 
 
 def _float64(values: NDArray[Any]) -> FloatArray:

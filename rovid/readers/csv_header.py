@@ -10,10 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from rovid.errors import LogError, nearest
+from rovid.errors import LogError
+from rovid.tables import offered
 
 _HEAD = 1 << 16
 _TAIL = 1 << 16
+_LONGEST = 1 << 20
 _DELIMITERS = (",", ";", "\t")
 _BOMS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -23,6 +25,7 @@ _BOMS = (
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
 _LINE_END = re.compile("\r\n|\n|\r")
+_ENDS = re.compile(b"[\r\n]")
 _NOT_TEXT = re.compile("[\x00-\x08\x0e-\x1f]")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 _SPACED_QUOTE = re.compile(r"[,;\t] +\"")
@@ -113,7 +116,7 @@ class Layout:
                 mend="Rename the others in the header.",
             )
         raise LogError(
-            f"has no column {name!r}, which rovid.toml maps to {signal}. {nearest(name, self.names)}",
+            f"has no column {name!r}, which rovid.toml maps to {signal}. {offered(name, self.names, self.rows)}",
             where=self.path,
             mend=f"Correct the name in rovid.toml ({signal}), or leave this log out.",
         )
@@ -238,6 +241,34 @@ def _cells(line: str, delimiter: str) -> list[str]:
         return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
     except csv.Error:  # a field beyond the module's limit: no header has that
         return [line]
+
+
+def refuse_long_lines(path: Path, end: int) -> None:
+    """Complain of a line that no table has, before all of it is taken apart.
+
+    Parameters
+    ----------
+    end
+        Bytes of the file that are to be read.
+
+    Raises
+    ------
+    LogError
+        With the place.
+    """
+    with path.open("rb") as file:
+        for start in range(0, end - _LONGEST, _LONGEST):
+            # Most blocks have a line's end close to theirs.
+            for back in (_TAIL, _LONGEST):
+                file.seek(start + _LONGEST - back)
+                if _ENDS.search(file.read(back)):
+                    break
+            else:
+                raise LogError(
+                    f"has a line of more than {_LONGEST >> 20} MB; a table with a row a line was expected.",
+                    where=f"{path}: byte {start + 1}",
+                    mend="Export the log again, or leave it out.",
+                )
 
 
 def last_whole_line(file: IO[bytes], size: int) -> tuple[int, int]:

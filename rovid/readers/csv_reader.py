@@ -5,9 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -17,15 +18,17 @@ import pandas as pd
 from rovid.config import Config, Signal
 from rovid.errors import LogError
 from rovid.guess import CLOCK, NOT_CLOCK, words
-from rovid.readers.csv_header import Layout, last_whole_line, read_layout
+from rovid.readers.csv_header import Layout, last_whole_line, read_layout, refuse_long_lines
 from rovid.readers.instants import epoch_of, stamps
-from rovid.readers.raw import Channel, RawLog, mapped, time_signal
+from rovid.readers.raw import Channel, Contents, RawLog, mapped, time_signal
 from rovid.trial import FloatArray, Remark
 
 KIND = "csv"
 _MISSING = ("", "nan", "NaN", "NAN", "-nan")
 # A whole number this long does not fit a float64 without loss: nanoseconds since 1970.
 _LONG_INTEGER = 16
+# Columns that are left out for what they hold; each costs another look at the file.
+_MOST_LEFT_OUT = 8
 
 
 def read(path: Path, config: Config) -> RawLog:
@@ -45,8 +48,9 @@ def read(path: Path, config: Config) -> RawLog:
     with path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
         end, nul = (size, 0) if layout.wide else last_whole_line(file, size)
+    refuse_long_lines(path, end)
     table = _Table(layout=layout, columns=columns, signals=signals, end=end, size=size)
-    frame = table.read()
+    frame, left_out = _read(table)
     if not len(frame):
         raise LogError("has a header but no rows.", where=path, mend="Leave it out.")
     time = table.time(frame)
@@ -58,14 +62,34 @@ def read(path: Path, config: Config) -> RawLog:
             values=time if columns[name] == columns["time"] else frame[columns[name]].to_numpy(dtype=np.float64),
         )
         for name, signal in signals.items()
-        if name != "time"
+        if name != "time" and columns[name] in frame
     }
     return RawLog(
         channels=channels,
         place=lambda _, row: f"line {table.line(row)}",
-        remarks=_cut(size - nul - end, nul),
+        remarks=(*_cut(size - nul - end, nul), *left_out),
         epoch=table.epoch(frame, time),
     )
+
+
+def _read(table: _Table) -> tuple[pd.DataFrame, list[Remark]]:
+    """The wanted columns, and what is said of those that hold text and that a log may lack."""
+    left_out: list[Remark] = []
+    while True:
+        try:
+            return table.read(), left_out
+        except _NoNumberError as error:
+            if not table.signals[error.signal].optional or len(left_out) == _MOST_LEFT_OUT:
+                raise
+            left_out.append(Remark(kind="skipped", count=1, text=str(error)))
+            columns = {name: at for name, at in table.columns.items() if at != table.columns[error.signal]}
+            table = replace(table, columns=columns)
+
+
+class _NoNumberError(LogError):
+    """A cell that holds no number; ``signal`` is what it would be of."""
+
+    signal = ""
 
 
 def _cut(line: int, nul: int) -> tuple[Remark, ...]:
@@ -183,23 +207,30 @@ class _Table:
                     cells = next(reader)
                 except StopIteration:
                     return
-                except csv.Error:  # a cell beyond the module's limit
-                    cells = []
+                except csv.Error as error:  # a cell beyond the module's limit
+                    raise LogError(
+                        "has a cell of more than 100 000 characters; a number was expected.",
+                        where=f"{self.layout.path}:{number}",
+                        mend="Look for a quotation mark that is opened in this row and never closed.",
+                    ) from error
                 if len(cells) > 1 or any(cell.strip() for cell in cells):
                     yield number, cells
 
     def _complaint(self, reason: str) -> LogError:
         """The first wanted cell that is no number, found by a slow second look."""
         numeric = {at: name for name, at in self.columns.items() if self._time_kind() != "str" or name != "time"}
+        decimal = self.decimal
         for number, cells in self._rows():
             for at, name in numeric.items():
                 cell = cells[at].strip() if at < len(cells) else ""
-                if cell not in _MISSING and not _is_number(cell, self.decimal):
-                    return LogError(
+                if cell not in _MISSING and not _is_number(cell, decimal):
+                    error = _NoNumberError(
                         f"{self.signals[name].sources[KIND]} is {_short(cell)}, a number was expected.",
                         where=f"{self.layout.path}:{number}",
                         mend="Delete the row or leave the cell empty.",
                     )
+                    error.signal = name
+                    return error
         return LogError(f"cannot be read as a table ({reason.strip()}).", where=self.layout.path)
 
 
@@ -239,7 +270,7 @@ class _Slice(io.RawIOBase):
         return int(count)
 
 
-def sources(path: Path) -> tuple[str, list[str]]:
+def sources(path: Path) -> Contents:
     """The column of the clock, empty if none looks like one, and every other column that begins with numbers.
 
     Raises
@@ -248,7 +279,12 @@ def sources(path: Path) -> tuple[str, list[str]]:
         It is no table, or none of its columns is a time.
     """
     layout = read_layout(path, ())
-    columns = {name: [row[at] for row in layout.rows if at < len(row)] for at, name in enumerate(layout.names) if name}
+    twice = {name for name, count in Counter(layout.names).items() if count > 1}
+    columns = {
+        name: [row[at] for row in layout.rows if at < len(row)]
+        for at, name in enumerate(layout.names)
+        if name and name not in twice
+    }
     numbers = {name: found for name, cells in columns.items() if (found := _numbers(cells, layout)) is not None}
     rising = [name for name in columns if name not in numbers or _rises(numbers[name])]
     called = [name for name in rising if words(name) & CLOCK]
@@ -260,7 +296,11 @@ def sources(path: Path) -> tuple[str, list[str]]:
             where=path,
             mend="Export the log with a column of times, or leave it out.",
         )
-    return clock, [name for name in numbers if name != clock]
+    return Contents(
+        clock=clock,
+        sources=tuple(name for name in numbers if name != clock),
+        left_out=tuple(f"{path}: several columns are named {name!r}; none was looked at." for name in sorted(twice)),
+    )
 
 
 def _numbers(cells: Sequence[str], layout: Layout) -> FloatArray | None:
@@ -276,4 +316,4 @@ def _numbers(cells: Sequence[str], layout: Layout) -> FloatArray | None:
 
 def _rises(values: FloatArray) -> bool:
     known = values[np.isfinite(values)]
-    return len(known) > 1 and bool(np.all(np.diff(known) > 0.0))
+    return len(known) > 1 and bool(np.all(known[1:] > known[:-1]))

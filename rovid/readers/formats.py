@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -10,13 +11,14 @@ from typing import cast
 
 from rovid.config import Config
 from rovid.errors import LogError
-from rovid.readers.raw import RawLog
+from rovid.places import refuse_odd
+from rovid.readers.raw import Contents, RawLog
 from rovid.trial import Trial
 
 
 @dataclass(frozen=True, kw_only=True)
 class Format:
-    """A log format.
+    """A log format; whatever keeps one of its files from being read is that file's `RovidError`.
 
     Attributes
     ----------
@@ -32,11 +34,25 @@ class Format:
 
     def read(self, path: Path, config: Config) -> RawLog:
         """Raw channels of ``path``."""
-        return cast("Callable[[Path, Config], RawLog]", import_module(self.module).read)(path, config)
+        with _opened(path):
+            return cast("Callable[[Path, Config], RawLog]", import_module(self.module).read)(path, config)
 
-    def sources(self, path: Path) -> tuple[str, list[str]]:
-        """The source of the clock, empty where the format has one of its own, and of everything else that is there."""
-        return cast("Callable[[Path], tuple[str, list[str]]]", import_module(self.module).sources)(path)
+    def sources(self, path: Path) -> Contents:
+        """What of ``path`` can be read."""
+        with _opened(path):
+            return cast("Callable[[Path], Contents]", import_module(self.module).sources)(path)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[None]:
+    """Say of ``path`` what the system has against reading it."""
+    refuse_odd(path, LogError)
+    try:
+        yield
+    except OSError as error:
+        raise LogError(f"cannot be read ({error.strerror or error}).", where=path) from error
+    except MemoryError as error:
+        raise LogError("needs more memory than there is.", where=path, mend="Split the log.") from error
 
 
 READERS: Mapping[str, Format] = {
@@ -78,9 +94,5 @@ def read_log(path: Path, config: Config, name: str | None = None) -> Trial:
         )
     from rovid.readers.timebase import build
 
-    try:
-        config = config.of(form.kind)
-        raw = form.read(path, config)
-    except OSError as error:
-        raise LogError(f"cannot be read ({error.strerror or error}).", where=path) from error
-    return build(raw, config, path, name or path.name)
+    config = config.of(form.kind)
+    return build(form.read(path, config), config, path, name or path.name)

@@ -88,6 +88,20 @@ def stamps(column: pd.Series[Any], name: str, declared: str, where: Callable[[in
         return time
     if column.dtype.kind == "m":
         return np.asarray(column.dt.total_seconds(), dtype=np.float64)
+    dates = moments(column, name, where)
+    if dates.isna().all():
+        return np.full(len(dates), np.nan)
+    return np.asarray((dates - dates.min()) / pd.Timedelta(seconds=1), dtype=np.float64)
+
+
+def moments(column: pd.Series[Any], name: str, where: Callable[[int], str]) -> pd.Series[Any]:
+    """A column of dates or text as points in time; none where missing.
+
+    Raises
+    ------
+    LogError
+        A text is no ISO 8601 time.
+    """
     dates = pd.to_datetime(column, format="ISO8601", utc=True, errors="coerce")
     if dates.notna().sum() < column.notna().sum():
         # ISO 8601 allows a comma, pandas does not.
@@ -101,9 +115,7 @@ def stamps(column: pd.Series[Any], name: str, declared: str, where: Callable[[in
             where=where(row),
             mend="Delete the row, or write its time so.",
         )
-    if dates.isna().all():
-        return np.full(len(dates), np.nan)
-    return np.asarray((dates - dates.min()) / pd.Timedelta(seconds=1), dtype=np.float64)
+    return dates
 
 
 def epoch_of(column: pd.Series[Any], time: FloatArray, name: str, declared: str) -> float | None:
@@ -112,6 +124,8 @@ def epoch_of(column: pd.Series[Any], time: FloatArray, name: str, declared: str)
     if not known.size:
         return None
     first = column.iloc[int(known[0])]
+    if isinstance(first, pd.Timedelta):
+        return None
     if isinstance(first, str | pd.Timestamp):
         moment = pd.to_datetime(str(first).strip().replace(",", "."), utc=True).timestamp()
     else:

@@ -22,11 +22,12 @@ def decoder(channel: Channel, schema: Schema | None, where: str) -> Decoder:
     encodings = channel.message_encoding, schema.encoding if schema else ""
     if encodings[0] == "json":
         return _json
+    found: Decoder | None
     try:
         if schema is not None and encodings == ("cdr", "ros2msg"):
-            from mcap_ros2.decoder import DecoderFactory as Ros2
+            from rovid.readers.ros2 import decoder as ros2
 
-            found = Ros2().decoder_for("cdr", schema)
+            found = ros2(schema.name, schema.data.decode())
         elif schema is not None and encodings == ("protobuf", "protobuf"):
             from mcap_protobuf.decoder import DecoderFactory as Protobuf
 
@@ -43,8 +44,7 @@ def decoder(channel: Channel, schema: Schema | None, where: str) -> Decoder:
         ) from error
     if found is None:
         raise _unsupported(channel, encodings, where)
-    decode: Decoder = found
-    return decode
+    return found
 
 
 def _unsupported(channel: Channel, encodings: tuple[str, str], where: str) -> LogError:

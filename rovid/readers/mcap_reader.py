@@ -5,15 +5,16 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO
+from typing import BinaryIO
 
 from mcap.records import Channel, Schema
 
 from rovid.config import Config, Signal
-from rovid.readers.mcap_container import Recording
+from rovid.errors import LogError
+from rovid.readers.mcap_container import LARGEST, Recording
 from rovid.readers.mcap_messages import decoder
-from rovid.readers.raw import RawLog, mapped
-from rovid.readers.topics import Handler, Topics, numeric_fields
+from rovid.readers.raw import Contents, RawLog, mapped
+from rovid.readers.topics import Handler, Listing, Topics
 from rovid.trial import Remark
 
 KIND = "mcap"
@@ -35,22 +36,28 @@ def read(path: Path, config: Config) -> RawLog:
     signals = mapped(config, KIND, path)
     with path.open("rb", buffering=1 << 16) as file:
         topics, recording = _collect(path, file, signals, config.time, by_index=True)
-        if recording.missed > 0:  # messages outside the index: rare, legal
+        if recording.missed > 0 and not recording.too_large:  # messages outside the index: rare, legal
             topics, recording = _collect(path, file, signals, config.time, by_index=False)
+    for topic, size in recording.too_large.items():
+        raise LogError(
+            f"topic {topic!r} has a message of {size / 1e6:.1f} MB; at most {LARGEST / 1e6:.1f} MB was expected.",
+            where=path,
+            mend="Map a topic of smaller messages.",
+        )
     unread = recording.size - recording.end
     damage = f" The recording is cut: {recording.damage}, {unread} bytes were not read." if recording.damage else ""
     return topics.result(lambda last: _cut(recording, last), damage)
 
 
 def _collect(
-    path: Path, file: IO[bytes], signals: Mapping[str, Signal], time: Signal, *, by_index: bool
+    path: Path, file: BinaryIO, signals: Mapping[str, Signal], time: Signal, *, by_index: bool
 ) -> tuple[Topics, Recording]:
     topics = Topics(path, KIND, signals, time)
 
     def opened(channel: Channel, schema: Schema | None) -> Handler | None:
         mapping = channel.message_encoding == "json"
         topic = topics.open(channel.topic, mapping=mapping)
-        return topic.handler(decoder(channel, schema, str(path)), mapping=mapping) if topic else None
+        return topic.handler(lambda: decoder(channel, schema, str(path)), mapping=mapping) if topic else None
 
     recording = Recording(path=path, size=file.seek(0, io.SEEK_END), file=file, open_channel=opened)
     recording.read(by_index=by_index)
@@ -70,27 +77,21 @@ def _cut(recording: Recording, last: float) -> tuple[Remark, ...]:
     return (Remark(kind="truncated", count=unread, text=text),)
 
 
-def sources(path: Path) -> tuple[str, list[str]]:
-    """Nothing, for the clock is that of the recording, and every field that holds a number or an orientation.
+def sources(path: Path) -> Contents:
+    """Every field that holds a number or an orientation.
 
     Raises
     ------
     LogError
-        It is no MCAP file, or an encoding is not supported.
+        It is no MCAP file.
     """
-    found: dict[str, None] = {}
+    listing = Listing(path, KIND)
 
     def opened(channel: Channel, schema: Schema | None) -> Handler | None:
-        decode, topic, first = decoder(channel, schema, str(path)), channel.topic, [True]
-
-        def take(payload: bytes, _log: int, _publish: int) -> None:
-            if first:
-                first.clear()
-                found.update(dict.fromkeys(numeric_fields(decode(payload), topic)))
-
-        return take
+        mapping = channel.message_encoding == "json"
+        return listing.handler(channel.topic, lambda: decoder(channel, schema, str(path)), mapping=mapping)
 
     with path.open("rb", buffering=1 << 16) as file:
         size = file.seek(0, io.SEEK_END)
         Recording(path=path, size=size, file=file, open_channel=opened).read(by_index=True)
-    return "", list(found)
+    return listing.contents()

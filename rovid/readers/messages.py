@@ -6,6 +6,7 @@ import operator
 import re
 from array import array
 from collections.abc import Callable, Iterator
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from rovid.trial import FloatArray
 Getter = Callable[[Any], Any]
 
 _STEP = re.compile(r"\[(\d+)\]|([^.\[\]]+)")
+_NAME = re.compile(r"[^.\[\]]+")
 ABSENT = (KeyError, IndexError, TypeError, AttributeError)
 _QUATERNION = operator.attrgetter("x", "y", "z", "w")
 # Where messages that are mapped as a whole keep their orientation: a quaternion itself, Imu, Odometry,
@@ -81,17 +83,23 @@ def _descend(value: Any, fields: tuple[str, ...]) -> Any:
 
 def field_names(message: Any, depth: int = 3) -> list[str]:
     """Paths of the fields of ``message``, as one would write them in rovid.toml."""
-    return list(_field_names(message, "", depth))[:_SHOWN]
+    return [name for name, _ in fields_of(message, depth)]
 
 
-def _field_names(value: Any, prefix: str, depth: int) -> Iterator[str]:
+def fields_of(message: Any, depth: int = 3) -> Iterator[tuple[str, Any]]:
+    """The first fields of ``message``: path, as one would write it in rovid.toml, and value."""
+    return islice(_fields_of(message, "", depth), _SHOWN)
+
+
+def _fields_of(value: Any, prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
     inside = _members(value) if depth else {}
     if not inside:
         if prefix:
-            yield prefix[1:]
+            yield prefix[1:], value
         return
     for name, member in inside.items():
-        yield from _field_names(member, f"{prefix}.{name}", depth - 1)
+        if _NAME.fullmatch(name):  # no path leads to any other
+            yield from _fields_of(member, f"{prefix}.{name}", depth - 1)
 
 
 def _members(value: Any) -> dict[str, Any]:
@@ -116,10 +124,14 @@ class Pick:
         Called with each message.
     seen
         Whether the field was ever there.
+    optional
+        A log may lack it: what is no number is missing.
     """
 
-    def __init__(self, signal: str, source: str, fields: tuple[str, ...], *, mapping: bool, where: str) -> None:
-        self.signal, self.source, self.where = signal, source, where
+    def __init__(
+        self, signal: str, source: str, fields: tuple[str, ...], *, mapping: bool, where: str, optional: bool = False
+    ) -> None:
+        self.signal, self.source, self.where, self.optional = signal, source, where, optional
         self.fields, self.mapping, self.seen = fields, mapping, False
         self.quaternion = False
         self.values = array("d")
@@ -147,6 +159,8 @@ class Pick:
             self.values = array("d", [float("nan")] * (4 * len(self.values)))
             self.take = self._rotation
             self._rotation(message)
+        elif self.optional:
+            self.values.append(float("nan"))
         else:
             raise self._refuse(value, message)
 

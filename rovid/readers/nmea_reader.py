@@ -7,6 +7,7 @@ these was measured then, several of one kind spread evenly up to the next.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import reduce
@@ -18,14 +19,17 @@ import numpy as np
 
 from rovid.config import Config
 from rovid.errors import ConfigError, LogError, nearest
+from rovid.places import odd
 from rovid.readers.formats import READERS
 from rovid.readers.instants import EPOCH_FROM, seconds
-from rovid.readers.raw import Channel, RawLog, foreign
+from rovid.readers.raw import Channel, Contents, RawLog, foreign
 from rovid.trial import FloatArray, Remark
 
 KIND = "nmea"
 _DAY = 86400.0
 _SENTENCE = re.compile(rb"[A-Z]{4,6},")
+# Bytes of the longest line that is taken for one.
+_LONGEST = 1 << 16
 # Name in rovid.toml -> sentence, which of its cells, factor to deg or deg/s: ROT is in deg/min.
 _CHANNELS = {
     "heading": ("HDT", 1, 1.0),
@@ -33,6 +37,9 @@ _CHANNELS = {
     "roll": ("ATITUD", 2, 1.0),
     "pitch": ("ATITUD", 3, 1.0),
 }
+# Sentences that are kept, and of how many cells.
+_TAKEN = {kind for kind, _, _ in _CHANNELS.values()} | {"ZDA", "GGA"}
+_CELLS = 5
 
 
 def read(path: Path, config: Config) -> RawLog:
@@ -74,8 +81,8 @@ def read(path: Path, config: Config) -> RawLog:
     return RawLog(channels=everything, place=place, remarks=(*text.remarks, *log.remarks), sortable=log.sortable)
 
 
-def sources(path: Path) -> tuple[str, list[str]]:
-    """Nothing: what it holds says something only beside another log.
+def sources(path: Path) -> Contents:
+    """None: what it holds says something only beside another log.
 
     Raises
     ------
@@ -92,7 +99,8 @@ def sources(path: Path) -> tuple[str, list[str]]:
 def _beside(path: Path, config: Config) -> tuple[Path, RawLog]:
     """The log that holds the commands."""
     suffixes = [suffix for suffix, form in READERS.items() if form.kind != KIND]
-    found = [one for one in sorted(path.parent.glob(f"{escape(path.stem)}.*")) if one.suffix.lower() in suffixes]
+    near = sorted(path.parent.glob(f"{escape(path.stem)}.*"))
+    found = [one for one in near if one.suffix.lower() in suffixes and not odd(one)]
     if len(found) != 1:
         there = f"{len(found)} logs of its name stand beside it" if found else "no log of its name stands beside it"
         raise LogError(
@@ -163,18 +171,26 @@ class _Text:
 
     def _scan(self) -> None:
         bad = zda = gga = 0
-        for line in self.path.read_bytes().splitlines():
+        cut = b""
+        for line, ended in _lines(self.path):
+            cut = b"" if ended else line.strip()
             at = line.find(b"$")
             if at < 0:
                 continue
             body, _, told = line[at + 1 :].strip().partition(b"*")
             if not re.fullmatch(b"[0-9A-Fa-f]{2}", told) or reduce(xor, body, 0) != int(told, 16):
-                bad += _SENTENCE.match(body) is not None
+                broken = _SENTENCE.match(body) is not None
+                bad += broken
+                cut = b"" if broken else cut
                 continue
+            cut = b""
             cells = body.split(b",")
             kind = (cells[1] if cells[0] == b"PIXSE" and len(cells) > 1 else cells[0][2:]).decode("ascii", "replace")
             zda, gga = zda + (kind == "ZDA"), gga + (kind == "GGA")
-            self.cells.setdefault(kind, []).append(cells)
+            if kind not in _TAKEN:
+                self.cells.setdefault(kind, [])
+                continue
+            self.cells.setdefault(kind, []).append(cells[:_CELLS])
             self._fronts.setdefault(kind, []).append(line[:at].strip(b" \t,;[]"))
             self._marks.setdefault(kind, []).append((zda, gga))
         if not self.cells and not bad:
@@ -185,6 +201,7 @@ class _Text:
                 where=self.path,
                 mend="Log them as the INS sends them, *hh at the end included.",
             )
+        bad += bool(cut)
         if bad:
             text = f"{bad} sentences are cut or have a wrong checksum, and were left out."
             self.remarks.append(Remark(kind="truncated", count=bad, text=text))
@@ -230,6 +247,14 @@ class _Text:
         )
 
 
+def _lines(path: Path) -> Iterator[tuple[bytes, bool]]:
+    """Each line, and whether it has an end."""
+    with path.open("rb") as file:
+        while block := file.readline(_LONGEST):
+            for line in block.splitlines(keepends=True):
+                yield line.rstrip(b"\r\n"), line.endswith((b"\r", b"\n"))
+
+
 def _number(text: bytes | str) -> float:
     try:
         return float(text)
@@ -246,10 +271,11 @@ def _date(text: str) -> float:
 
 
 def _time_of_day(cells: list[bytes]) -> float:
-    """S since midnight of hhmmss.ss."""
+    """S since midnight of hhmmss.ss; NaN beyond the day's end, a leap second allowed."""
     text = cells[1] if len(cells) > 1 else b""
     hours, minutes, rest = (_number(part) for part in (text[:2], text[2:4], text[4:]))
-    return 3600.0 * hours + 60.0 * minutes + rest
+    time = 3600.0 * hours + 60.0 * minutes + rest
+    return time if 0.0 <= time <= _DAY + 1.0 else np.nan
 
 
 def _zda(cells: list[bytes]) -> float:
@@ -257,5 +283,5 @@ def _zda(cells: list[bytes]) -> float:
     try:
         day, month, year = (int(cell) for cell in cells[2:5])
         return datetime(year, month, day, tzinfo=UTC).timestamp() + _time_of_day(cells)
-    except ValueError:
+    except (ValueError, OverflowError):  # a year of many digits
         return np.nan

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from rovid.config import Config
 from rovid.errors import LogError, nearest
 from rovid.guess import CLOCK, words
-from rovid.readers.instants import epoch_of, stamps
-from rovid.readers.raw import Channel, RawLog, foreign, library, mapped, time_signal
+from rovid.readers.instants import epoch_of, moments, stamps
+from rovid.readers.raw import Channel, Contents, RawLog, foreign, library, mapped, require_room, time_signal
 from rovid.trial import FloatArray
 
 KIND = "parquet"
 EXTRA = "parquet"
 _MARK = b"PAR1"
+# Rows that are unpacked at a time, and bytes that are read.
+_ROWS, _BUFFER = 1 << 16, 1 << 18
+# How a column of bytes says that they are text or numbers.
+_READABLE = {"STRING", "ENUM", "DECIMAL", "FLOAT16"}
 
 
 def read(path: Path, config: Config) -> RawLog:
@@ -26,51 +34,108 @@ def read(path: Path, config: Config) -> RawLog:
     Raises
     ------
     LogError
-        It is no Parquet file or is cut, pyarrow is not installed, or a column is missing or no number.
+        It is no Parquet file or is cut, pyarrow is not installed, or a column is missing, no number or too large.
     ConfigError
         rovid.toml does not map the time, the heading or a command for it.
     """
     signals = {"time": time_signal(config, KIND), **mapped(config, KIND, path)}
     _check(path)
     wanted = {name: signal.sources[KIND] for name, signal in signals.items()}
-    frame = _frame(path, wanted)
-    if not len(frame):
-        raise LogError("has columns but no rows.", where=path, mend="Leave it out.")
-    time = stamps(frame[wanted["time"]], wanted["time"], signals["time"].unit, lambda row: f"{path}: row {row + 1}")
+    moments, columns = _columns(path, wanted)
+    time = stamps(moments, wanted["time"], signals["time"].unit, lambda row: f"{path}: row {row + 1}")
     channels = {
-        name: Channel(source=column, clock=wanted["time"], time=time, values=_numbers(path, frame[column], name))
+        name: Channel(source=column, clock=wanted["time"], time=time, values=columns[column])
         for name, column in wanted.items()
         if name != "time"
     }
-    epoch = epoch_of(frame[wanted["time"]], time, wanted["time"], signals["time"].unit)
+    epoch = epoch_of(moments, time, wanted["time"], signals["time"].unit)
     return RawLog(channels=channels, place=lambda _, row: f"row {row + 1}", epoch=epoch)
 
 
-def _frame(path: Path, wanted: dict[str, str]) -> pd.DataFrame:
-    """The wanted columns; integers of 64 bit stay such where some are missing."""
+def _columns(path: Path, wanted: Mapping[str, str]) -> tuple[pd.Series[Any], dict[str, FloatArray]]:
+    """The time, and the other wanted columns by their names; a batch of rows at a time, so that little is unpacked."""
+    parquet = library("pyarrow.parquet", EXTRA, path)
+    clock = wanted["time"]
+    names = {column: name for name, column in wanted.items() if name != "time"}
+    with _reading(path):
+        footer = parquet.read_metadata(path)
+    texts = _require(path, footer, wanted)
+    if footer.num_rows < 1:
+        raise LogError("has columns but no rows.", where=path, mend="Leave it out.")
+    columns = {column: np.empty(footer.num_rows) for column in names}
+    times: list[pd.Series[Any]] = []
+    at = 0
+    for batch in _batches(path, list({clock: None, **names}), texts):
+        times.append(_moments(path, batch[clock], clock, at))
+        after = at + len(times[-1])
+        if after > footer.num_rows:
+            break
+        for column, numbers in columns.items():
+            numbers[at:after] = _numbers(path, batch[column], column, names[column], at)
+        at = after
+    if at != footer.num_rows:
+        raise _damaged(path, ValueError(f"it does not hold the {footer.num_rows} rows that it tells of"))
+    return pd.concat(times, ignore_index=True), columns
+
+
+def _require(path: Path, footer: Any, wanted: Mapping[str, str]) -> list[str]:
+    """Which of the wanted columns hold text.
+
+    Raises
+    ------
+    LogError
+        One is missing, there twice, or holds neither numbers nor text; or they are too large.
+    """
+    leaves = [footer.schema.column(at) for at in range(len(footer.schema.names))]
+    present = [leaf.path for leaf in leaves if leaf.max_repetition_level == 0]  # no lists
+    for name, column in wanted.items():
+        if column not in present:
+            raise _no_column(path, column, name, present)
+        if present.count(column) > 1:
+            raise LogError(f"has {present.count(column)} columns {column!r} ({name}).", where=path, mend="Rename one.")
+    chosen = [leaf for leaf in leaves if leaf.path in wanted.values()]
+    # What the footer says of single columns is not asked for: where it is damaged, pyarrow ends the whole process.
+    require_room(path, footer.num_rows, len(chosen))
+    blobs = [leaf for leaf in chosen if leaf.physical_type.endswith("BYTE_ARRAY")]
+    for leaf in blobs:
+        if leaf.logical_type.type not in _READABLE:
+            raise LogError(
+                f"{leaf.path} holds bytes; numbers were expected.",
+                where=path,
+                mend="Map another column in rovid.toml, or leave this log out.",
+            )
+    return [leaf.path for leaf in blobs if leaf.logical_type.type in {"STRING", "ENUM"}]
+
+
+def _batches(path: Path, columns: list[str], texts: list[str]) -> Iterator[dict[str, Any]]:
+    """Name -> values of ``columns``, some thousand rows at a time; of ``texts`` each one but once."""
     parquet, arrow = library("pyarrow.parquet", EXTRA, path), library("pyarrow", EXTRA, path)
+    with _reading(path), parquet.ParquetFile(path, read_dictionary=texts, buffer_size=_BUFFER) as file:
+        for batch in file.iter_batches(_ROWS, columns=columns, use_threads=False):
+            table = arrow.Table.from_batches([batch])
+            while any(arrow.types.is_struct(field.type) for field in table.schema):
+                table = table.flatten()
+            found = {name: table.column(name).combine_chunks() for name in columns}
+            yield {name: _plain(values, arrow) for name, values in found.items()}
+
+
+def _plain(values: Any, arrow: Any) -> Any:
+    """Decimals as floats; everything else as it is."""
+    return values.cast(arrow.float64()) if arrow.types.is_decimal(values.type) else values
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Say what a damaged file makes the library raise."""
+    error = library("pyarrow", EXTRA, path).ArrowException
     try:
-        with parquet.ParquetFile(path) as file:
-            leaves = [file.schema.column(at) for at in range(len(file.schema.names))]
-            present = [leaf.path for leaf in leaves if leaf.max_repetition_level == 0]  # no lists
-            for name, column in wanted.items():
-                if column not in present:
-                    raise _no_column(path, column, name, present)
-            table = file.read(columns=list(dict.fromkeys(wanted.values())), use_threads=False)
-        while any(arrow.types.is_struct(field.type) for field in table.schema):
-            table = table.flatten()
-        frame = table.to_pandas(types_mapper={arrow.int64(): pd.Int64Dtype()}.get, ignore_metadata=True)
-    except LogError:
-        raise
-    except Exception as error:  # damaged files make the library raise anything
-        raise _damaged(path, error) from error
-    if not isinstance(frame, pd.DataFrame):  # for the type checker: pyarrow tells it nothing
-        raise TypeError(type(frame))
-    return frame
+        yield
+    except (error, OSError, ValueError, LookupError, RuntimeError, MemoryError) as reason:
+        raise _damaged(path, reason) from reason
 
 
-def sources(path: Path) -> tuple[str, list[str]]:
-    """The column of the clock, empty if none is named like one, and every other column of numbers.
+def sources(path: Path) -> Contents:
+    """The column of the clock, if one is named like one, and every other column of numbers.
 
     Raises
     ------
@@ -79,13 +144,12 @@ def sources(path: Path) -> tuple[str, list[str]]:
     """
     _check(path)
     parquet, types = library("pyarrow.parquet", EXTRA, path), library("pyarrow.types", EXTRA, path)
-    try:
+    with _reading(path):
         schema = parquet.read_schema(path)
-    except Exception as error:
-        raise _damaged(path, error) from error
+    names = [name for name, count in Counter(schema.names).items() if count == 1]
     numbers = [one.name for one in schema if types.is_integer(one.type) or types.is_floating(one.type)]
-    clock = next((name for name in schema.names if words(name) & CLOCK), "")
-    return clock, [name for name in numbers if name != clock]
+    clock = next((name for name in names if words(name) & CLOCK), "")
+    return Contents(clock=clock, sources=tuple(name for name in numbers if name in names and name != clock))
 
 
 def _check(path: Path) -> None:
@@ -110,20 +174,52 @@ def _no_column(path: Path, column: str, name: str, present: list[str]) -> LogErr
     )
 
 
-def _numbers(path: Path, column: pd.Series[Any], name: str) -> FloatArray:
-    if column.dtype.kind in "biuf":  # 64-bit integers with gaps among them
-        return np.asarray(column.to_numpy(dtype=np.float64, na_value=np.nan))
-    cells = column.astype(object)
-    try:
-        numbers = pd.to_numeric(cells, errors="coerce")
-        wrong = numbers.isna() & cells.notna() & (cells.astype(str).str.lower() != "nan")
-    except (TypeError, ValueError):  # bytes
-        numbers, wrong = cells, cells.notna()
+def _moments(path: Path, values: Any, name: str, before: int) -> pd.Series[Any]:
+    """The time of each row; text as points in time."""
+    if _is_dictionary(values):
+        values = values.dictionary_decode()
+    column = _series(path, values)
+    if column.dtype == object:
+        return moments(column, name, lambda row: f"{path}: row {before + row + 1}")
+    return column
+
+
+def _numbers(path: Path, values: Any, column: str, name: str, before: int) -> FloatArray:
+    """Each row as a number; ``before`` rows stand in front of them."""
+    if not _is_dictionary(values):
+        numbers, wrong = _read_numbers(_series(path, values))
+    else:
+        each, none = _read_numbers(_series(path, values.dictionary))
+        codes = values.indices.fill_null(len(each)).to_numpy()
+        numbers, wrong = np.append(each, np.nan)[codes], np.append(none, False)[codes]
     if wrong.any():
-        row = int(np.argmax(wrong.to_numpy()))
+        row = int(np.argmax(wrong))
         raise LogError(
-            f"{column.name} ({name}) is {str(cells.iloc[row])[:40]!r}; a number was expected.",
-            where=f"{path}: row {row + 1}",
+            f"{column} ({name}) is {str(values[row].as_py())[:40]!r}; a number was expected.",
+            where=f"{path}: row {before + row + 1}",
             mend="Delete the row or leave the cell empty.",
         )
-    return numbers.to_numpy(dtype=np.float64, na_value=np.nan)
+    return numbers
+
+
+def _is_dictionary(values: Any) -> bool:
+    return hasattr(values, "dictionary")
+
+
+def _series(path: Path, values: Any) -> pd.Series[Any]:
+    """As pandas has it; integers of 64 bit stay such where some are missing."""
+    whole = library("pyarrow", EXTRA, path).int64()
+    column = values.to_pandas(types_mapper={whole: pd.Int64Dtype()}.get)
+    if not isinstance(column, pd.Series):  # for the type checker: pyarrow tells it nothing
+        raise TypeError(type(column))
+    return column
+
+
+def _read_numbers(column: pd.Series[Any]) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """(n,) numbers, NaN where none is; and (n,) whether something else is there."""
+    if column.dtype.kind in "biuf":  # 64-bit integers with gaps among them
+        return np.asarray(column.to_numpy(dtype=np.float64, na_value=np.nan)), np.zeros(len(column), dtype=np.bool_)
+    cells = column.astype(object)
+    numbers = pd.to_numeric(cells, errors="coerce")
+    wrong = numbers.isna() & cells.notna() & (cells.astype(str).str.lower() != "nan")
+    return numbers.to_numpy(dtype=np.float64, na_value=np.nan), wrong.to_numpy(dtype=np.bool_)

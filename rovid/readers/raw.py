@@ -15,6 +15,8 @@ from rovid.config import Config, Signal
 from rovid.errors import ConfigError, LogError
 from rovid.trial import FloatArray, Remark
 
+# Bytes that the numbers of one log may take.
+_ROOM = 512 << 20
 # No time in s, angle or command is this large; a damaged log is.
 _ABSURD = 1e15
 
@@ -71,6 +73,25 @@ class RawLog:
     epoch: float | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class Contents:
+    """What a log holds that can be read.
+
+    Attributes
+    ----------
+    clock
+        The source of the clock; empty where the format has one of its own.
+    sources
+        Of everything else.
+    left_out
+        What is there and cannot be read, each with the reason.
+    """
+
+    clock: str = ""
+    sources: tuple[str, ...]
+    left_out: tuple[str, ...] = ()
+
+
 def mapped(config: Config, kind: str, path: Path) -> dict[str, Signal]:
     """Signals that rovid.toml maps for logs of the format ``kind``.
 
@@ -123,6 +144,24 @@ def library(module: str, extra: str, path: Path) -> ModuleType:
             where=path,
             mend=f"Install it with `pip install 'rovid[{extra}]'`.",
         ) from error
+
+
+def require_room(path: Path, rows: int, columns: int) -> None:
+    """Refuse a table that is too large, before it is unpacked.
+
+    Raises
+    ------
+    LogError
+        Its numbers take more than rovid reads of one log.
+    """
+    needed = 8 * rows * columns
+    if needed > _ROOM:
+        raise LogError(
+            f"holds {rows} rows, of which {columns} columns are wanted: {needed >> 20} MB unpacked; "
+            f"at most {_ROOM >> 20} MB were expected.",
+            where=path,
+            mend="Split the log, or keep every tenth row.",
+        )
 
 
 def foreign(path: Path, what: str) -> LogError:

@@ -101,7 +101,7 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
         path=path,
         time=base.time - base.time[0],
         position=position,
-        commands=np.column_stack([base.held(command) for command in commands]),
+        commands=np.array([base.held(command) for command in commands]).reshape(len(commands), len(base.time)).T,
         extras={key: _extra(work, key, series[key], base) for key in plain},
         remarks=tuple(work.remarks),
         rate=rate,
@@ -249,7 +249,7 @@ def _command(work: _Builder, name: str, logged: Series) -> Series:
 def _span(work: _Builder, series: Series, commands: list[Series]) -> tuple[float, float]:
     """First and last instant: something measured when every command is known, and the last measured."""
     measured = series.stamps
-    known = max(float(command.stamps[0]) for command in commands)
+    known = max((float(command.stamps[0]) for command in commands), default=-np.inf)
     first = int(np.searchsorted(measured, known))
     if (count := len(measured) - first) < _FEWEST:
         raise LogError(

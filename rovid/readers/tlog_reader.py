@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import re
 import struct
+from array import array
 from collections import Counter
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +19,11 @@ from numpy.typing import NDArray
 
 from rovid.config import Config
 from rovid.readers.columns import Columns, channels_of, missing_topic, numeric_sources, of_sensor, raw_log, split_sensor
-from rovid.readers.raw import RawLog, foreign, library, mapped
+from rovid.readers.raw import Contents, RawLog, foreign, library, mapped
 from rovid.trial import Remark
 
 KIND = "tlog"
+_NAME = "a MAVLink telemetry log"
 _EXTRA = "ardupilot"
 _STAMP = struct.Struct(">Q")
 _MARKS = _V1, _V2 = b"\xfe\xfd"
@@ -49,8 +52,8 @@ def read(path: Path, config: Config) -> RawLog:
     return raw_log(channels, tuple(log.remarks))
 
 
-def sources(path: Path) -> tuple[str, list[str]]:
-    """Nothing, for every record has its time, and what tells of motion, thrusters and supply.
+def sources(path: Path) -> Contents:
+    """What tells of motion, thrusters and supply.
 
     Raises
     ------
@@ -60,20 +63,24 @@ def sources(path: Path) -> tuple[str, list[str]]:
     log = Log(path, set(_TELLING))
     present = {name for name, system, _ in log.frames if system == log.system}
     topics = {name: log.columns(name) for name in _TELLING if name in present}
-    return "", [source for source in numeric_sources(topics) if not source.endswith(_CLOCK)]
+    return Contents(sources=tuple(source for source in numeric_sources(topics) if not source.endswith(_CLOCK)))
 
 
 class Log:
     """The frames of the wanted messages, by their sender."""
 
     def __init__(self, path: Path, wanted: set[str]) -> None:
-        self.path, self.data = path, path.read_bytes()
+        self.path = path
+        with path.open("rb") as file:
+            if not path.stat().st_size:
+                raise foreign(path, _NAME)
+            self.data = mmap(file.fileno(), 0, access=ACCESS_READ)
         self.dialect = library("pymavlink.dialects.v20.ardupilotmega", _EXTRA, path)
         self.kinds = {kind.msgname: kind for kind in self.dialect.mavlink_map.values()}
         self.names = {kind.id: name for name, kind in self.kinds.items()}
         self.wanted = {kind.id for name, kind in self.kinds.items() if name in {*wanted, _VEHICLE}}
-        # (name, system, component) -> where its frames begin and end
-        self.frames: dict[tuple[str, int, int], list[tuple[int, int]]] = {}
+        # (name, system, component) -> where its frames begin, and where they end
+        self.frames: dict[tuple[str, int, int], tuple[array[int], array[int]]] = {}
         self.seen: Counter[int] = Counter()
         self.remarks: list[Remark] = []
         self._walk()
@@ -97,20 +104,23 @@ class Log:
             self.seen[number] += 1
             if number in self.wanted:
                 key = (self.names[number], system, component)
-                self.frames.setdefault(key, []).append((at, at + 8 + length))
+                begins, ends = self.frames.setdefault(key, (array("q"), array("q")))
+                begins.append(at)
+                ends.append(at + 8 + length)
             at += 8 + length
         lost += max(0, size - at)
         if not any(number in self.names for number in self.seen):
-            raise foreign(self.path, "a MAVLink telemetry log")
+            raise foreign(self.path, _NAME)
         if lost:
             text = f"{lost} of {size} bytes belong to no whole message, as a loss of power or of data leaves them."
             self.remarks.append(Remark(kind="truncated", count=lost, text=text))
 
     def _vehicle(self) -> int:
         """The system that tells its attitude; where none does, the one that sends most of what is wanted."""
-        telling = {key: len(frames) for key, frames in self.frames.items() if key[0] == _VEHICLE}
+        every = {key: len(begins) for key, (begins, _) in self.frames.items()}
+        telling = {key: count for key, count in every.items() if key[0] == _VEHICLE}
         counts: Counter[int] = Counter()
-        for (_, system, _), count in (telling or {key: len(frames) for key, frames in self.frames.items()}).items():
+        for (_, system, _), count in (telling or every).items():
             counts[system] += count
         first = next((system for system, _ in counts.most_common(1)), 0)
         if len(counts) > 1:
@@ -127,29 +137,29 @@ class Log:
             present = {self.names[number]: None for number in self.seen if number in self.names}
             raise missing_topic(self.path, KIND, topic, present)
         # An autopilot is component 1; cameras and gimbals come behind.
-        columns = self._decoded(self.kinds[name], self.frames[name, self.system, min(components)])
+        columns = self._decoded(self.kinds[name], *self.frames[name, self.system, min(components)])
         if not len(columns[_CLOCK]):
             raise missing_topic(self.path, KIND, topic, {})
         return of_sensor(self.path, KIND, topic, columns, self.kinds[name].instance_field or "", self.remarks)
 
-    def _decoded(self, kind: Any, frames: list[tuple[int, int]]) -> dict[str, NDArray[Any]]:
+    def _decoded(self, kind: Any, begins: array[int], ends: array[int]) -> dict[str, NDArray[Any]]:
         """Fields, and when they arrived in us; messages whose checksum is wrong are left out."""
         layout, extra, checksum = _layout(kind), bytes([kind.crc_extra]), self.dialect.x25crc
-        stamps, payloads = [], []
-        for start, end in frames:
+        stamps, payloads = array("Q"), bytearray()
+        for start, end in zip(begins, ends, strict=True):
             frame = self.data[start + 8 : end]
             head = 10 if frame[0] == _V2 else 6
             length = head + frame[1]
             if checksum(frame[1:length] + extra).crc == int.from_bytes(frame[length : length + 2], "little"):
                 # Zeros at the end are not sent, and newer dialects add fields.
-                payloads.append(frame[head:length].ljust(layout.itemsize, b"\0")[: layout.itemsize])
+                payloads += frame[head:length].ljust(layout.itemsize, b"\0")[: layout.itemsize]
                 stamps.append(_STAMP.unpack_from(self.data, start)[0])
-        bad = len(frames) - len(payloads)
+        bad = len(begins) - len(stamps)
         if bad:
             text = f"{bad} messages have a wrong checksum and were left out."
             self.remarks.append(Remark(kind="truncated", count=bad, text=text))
-        rows = np.frombuffer(b"".join(payloads), dtype=layout)
-        columns = {_CLOCK: np.array(stamps, dtype=np.uint64)}
+        rows = np.frombuffer(payloads, dtype=layout)
+        columns = {_CLOCK: np.frombuffer(stamps, dtype=np.uint64)}
         for field in layout.names or ():
             if rows[field].ndim == 2:
                 columns |= {f"{field}[{at}]": rows[field][:, at] for at in range(rows[field].shape[1])}

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,13 @@ from rovid.readers.messages import (
     Pick,
     as_float,
     field_names,
+    fields_of,
     getter,
     split_fields,
     split_path,
     stamp_getter,
 )
-from rovid.readers.raw import Channel, RawLog
+from rovid.readers.raw import Channel, Contents, RawLog
 from rovid.trial import FloatArray, Remark
 
 Decoder = Callable[[bytes], Any]
@@ -45,16 +47,31 @@ class Topic:
         The clock's reading at each message: ns, or what the chosen field holds.
     last
         The latest message, to name its fields in errors.
+    trouble
+        Why reading ended early, of a topic that a log may lack.
     """
 
     def __init__(self, name: str, kind: str, clock: str, picks: list[Pick], where: str) -> None:
         self.name, self.kind, self.clock, self.picks, self.where = name, kind, clock, picks, where
         self.times: array[int] | list[Any] = array("q") if clock in _CLOCKS else []
         self.last: Any = None
+        self.trouble: LogError | None = None
         self._own: Getter | None = None
 
-    def handler(self, decode: Decoder, *, mapping: bool) -> Handler:
-        """What takes the messages of one channel of this topic."""
+    @property
+    def optional(self) -> bool:
+        """Whether a log may lack it."""
+        return all(pick.optional for pick in self.picks)
+
+    def handler(self, decoder: Callable[[], Decoder], *, mapping: bool) -> Handler | None:
+        """What takes the messages of one channel of this topic; None where an optional one cannot be decoded."""
+        try:
+            decode = decoder()
+        except LogError as error:
+            if not self.optional:
+                raise
+            self.trouble = error
+            return None
         picks, by_log, by_publish = self.picks, self.clock == "log", self.clock == "publish"
 
         def take(payload: bytes, log: int, publish: int) -> None:
@@ -71,7 +88,14 @@ class Topic:
             for pick in picks:
                 pick.take(message)
 
-        return take
+        def attempt(payload: bytes, log: int, publish: int) -> None:
+            try:
+                if self.trouble is None:
+                    take(payload, log, publish)
+            except LogError as error:
+                self.trouble = error
+
+        return attempt if self.optional else take
 
     def _time_inside(self, message: Any, *, mapping: bool) -> Any:
         if self._own is None:
@@ -140,7 +164,9 @@ class Topics:
             source = mapped_to.sources[self.kind]
             fields = split_path(source, name)
             if fields is not None:
-                picks.append(Pick(signal, source, fields, mapping=mapping, where=str(self.path)))
+                picks.append(
+                    Pick(signal, source, fields, mapping=mapping, where=str(self.path), optional=mapped_to.optional)
+                )
         return Topic(name, self.kind, self.clock, picks, str(self.path)) if picks else None
 
     def result(self, remarks: Callable[[float], tuple[Remark, ...]], damage: str = "") -> RawLog:
@@ -159,7 +185,17 @@ class Topics:
             A topic is missing or empty, or its messages lack the field.
         """
         self.damage = damage
-        chosen = {signal: self._choose(signal, one.sources[self.kind]) for signal, one in self.signals.items()}
+        chosen: dict[str, tuple[Topic, Pick]] = {}
+        lacking: dict[str, None] = {}
+        for signal, one in self.signals.items():
+            try:
+                chosen[signal] = self._choose(signal, one.sources[self.kind])
+            except LogError as error:
+                if not one.optional:
+                    raise
+                lacking[str(error)] = None
+        if not chosen:
+            raise LogError("holds nothing that can be read.", where=self.path, mend=next(iter(lacking), ""))
         times, origin = self._times({topic.name: topic for topic, _ in chosen.values()})
         channels = {
             signal: Channel(
@@ -174,7 +210,10 @@ class Topics:
         return RawLog(
             channels=channels,
             place=lambda signal, index: f"message {index + 1} of {chosen[signal][0].name}",
-            remarks=remarks(max(float(np.max(time)) for time in times.values())),
+            remarks=(
+                *remarks(max(float(np.max(time)) for time in times.values())),
+                *(Remark(kind="skipped", count=1, text=text) for text in lacking),
+            ),
             sortable=True,
             epoch=origin * 1e-9 if self.clock in _CLOCKS and origin * 1e-9 > EPOCH_FROM else None,
         )
@@ -188,6 +227,8 @@ class Topics:
                 f"has no topic for {source!r}, which rovid.toml maps to {signal}. {nearest(source, self.topics)}",
                 f'Write {signal} = {{ {self.kind} = "<topic>.<field>" }} in rovid.toml.',
             )
+        if topic.trouble is not None:
+            raise topic.trouble
         if not len(topic.times):
             raise self._missing(f"holds no message on topic {topic.name!r} ({signal}).", "Leave this log out.")
         pick = next(pick for pick in topic.picks if pick.signal == signal)
@@ -221,13 +262,41 @@ def _numbers(times: array[int] | list[Any]) -> NDArray[Any]:
     return np.array(times, dtype=np.int64) if whole else np.array([as_float(time) for time in times])
 
 
+class Listing:
+    """What the topics of a log hold, by the first message of each; one that cannot be read hides no other."""
+
+    def __init__(self, path: Path, kind: str) -> None:
+        self.path, self.kind = path, kind
+        self._topics: list[Topic] = []
+
+    def handler(self, name: str, decoder: Callable[[], Decoder], *, mapping: bool) -> Handler | None:
+        """What takes the messages of a channel of the topic ``name``; None where ``decoder`` finds no way to."""
+        topic = Topic(name, self.kind, "log", [], str(self.path))
+        self._topics.append(topic)
+        take = topic.handler(decoder, mapping=mapping)
+        if take is None:
+            return None
+
+        def first(payload: bytes, log: int, publish: int) -> None:
+            if topic.last is None:
+                take(payload, log, publish)
+
+        return first
+
+    def contents(self, damage: Iterable[str] = ()) -> Contents:
+        """Every number and orientation; ``damage`` is what is known to be lacking."""
+        fields = (numeric_fields(topic.last, topic.name) for topic in self._topics)
+        trouble = (str(topic.trouble) for topic in self._topics if topic.trouble)
+        lost = (f"{self.path}: {text}" for text in damage)
+        return Contents(sources=tuple(dict.fromkeys(chain.from_iterable(fields))), left_out=(*trouble, *lost))
+
+
 def numeric_fields(message: Any, topic: str) -> Iterator[str]:
     """Sources of every number and orientation in ``message``, stamps left out."""
-    for name in field_names(message):
+    for name, value in fields_of(message):
         *inside, last = name.split(".")
         if _STAMPED & {*inside, last}:
             continue
-        value = getter(split_fields(f".{name}"), mapping=isinstance(message, dict))(message)
         if last in "xyzw" and inside and inside[-1] in _QUATERNIONS:
             yield f"{topic}.{'.'.join(inside)}"
         elif isinstance(value, int | float | np.number) and not isinstance(value, bool):

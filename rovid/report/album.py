@@ -16,10 +16,12 @@ from rovid.axis import Axis
 from rovid.control.design import Control
 from rovid.diagnose.diagnosis import Finding
 from rovid.diagnose.parts import parts_of
+from rovid.files import Output
+from rovid.files.form import png_form, svg_form
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.steady import DragFit
 from rovid.model import Model
-from rovid.output import plus_minus, write_atomic
+from rovid.output import plus_minus
 from rovid.report.courses import courses_of
 from rovid.report.evidence import Evidence
 from rovid.report.findings import RIVALS, name_of
@@ -42,6 +44,12 @@ from rovid.simulation import TrialSimulation
 # A page with more large trial plots than this is slow to open on a tablet; the overview shows all trials.
 LARGE_PLOTS = 40
 
+# What a plot of any report may be called.
+_NAMES = re.compile(
+    r"(thrust_curves|steady_\w+|inertia|residuals|diagnosis_gain|diagnosis_residuals|closed_loop|rivals_\w+"
+    r"|(sine_runs|overview)(_\d\d+)?|trial_\d\d+_\w*)\.(png|svg)"
+)
+
 T = TypeVar("T")
 
 
@@ -60,10 +68,12 @@ class Picture:
         """The PNG, to be embedded."""
         return base64.b64encode(self.png).decode("ascii")
 
-    def write(self, folder: Path) -> None:
-        """Write it as PNG and as SVG."""
-        write_atomic(folder / f"{self.name}.png", self.png)
-        write_atomic(folder / f"{self.name}.svg", self.svg)
+    def files(self, folder: Path) -> dict[Output, bytes]:
+        """The plot as PNG and as SVG."""
+        return {
+            Output(folder / f"{self.name}.png", png_form("report")): self.png,
+            Output(folder / f"{self.name}.svg", svg_form("report")): self.svg,
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,12 +96,23 @@ class Album:
     left_over: tuple[Picture, ...] = ()
     closed_loop: tuple[Picture, ...] = ()
 
-    def write(self, folder: Path) -> None:
-        """Write every plot into ``folder``."""
+    def files(self, folder: Path) -> dict[Output, bytes]:
+        """Every plot, as the files in ``folder`` that it makes."""
         first = (self.thrust, self.steady, self.inertia, self.sines, self.overview, self.large, self.residuals)
-        for pictures in (*first, self.rivals.values(), self.compared, self.left_over, self.closed_loop):
-            for picture in pictures:
-                picture.write(folder)
+        sections = (*first, self.rivals.values(), self.compared, self.left_over, self.closed_loop)
+        return {
+            output: content
+            for pictures in sections
+            for picture in pictures
+            for output, content in picture.files(folder).items()
+        }
+
+
+def plots_in(folder: Path) -> list[Output]:
+    """Files in ``folder`` that are called like a report's plots, whoever made them."""
+    found = sorted(folder.iterdir()) if folder.is_dir() else []
+    forms = {".png": png_form("report"), ".svg": svg_form("report")}
+    return [Output(path, forms[path.suffix]) for path in found if _NAMES.fullmatch(path.name)]
 
 
 def make_album(evidence: Evidence) -> Album:

@@ -13,14 +13,14 @@ from rovid.diagnose.parts import parts_of
 from rovid.diagnose.signals import is_driver
 from rovid.errors import DataError
 from rovid.export import EXPORTERS, Exported, export, subject_of
+from rovid.files import Claim
 from rovid.identify.estimate import Estimate
 from rovid.model import Model
-from rovid.output import require_writable
 from rovid.parameters import Parameters
 from rovid.report.evidence import Evidence
-from rovid.report.page import write_report
+from rovid.report.page import claim_report, write_report
 from rovid.simulation import TrialSimulation, simulate_runs
-from rovid.study import Study
+from rovid.study import Study, files_at_hand
 
 _T = TypeVar("_T")
 _PATIENCE = "Diagnosing, which takes ten seconds or more (--no-diagnosis leaves it out):"
@@ -34,6 +34,7 @@ def build_report(
     diagnosed: bool = True,
     controlled: bool = True,
     exported: bool = True,
+    force: bool = False,
     report: Callable[[str], None] = lambda _: None,
 ) -> Path:
     """Work the evidence out anew from the logs and write the page.
@@ -46,6 +47,8 @@ def build_report(
         Whether the page says what the simulation misses, which takes longer than all the rest.
     controlled, exported
         Whether it says what controller suits the vehicle, and what simulators' formats hold of it; in yaw alone.
+    force
+        Whether to write over files that are in the way; never over what the report is made from.
     report
         Called with a line of text as the work goes on.
 
@@ -54,20 +57,18 @@ def build_report(
     OutputError
         The folder or the parameter file cannot be written.
     """
-    known = stored
-    if not stored.logs:
-        stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
+    at_hand = files_at_hand(study.paths)
+    parameters = Claim([stored.output], force=force, protected=at_hand)
+    page = claim_report(folder, force=force, protected=[*at_hand, stored.path])
     drag, drag_refusal = _or_refusal(study.drag)
-    if drag is not None and "quadratic_drag" not in stored.entries:
-        stored = stored.with_estimate(drag.estimate)
+    found = {"quadratic_drag": None if drag is None else drag.estimate}
     # A drag that was found together with the inertia cannot judge it; the steady turns of these logs can.
-    judge = stored.drag() or (None if drag is None else drag.estimate)
+    judge = _completed(stored, study, found).drag() or found["quadratic_drag"]
     inertia, inertia_refusal = _or_refusal(lambda: study.inertia(judge))
-    if inertia is not None and "inertia" not in stored.entries:
-        stored = stored.with_estimate(inertia.estimate)
-    if stored is not known or not stored.path.exists():
-        stored.write()
-    diagnosis, diagnosis_refusal = _diagnosis(study, stored.drag(), folder, report) if diagnosed else (None, "")
+    found["inertia"] = None if inertia is None else inertia.estimate
+    if _completed(stored, study, found) is not stored or not stored.path.exists():
+        stored = stored.update(parameters, lambda now: _completed(now, study, found))
+    diagnosis, diagnosis_refusal = _diagnosis(study, stored.drag(), report) if diagnosed else (None, "")
     yaw = study.vehicle.axis is YAW
     control, control_refusal = designed_control(study, stored, report) if controlled and yaw else (None, "")
     exports, export_refusal = every_export(study, stored, report) if exported and yaw else (None, "")
@@ -93,7 +94,18 @@ def build_report(
             exports=exports,
             export_refusal=export_refusal,
         ),
+        claim=page,
     )
+
+
+def _completed(stored: Parameters, study: Study, found: Mapping[str, Estimate | None]) -> Parameters:
+    """With the logs and those of the estimates by name that it lacks; itself where it lacks none."""
+    if not stored.logs:
+        stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
+    for name, estimate in found.items():
+        if estimate is not None and name not in stored.entries:
+            stored = stored.with_estimate(estimate)
+    return stored
 
 
 def _or_refusal(fit: Callable[[], _T]) -> tuple[_T | None, str]:
@@ -146,10 +158,7 @@ def every_export(
     return _or_refusal(every)
 
 
-def _diagnosis(
-    study: Study, drag: Estimate | None, folder: Path, report: Callable[[str], None]
-) -> tuple[Diagnosis | None, str]:
-    require_writable(folder / "index.html")
+def _diagnosis(study: Study, drag: Estimate | None, report: Callable[[str], None]) -> tuple[Diagnosis | None, str]:
     report(_PATIENCE)
     return _or_refusal(lambda: study.diagnosis(lambda text: report(f"{_PATIENCE} {text}"), drag=drag))
 

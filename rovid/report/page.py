@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,11 +13,14 @@ import numpy as np
 from rovid import __version__
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.effects import effect_named, restoring_of
+from rovid.errors import visible
+from rovid.files import Claim, Output
+from rovid.files.form import PAGE, png_form
 from rovid.identify.inertia import METHODS
 from rovid.model import base_names
-from rovid.output import plus_minus, write_atomic
+from rovid.output import plus_minus
 from rovid.report import controller, correlations, exports, findings, grids
-from rovid.report.album import Album, make_album
+from rovid.report.album import Album, make_album, plots_in
 from rovid.report.assets import read_assets
 from rovid.report.evidence import Evidence
 from rovid.report.residual import residuals_of, sizes
@@ -33,14 +36,34 @@ if TYPE_CHECKING:
 _DISAGREE_SIGMAS = 3.0
 
 
-def write_report(folder: Path, evidence: Evidence, *, today: date | None = None) -> Path:
+def claim_report(folder: Path, *, force: bool = False, protected: Iterable[Path] = ()) -> Claim:
+    """Leave to write a report into ``folder``, where other files may be as long as none is called like one of its own.
+
+    Raises
+    ------
+    OutputError
+        One is, or the folder cannot be written.
+    """
+    plots = folder / "plots"
+    # Which plots there will be is not known yet; one stands for all that are not there.
+    outputs = dict.fromkeys((_page(folder), *plots_in(plots), Output(plots / "inertia.png", png_form("report"))))
+    return Claim(list(outputs), force=force, protected=protected)
+
+
+def _page(folder: Path) -> Output:
+    return Output(folder / "index.html", PAGE)
+
+
+def write_report(folder: Path, evidence: Evidence, *, claim: Claim | None = None, today: date | None = None) -> Path:
     """Write ``folder``/index.html and ``folder``/plots/*.png and *.svg; return the page.
 
-    Everything is drawn before anything is written, and the page is written last, so that a page never shows
-    what its plots do not.
+    They change together: a page never shows what its plots do not. Plots of an older report that this one does not have
+    are taken away.
 
     Parameters
     ----------
+    claim
+        Leave to write there, where that was asked for before.
     today
         The date on the page; today's, UTC, if not given.
 
@@ -49,12 +72,15 @@ def write_report(folder: Path, evidence: Evidence, *, today: date | None = None)
     OutputError
         The folder cannot be written; a page that was there stays whole.
     """
+    claim = claim or claim_report(folder)
     album = make_album(evidence)
     text = render_page(evidence, album, today=today or datetime.now(UTC).date())
-    album.write(folder / "plots")
-    page = folder / "index.html"
-    write_atomic(page, text)
-    return page
+    page = _page(folder)
+    plots = album.files(folder / "plots")
+    older = [plot for plot in plots_in(folder / "plots") if plot not in plots]
+    stale = [plot.path for plot in older if plot.path.is_file() and plot.form.marks(plot.path)]
+    claim.write({**plots, page: text}, stale=stale)
+    return page.path
 
 
 def render_page(evidence: Evidence, album: Album, *, today: date) -> str:
@@ -64,11 +90,14 @@ def render_page(evidence: Evidence, album: Album, *, today: date) -> str:
 
 def _environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
 
     environment = Environment(
         loader=PackageLoader("rovid.report"),
         autoescape=True,
         undefined=StrictUndefined,
+        # What was escaped already is ours, line ends included.
+        finalize=lambda value: visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value,
         trim_blocks=True,
         lstrip_blocks=True,
     )

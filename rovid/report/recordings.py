@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from rovid.errors import ConfigError
+from rovid.files import Claim, Output
+from rovid.files.form import RECORDING, RECORDING_LIBRARY
 from rovid.model import Model
-from rovid.output import require_writable, write_atomic
+from rovid.quoting import words
 from rovid.recording import Topic, mcap_bytes, with_unit
 from rovid.report.residual import Residual, left_by_all
 from rovid.runs import Runs
@@ -28,8 +29,6 @@ def recording_paths(target: Path, trials: Sequence[Trial]) -> list[Path]:
     ------
     ConfigError
         ``target`` names one file, and there are more trials; or a log would be written over.
-    OutputError
-        It cannot be written.
     """
     paths = [target]
     if target.suffix.lower() != _SUFFIX or target.is_dir():
@@ -51,23 +50,35 @@ def recording_paths(target: Path, trials: Sequence[Trial]) -> list[Path]:
     over = next((path for path in paths if path.resolve() in logs), None)
     if over is not None:
         raise ConfigError(f"would write over the log {over}.", where=f"--mcap {target}", mend="Choose another place.")
-    for folder in {path.parent for path in paths}:
-        require_writable(folder / "recording")
     return paths
 
 
 def write_recordings(
-    paths: Sequence[Path], simulations: Sequence[TrialSimulation], runs: Runs, model: Model, vehicle: Vehicle
+    claim: Claim,
+    outputs: Sequence[Output],
+    simulations: Sequence[TrialSimulation],
+    runs: Runs,
+    model: Model,
+    vehicle: Vehicle,
 ) -> None:
-    """Write one recording a trial.
+    """Write one recording a trial, all or none.
 
     Raises
     ------
     OutputError
         One cannot be written.
     """
-    for path, simulation, residual in zip(paths, simulations, left_by_all(runs, model, vehicle), strict=True):
-        write_atomic(path, mcap_bytes(topics_of(simulation, residual, vehicle)))
+    residuals = left_by_all(runs, model, vehicle)
+    recordings = [
+        mcap_bytes(topics_of(simulation, residual, vehicle), RECORDING_LIBRARY)
+        for simulation, residual in zip(simulations, residuals, strict=True)
+    ]
+    claim.write(dict(zip(outputs, recordings, strict=True)))
+
+
+def recording_outputs(target: Path, trials: Sequence[Trial]) -> list[Output]:
+    """As `recording_paths`."""
+    return [Output(path, RECORDING) for path in recording_paths(target, trials)]
 
 
 def topics_of(simulation: TrialSimulation, residual: Residual, vehicle: Vehicle) -> list[Topic]:
@@ -80,10 +91,8 @@ def topics_of(simulation: TrialSimulation, residual: Residual, vehicle: Vehicle)
     measured = np.full(len(trial.time), np.nan) if trial.integrated else trial.position
     position = {"measured": measured * factor, "simulated": simulation.position * factor}
     push = {"drive": residual.drive, "disturbance": residual.left}
-    commands = {
-        re.sub(r"\W+", "_", thruster.name): values
-        for thruster, values in zip(vehicle.thrusters, trial.commands.T, strict=True)
-    }
+    names = words([thruster.name for thruster in vehicle.thrusters])
+    commands = dict(zip(names, trial.commands.T, strict=True))
     return [
         _topic(axis.rate, rates.time, rate, axis.rate_unit),
         _topic(axis.position, trial.time, position, unit),

@@ -28,7 +28,7 @@ class Residual:
     ----------
     drive
         The thrusters', after every effect between command and torque.
-    race
+    beside
         Theirs, as in `rovid.model.Drive`.
     left
         T - I rdot - DQ |r| r - DL r, and what weight and buoyancy do off it. Effects in the equation of motion are
@@ -39,7 +39,7 @@ class Residual:
 
     run: Run
     drive: FloatArray
-    race: FloatArray
+    beside: FloatArray
     left: FloatArray
     noise: float
 
@@ -55,7 +55,7 @@ def _residual(run: Run, model: Model, vehicle: Vehicle) -> Residual:
     item = Residual(
         run=run,
         drive=drive,
-        race=held.race,
+        beside=held.beside,
         left=np.asarray(drive - model.inertia * run.rates.acceleration - model.drag(run.rates.rate)),
         noise=model.inertia * run.rates.acceleration_noise,
     )
@@ -93,7 +93,7 @@ def _terms_torque(item: Residual, model: Model) -> FloatArray:
     """(m,) torque in N m of the terms in the equation of motion, along the measured rate and angle."""
     trial, rates = item.run.trial, item.run.rates
     turned = rates.position - model.base(trial)[3]
-    return model.along(trial, rates.kernel.period, (rates.rate, turned, item.drive, item.race))[0]
+    return model.along(trial, rates.kernel.period, (rates.rate, turned, item.drive), item.beside)[0]
 
 
 def sizes(items: Sequence[Residual]) -> tuple[float, float, float]:

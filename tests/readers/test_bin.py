@@ -10,7 +10,7 @@ import pytest
 
 from rovid.config import Config, load_config
 from rovid.errors import ConfigError, LogError
-from rovid.readers import bin_reader, read_campaign, read_log
+from rovid.readers import READERS, bin_reader, read_campaign, read_log
 from rovid.trial import Trial
 from tests.conftest import SAMPLES, Rovid
 from tests.readers.logs import campaign, csv_text, kinds, standard, toml
@@ -36,6 +36,14 @@ def read_small(folder: Path, data: bytes, *signals: str) -> Trial:
     config = campaign(folder, toml(*signals, heading="", time="", command=COMMAND))
     (folder / "a.bin").write_bytes(data)
     return read_log(folder / "a.bin", config)
+
+
+@pytest.mark.parametrize("labels", [b"TimeUS,", b",Yaw"])
+def test_a_field_without_a_name_is_no_description(labels: bytes, tmp_path: Path) -> None:
+    data = small().replace(b"TimeUS,Yaw", labels.ljust(10, b"\0"), 1)
+    with pytest.raises(LogError, match=r"holds no message 'ATT'"):
+        read_small(tmp_path, data)
+    assert READERS[".bin"].sources(tmp_path / "a.bin").sources == ("RCOU.C1",)
 
 
 def test_the_dive_needs_no_signals(config: Config) -> None:

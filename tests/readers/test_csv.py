@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ import pytest
 
 from rovid.errors import ConfigError, LogError
 from rovid.readers import read_log
+from rovid.readers.csv_header import Layout
 from tests.readers.logs import campaign, csv_text, kinds, read_csv, standard, toml, turning
 
 TIME, HEADING = turning()
@@ -224,12 +225,31 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
     ),
     "decimal comma between commas": (decimal_comma(csv_text(standard())), ("6 cells", "3 columns", "semicolons")),
     "open quote": (row(9, '"1.0'), ("hold_3.csv",)),
+    "open quote above many rows": (
+        row(9, '"1.0') + "1,2,3\n" * 50_000,
+        ("hold_3.csv:9: has a cell of more than 100 000 characters", "quotation mark", "never closed"),
+    ),
     "bad date": (
         csv_text(standard(time_s=[*(f"{t}Z" for t in DATES[:20]), "soon", *(f"{t}Z" for t in DATES[21:])])),
         ("hold_3.csv:22: time_s is 'soon'", "ISO 8601"),
     ),
     "time of day": (csv_text(standard(time_s=[f"12:00:{t:.2f}" for t in TIME])), (":2:", "time_s", "ISO 8601")),
 }
+
+
+def test_how_numbers_are_written_is_looked_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else the search for the cell that is no number takes minutes in a long table."""
+    looked = []
+    decimal = Layout.decimal
+
+    def counted(layout: Layout, columns: Collection[int]) -> str:
+        looked.append(columns)
+        return decimal(layout, columns)
+
+    monkeypatch.setattr(Layout, "decimal", counted)
+    with pytest.raises(LogError, match=":399: heading_deg is 'off'"):
+        read_csv(tmp_path, row(399, "off"))
+    assert len(looked) < 10
 
 
 @pytest.mark.parametrize("name", BAD)

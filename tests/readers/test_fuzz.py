@@ -1,4 +1,4 @@
-"""Whatever the bytes are: a Trial or one RovidError, in bounded time; never a traceback, a hang or a warning."""
+"""Whatever the bytes are: a Trial and a guess or one RovidError, in bounded time; never a traceback or a warning."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from rovid.config import Config
 from rovid.errors import RovidError
 from rovid.readers import read_campaign, read_log
+from rovid.survey import survey, toml_of
 from tests.readers.logs import COMPRESSIONS, ENCODERS, campaign, csv_text, dive, mcap_bytes, standard, toml
 
 # Each example may take two seconds; real ones take milliseconds, so that a hang or an explosion shows.
@@ -62,6 +63,8 @@ def survive(path: Path, data: bytes, config: Config) -> None:
         assert np.all(np.diff(trial.time) > 0)
         assert np.isfinite(trial.commands).all()
         assert trial.measured.sum() >= 10
+    with contextlib.suppress(RovidError):
+        toml_of(survey([path]))
 
 
 Edits = list[tuple[str, float, bytes]]

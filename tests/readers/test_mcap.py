@@ -216,7 +216,8 @@ def test_messages_outside_the_indexed_chunks_are_found(tmp_path: Path) -> None:
     end = next(at for at, opcode, _ in records(data) if opcode == 0x0F)
     for at, opcode, length in records(data, end):
         body = at + 9
-        if opcode == 0x0B:  # statistics: more messages, in each channel
+        if opcode == 0x0B:  # statistics: more messages, in all and in each channel
+            struct.pack_into("<Q", data, body, len(messages))
             for entry in range(body + 46, body + length, 10):
                 channel, count = struct.unpack_from("<HQ", data, entry)
                 more = sum(one == channel for one, _, _ in payload)

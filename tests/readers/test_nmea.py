@@ -67,6 +67,22 @@ def test_times_from_sentences(kind: str, every: int, tmp_path: Path) -> None:
     assert_headings(read(tmp_path, "".join(lines)))
 
 
+def test_a_year_of_many_digits_is_no_time(tmp_path: Path) -> None:
+    lines = [
+        sentence(f"GPZDA,{clock(t)},07,01,{'9' * 30 if at == 0 else 2026},00,00") for at, (t, _) in enumerate(PAIRS)
+    ]
+    text = "".join(line + sentence(f"HEHDT,{h:.6f},T") for line, (_, h) in zip(lines, PAIRS, strict=True))
+    assert read(tmp_path, text).measured.sum() >= len(PAIRS) - 1
+
+
+@pytest.mark.parametrize("second", ["1e308", "inf", "7000000"])
+def test_a_second_of_many_digits_is_no_time(second: str, tmp_path: Path) -> None:
+    position = ",5300.0,N,00800.0,E,1,08,0.9,5.0,M,,M,,"
+    lines = [sentence(f"GPGGA,{f'1200{second}' if at == 9 else clock(t)}{position}") for at, (t, _) in enumerate(PAIRS)]
+    text = "".join(line + sentence(f"HEHDT,{h:.6f},T") for line, (_, h) in zip(lines, PAIRS, strict=True))
+    assert read(tmp_path, text).measured.sum() >= len(PAIRS) - 2
+
+
 def test_angles_and_rate(tmp_path: Path) -> None:
     lines = [
         sentence(f"HEHDT,{h:.6f},T", f"{iso(t)} ")

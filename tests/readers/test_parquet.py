@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from rovid.errors import ConfigError, LogError
@@ -89,7 +91,7 @@ def test_columns_inside_columns_and_names_of_its_own(tmp_path: Path) -> None:
         ({"heading": HEADING, "heading_deg": None}, r"no column 'heading_deg', which .* Nearest: 'heading'"),
         ({"fore_V": ["a"] * 400}, r"row 1: fore_V \(command.fore\) is 'a'; a number"),
         ({"fore_V": [[1.0]] * 400}, "no column 'fore_V'.* There are: 'time_s', 'heading_deg'. Correct"),
-        ({"fore_V": [b"\xff\xfe"] * 400}, r"row 1: fore_V \(command.fore\) is .*; a number"),
+        ({"fore_V": [b"\xff\xfe"] * 400}, "fore_V holds bytes; numbers"),
         ({"time_s": ["noon"] * 400}, r"row 1: time_s is 'noon'"),
     ],
 )
@@ -97,6 +99,79 @@ def test_wrong_columns(change: Mapping[str, Any], words: str, tmp_path: Path) ->
     columns = {name: values for name, values in {**standard(), **change}.items() if values is not None}
     with pytest.raises(LogError, match=words):
         read(tmp_path, columns)
+
+
+EVERY_BYTE = """
+import sys
+from pathlib import Path
+from rovid.config import load_config
+from rovid.errors import RovidError
+from rovid.readers import READERS, read_log
+path = Path(sys.argv[1])
+data, config = path.read_bytes(), load_config(path.parent / "rovid.toml")
+begin = len(data) - 8 - int.from_bytes(data[-8:-4], "little")
+for at in range(begin, len(data)):
+    for change in (1, 2, 16, 128):
+        path.write_bytes(data[:at] + bytes([data[at] ^ change]) + data[at + 1 :])
+        for look in (lambda: read_log(path, config), lambda: READERS[".parquet"].sources(path)):
+            try:
+                look()
+            except RovidError as error:
+                assert "Traceback" not in str(error)
+"""
+
+
+def test_no_byte_of_a_damaged_footer_ends_the_process(tmp_path: Path) -> None:
+    """What describes the table stands there; pyarrow aborts where some of it is asked for and makes no sense."""
+    campaign(tmp_path)
+    (tmp_path / "a.parquet").write_bytes(parquet({name: np.asarray(v)[:30] for name, v in standard().items()}))
+    code = [sys.executable, "-W", "error", "-c", EVERY_BYTE, str(tmp_path / "a.parquet")]
+    done = subprocess.run(code, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("column", "values"),
+    [
+        ("time_s", pa.array([True] * 400)),
+        ("time_s", pa.array([Decimal(f"{t:.6f}") for t in TIME.tolist()])),
+        ("time_s", pa.array([None] * 400, pa.null())),
+        ("time_s", pa.array([t * 10**6 for t in range(400)], pa.duration("us"))),
+        ("time_s", pa.array(list(range(400)), pa.time32("s"))),
+        ("time_s", pa.array(list(range(400)), pa.date32())),
+        ("time_s", pa.array([2**64 - 1 - t for t in range(400)], pa.uint64())),
+        ("heading_deg", pa.array([None] * 400, pa.null())),
+        ("heading_deg", pa.array([BEGIN] * 400)),
+        ("heading_deg", pa.array([True, False] * 200)),
+        ("heading_deg", pa.array(["1"] * 399 + [None])),
+    ],
+    ids=lambda value: str(getattr(value, "type", value)),
+)
+def test_columns_of_any_type_are_read_or_refused(column: str, values: pa.Array, tmp_path: Path) -> None:
+    try:
+        read(tmp_path, {**standard(), column: values})
+    except LogError as error:
+        assert "a.parquet" in str(error)  # noqa: PT017  # what is not refused is read
+
+
+def test_columns_of_one_name_are_refused(tmp_path: Path) -> None:
+    config = campaign(tmp_path)
+    columns = standard()
+    table = pa.Table.from_arrays(
+        [pa.array(np.asarray(v)) for v in (*columns.values(), TIME)], names=[*columns, "fore_V"]
+    )
+    pq.write_table(table, tmp_path / "a.parquet")
+    with pytest.raises(LogError, match="2 columns 'fore_V'"):
+        read_log(tmp_path / "a.parquet", config)
+
+
+def test_wrong_text_is_found_in_any_batch(tmp_path: Path) -> None:
+    rows = 150_000
+    time, heading = turning(rows)
+    text = ["1.0"] * rows
+    text[140_000] = "N/A"
+    with pytest.raises(LogError, match=r"row 140001: fore_V \(command.fore\) is 'N/A'"):
+        read(tmp_path, {"time_s": time, "heading_deg": heading % 360.0, "fore_V": text})
 
 
 def test_no_rows(tmp_path: Path) -> None:

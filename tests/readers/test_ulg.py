@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.errors import LogError
+from rovid.errors import DataError, LogError
 from rovid.readers import read_log
+from rovid.survey import survey
 from rovid.trial import Trial
 from tests.readers.logs import campaign, kinds, toml
 from tests.readers.recordings import HEADING, TIME, Row, attitude, ulog
@@ -23,6 +24,15 @@ def read(folder: Path, *signals: str, command: str = COMMAND, data: bytes | None
     config = campaign(folder, toml(*signals, heading="", time="", command=command))
     (folder / "a.ulg").write_bytes(ulog(ROWS) if data is None else data)
     return read_log(folder / "a.ulg", config)
+
+
+def test_a_first_stamp_beyond_every_clock_does_no_harm(tmp_path: Path) -> None:
+    last = 2**64 - 1
+    rows = [("actuator_motors", (last, 1.0, 2.0)), attitude(last, 0.0), *ROWS]
+    trial = read(tmp_path, data=ulog(rows))
+    assert len(trial.time) >= len(TIME)
+    with pytest.raises(DataError, match="no command was recognised"):
+        survey([tmp_path / "a.ulg"])
 
 
 def test_attitude_needs_no_signals(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from rovid.axis import AXES
 from rovid.effects import restoring_of
+from rovid.files import Claim
 from rovid.identify.steady import SteadyPoint, fit_drag
 from rovid.model import base_names
 from rovid.parameters import Parameters
@@ -48,9 +49,9 @@ def shown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         shutil.copy(SAMPLES / sample / name, logs)
     kept: list[Evidence] = []
 
-    def write(target: Path, evidence: Evidence) -> Path:
+    def write(target: Path, evidence: Evidence, *, claim: Claim) -> Path:
         kept.append(evidence)
-        return write_report(target, evidence)
+        return write_report(target, evidence, claim=claim)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build, "write_report", write)

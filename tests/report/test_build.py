@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from rovid.files import Claim
 from rovid.parameters import Parameters, read_parameters
 from rovid.report import build
 from rovid.report.evidence import Evidence
@@ -27,7 +28,7 @@ def gathered(stored: Parameters, study: Study, monkeypatch: pytest.MonkeyPatch) 
     """The evidence that would go on the page."""
     found: list[Evidence] = []
 
-    def keep(folder: Path, evidence: Evidence) -> Path:
+    def keep(folder: Path, evidence: Evidence, *, claim: Claim) -> Path:
         found.append(evidence)
         return folder
 

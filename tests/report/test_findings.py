@@ -14,6 +14,7 @@ import pytest
 
 from rovid.diagnose.diagnosis import Diagnosis, Finding
 from rovid.effects import effect_named
+from rovid.files import Claim
 from rovid.parameters import Parameters, read_parameters
 from rovid.report import build, findings
 from rovid.report.album import Album, make_album
@@ -46,9 +47,9 @@ def lagged(folder: Path) -> Evidence:
     write_trial_day(folder / "day", seed=3, formats="csv", truth=replace(ROSUB, hidden=(LAG,)), campaign=SHORT)
     kept: list[Evidence] = []
 
-    def write(target: Path, evidence: Evidence) -> Path:
+    def write(target: Path, evidence: Evidence, *, claim: Claim) -> Path:
         kept.append(evidence)
-        return write_report(target, evidence)
+        return write_report(target, evidence, claim=claim)
 
     said: list[str] = []
     with pytest.MonkeyPatch.context() as patch:

@@ -20,7 +20,7 @@ Series = np.ndarray[tuple[int], np.dtype[np.float64]]
 
 def left_over(day: Evidence, left: Series) -> Residual:
     assert day.runs is not None
-    return Residual(run=day.runs.items[0], drive=left, race=np.zeros_like(left), left=left, noise=0.0)
+    return Residual(run=day.runs.items[0], drive=left, beside=np.zeros((len(left), 3)), left=left, noise=0.0)
 
 
 def test_residual_under_the_true_model_is_the_disturbance(day: Evidence) -> None:

@@ -14,9 +14,13 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from numpy.typing import NDArray
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
+from rovid.errors import visible
+from rovid.files.form import plot_mark
 from rovid.trial import FloatArray
 
 # Okabe and Ito's palette: told apart by every kind of colour vision; markers and dashes say the same again.
@@ -105,18 +109,20 @@ def sheet(
 
 
 @styled
-def png(figure: Figure) -> bytes:
-    """The figure as PNG with a palette, a third of the size of one in full colour."""
+def png(figure: Figure, of: str = "report") -> bytes:
+    """The figure as PNG with a palette, a third of the size of one in full colour; ``of`` is what it belongs to."""
     canvas: Any = FigureCanvasAgg(figure)  # its methods carry no annotations
     with warnings.catch_warnings():
-        _accept_any_script()
+        _accept_any_name(figure)
         canvas.draw()
     pixels = np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
     image = Image.fromarray(pixels).quantize(_COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     # The octree rounds white down by a shade, which shows beside the page's own white.
     image.putpalette([255 if level > _NEARLY_WHITE else level for level in image.getpalette() or ()])
     buffer = io.BytesIO()
-    image.save(buffer, format="png")
+    text = PngInfo()
+    text.add_text("Software", plot_mark(of))
+    image.save(buffer, format="png", pnginfo=text)
     return buffer.getvalue()
 
 
@@ -126,13 +132,17 @@ def svg(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     canvas: Any = FigureCanvasSVG(figure)  # its methods carry no annotations
     with warnings.catch_warnings():
-        _accept_any_script()
-        canvas.print_svg(buffer, metadata={"Date": None})
+        _accept_any_name(figure)
+        canvas.print_svg(buffer, metadata={"Date": None, "Creator": plot_mark("report")})
     return buffer.getvalue()
 
 
-def _accept_any_script() -> None:
-    """A log's name may be in a script that the font lacks; a box stands for each sign then."""
+def _accept_any_name(figure: Figure) -> None:
+    """A log or thruster may be called anything: what is not seen becomes an escape, in which SVG is none the worse."""
+    for text in figure.findobj(Text):
+        lines = text.get_text().split("\n")
+        text.set_text("\n".join(map(visible, lines)))
+    # A box stands for each sign of a script that the font lacks.
     warnings.filterwarnings("ignore", message=r"Glyph \d+")
 
 

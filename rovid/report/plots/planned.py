@@ -47,4 +47,4 @@ def planned(found: Plan, axis: Axis) -> Figure:
 
 def picture(found: Plan, axis: Axis) -> bytes:
     """The same as PNG."""
-    return png(planned(found, axis))
+    return png(planned(found, axis), "plan")

@@ -1,0 +1,119 @@
+"""What a diagnosis of a hard-water campaign is worth: names, odds and parameters against the truth."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+# Effects that such logs cannot tell apart, or hardly: naming one for another of its class counts as the class.
+CLASSES: tuple[frozenset[str], ...] = (
+    frozenset({"thruster_lag", "command_delay", "slew_limit", "added_mass_memory"}),  # something is late
+    frozenset({"bias_torque", "thrust_asymmetry", "drag_asymmetry"}),  # one way is unlike the other
+    frozenset({"drag_curvature", "advance_speed_loss"}),  # drag grows otherwise than it should
+    frozenset({"advance_speed_loss", "speed_dependent_damping"}),  # way on damps the turn
+    frozenset({"entrained_swirl", "tether_torsion"}),  # a turn that goes on is held back
+    frozenset({"oscillatory_drag", "added_mass_memory"}),  # the water remembers a reversal
+)
+# Where every run turns one way.
+ONE_WAY_CLASSES: tuple[frozenset[str], ...] = (
+    frozenset({"bias_torque", "thrust_asymmetry", "drag_asymmetry", "coulomb_resistance", "thruster_deadband"}),
+    frozenset({"drag_curvature", "coulomb_resistance", "thrust_curve_shape", "thruster_deadband"}),
+)
+# What is hidden under a name of the simulator's own, and the catalogue's names for it.
+NAMES = {"trial_scale": frozenset({"trial_scale", "trial_variation", "thrust_scale_by_trial", "supply_sag"})}
+VISIBILITY = ((0.5, "half or more"), (0.25, "a quarter to a half"), (0.1, "a tenth to a quarter"), (-9.0, "less"))
+PARAMETERS = ("inertia", "quadratic_drag", "linear_drag")
+
+
+def visibility(truth: dict[str, Any]) -> str:
+    """By how much the cause, known, would lower the heading error; in words."""
+    if truth["hidden"] is None:
+        return "nothing hidden"
+    return next(name for least, name in VISIBILITY if truth["visible"] >= least)
+
+
+def same_class(named: str, hidden: str, one_way: bool) -> bool:
+    """Whether two effects are of one class."""
+    classes = CLASSES + (ONE_WAY_CLASSES if one_way else ())
+    return any(named in members and hidden in members for members in classes)
+
+
+def verdict_on(named: dict[str, Any], truth: dict[str, Any]) -> str:
+    """What a finding or a suspect is worth: "exact", "class", "there" (it is always there and shows) or "wrong"."""
+    effect = named["effect"]
+    if truth["hidden"] is not None:
+        hidden = truth["hidden"]["effect"]
+        names = NAMES.get(hidden, frozenset({hidden}))
+        if effect in names:
+            return "exact"
+        rivals = {
+            rival if isinstance(rival, str) else rival["effect"] for rival in named.get("cannot_be_told_from") or []
+        }
+        if names & rivals or any(same_class(effect, name, truth["one_way"]) for name in names):
+            return "class"
+    return "there" if effect in truth["also_true"] else "wrong"
+
+
+def within(value: float, error: float | None, truth: float) -> float | None:
+    """Distance from the truth in stated standard errors."""
+    if not error or not math.isfinite(error):
+        return None
+    return (value - truth) / error
+
+
+def score(record: dict[str, Any]) -> dict[str, Any]:
+    """Names, rank, odds and parameters of one campaign."""
+    truth, said = record["truth"], record["said"]
+    result: dict[str, Any] = {
+        "number": record["number"], "visibility": visibility(truth), "vehicle": truth["vehicle"],
+        "hidden": truth["hidden"]["effect"] if truth["hidden"] else None, "answer": said is not None,
+    }  # fmt: skip
+    findings = said["findings"] if said else []
+    suspects = (said.get("suspects") or []) if said else []
+    established = [verdict_on(one, truth) for one in findings]
+    ranked = [verdict_on(one, truth) for one in [*findings, *suspects]]
+    hits = [index for index, worth in enumerate(ranked) if worth in {"exact", "class"}]
+    # What is always there may well be named before what was hidden.
+    counted = [worth for worth in ranked if worth != "there"]
+    result |= {
+        "verdict": said["verdict"] if said else record["failure"],
+        "names": [one["effect"] for one in findings],
+        "suspected": [one["effect"] for one in suspects],
+        "established": established,
+        "established_right": any(worth in {"exact", "class"} for worth in established),
+        "established_wrong": "wrong" in established,
+        "first_right": bool(counted) and counted[0] in {"exact", "class"},
+        "rank": hits[0] + 1 if hits else None,
+        "odds": [
+            (float(one["confidence"]), worth != "wrong")
+            for one, worth in zip([*findings, *suspects], ranked, strict=True)
+            if one.get("confidence") is not None
+        ],
+        "parameters": {},
+    }
+    if said:
+        model = said["extended"] if findings and said.get("extended") else said["base"]
+        for name in PARAMETERS:
+            read = (model or {}).get("parameters", {}).get(name)
+            if read and read.get("value") is not None:
+                error = read.get("standard_error")
+                result["parameters"][name] = {
+                    "ratio": read["value"] / truth["parameters"][name],
+                    "errors_from_hull": within(read["value"], error, truth["parameters"][name]),
+                    "errors_from_best": within(read["value"], error, truth["told_fit"][name]),
+                }
+    return result
+
+
+def reliability(odds: list[tuple[float, bool]]) -> tuple[list[tuple[int, float, float]], float | None]:
+    """Ten bins of (number, mean confidence, share that acts), and the Brier score."""
+    bins: list[list[tuple[float, bool]]] = [[] for _ in range(10)]
+    for confidence, acts in odds:
+        bins[min(int(confidence * 10), 9)].append((confidence, acts))
+    table = []
+    for one in bins:
+        mean = sum(confidence for confidence, _ in one) / len(one) if one else math.nan
+        acting = sum(acts for _, acts in one) / len(one) if one else math.nan
+        table.append((len(one), mean, acting))
+    brier = sum((confidence - acts) ** 2 for confidence, acts in odds) / len(odds) if odds else None
+    return table, brier

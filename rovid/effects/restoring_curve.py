@@ -1,0 +1,28 @@
+"""A restoring torque that does not go with the sine of the tilt: a hull whose sides are not upright."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from rovid.effects.base import STIFFNESS, TRIM, Effect, EffectParameter, compiled
+
+
+@compiled
+def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    tilt = angle + base[3] - base[TRIM]
+    return -base[STIFFNESS] * p[j, 0] * tilt * tilt * math.sin(tilt)
+
+
+EFFECT: Effect = Effect(
+    id="restoring_curve",
+    axes=("roll", "pitch"),
+    title="bent restoring torque",
+    parameters=(EffectParameter(name="cubic", unit="1/rad^2", null=0.0, low=-5.0, high=20.0, starts=(1.0, -1.0)),),
+    equation="K·(sin x + c·x²·sin x) in place of K·sin x, x = θ − θ0",
+    fingerprint="residual torque as the cube of the tilt; a period that changes as a swing dies out",
+    experiment="releases from a large and from a small tilt",
+    rivals=("drag_curvature", "oscillatory_drag"),
+    term=_term,
+)
+FORMS: tuple[Effect, ...] = (EFFECT,)

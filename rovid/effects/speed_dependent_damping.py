@@ -1,0 +1,82 @@
+"""Damping that grows with the speed ahead: lift of hull, skegs and rudder in the stream."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rovid.effects.base import SPEEDS, SURGE, WATER, Actuation, Effect, EffectParameter, Values, compiled
+from rovid.effects.series import lagged
+from rovid.trial import FloatArray
+
+
+@compiled
+def _linear(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    return -p[j, 0] * abs(base[SURGE]) * (rate - base[WATER])
+
+
+@compiled
+def _quadratic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    return -p[j, 0] * base[SURGE] * base[SURGE] * (rate - base[WATER])
+
+
+@compiled
+def _both(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    speed = abs(base[SURGE])
+    return -(p[j, 0] + p[j, 1] * speed) * speed * (rate - base[WATER])
+
+
+def _of_thrust(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+    # Steady speed goes with the root of the thrust that drives it; its factor is part of the coefficient.
+    ahead = thrust @ where.ahead
+    return lagged(where.time, np.sign(ahead) * np.sqrt(np.abs(ahead)), values["time_constant"])
+
+
+_LINEAR = EffectParameter(
+    name="linear",
+    unit="N m s^2/(m rad)",
+    null=0.0,
+    low=0.0,
+    high=10.0,
+    starts=(0.1, 1.0),
+    scale="torque/surge/rate",
+)
+_QUADRATIC = replace(_LINEAR, name="quadratic", unit="N m s^3/(m^2 rad)", scale="torque/surge/surge/rate")
+
+EFFECT: Effect = Effect(
+    id="speed_dependent_damping",
+    axes=("yaw", "roll", "pitch"),
+    title="damping that grows with speed",
+    parameters=(_LINEAR,),
+    equation="− N·|u|·r, u the logged speed ahead",
+    fingerprint="residual torque against the rate, in proportion to the speed ahead; nothing of it at rest",
+    experiment="the same turns at several speeds ahead, and at none",
+    rivals=("advance_speed_loss", "drag_curvature", "supply_sag"),
+    needs=SPEEDS[:1],
+    term=_linear,
+)
+FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(EFFECT, form="quadratic", parameters=(_QUADRATIC,), equation="− N2·u²·r", term=_quadratic),
+    replace(
+        EFFECT,
+        form="both",
+        parameters=(_LINEAR, replace(_QUADRATIC, low=-10.0)),
+        equation="− (N·|u| + N2·u²)·r",
+        term=_both,
+    ),
+    replace(
+        EFFECT,
+        form="estimated",
+        parameters=(
+            replace(_LINEAR, unit="N^0.5 m s/rad", scale="torque/root/rate"),
+            EffectParameter(name="time_constant", unit="s", null=0.0, low=0.0, high=200.0, starts=(2.0, 10.0)),
+        ),
+        equation="− N·|s|·r, τ·ds/dt = sign(F)·√|F| − s, F the thrust ahead: in place of a speed that is not logged",
+        experiment="the speed ahead in the log; the same turns with much thrust ahead and with none",
+        needs=(),
+        on_speed=_of_thrust,
+    ),
+)

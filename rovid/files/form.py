@@ -1,0 +1,84 @@
+"""How each kind of output is known again: by a mark in its first kilobytes that no foreign file has by chance."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+_HEAD = 4096
+
+
+@dataclass(frozen=True, kw_only=True)
+class Form:
+    """A kind of output.
+
+    Attributes
+    ----------
+    words
+        What it is called in a sentence, as "a parameter file".
+    mark
+        Found in the beginning of each such file.
+    replaced
+        Whether a file with the mark may be replaced. A log or a rovid.toml is the user's as soon as it is written: the
+        mark only says that the same might stand there already.
+    """
+
+    words: str
+    mark: re.Pattern[bytes]
+    replaced: bool = True
+
+    def marks(self, path: Path) -> bool:
+        """Whether the file bears the mark."""
+        with path.open("rb") as stream:
+            return self.mark.search(stream.read(_HEAD)) is not None
+
+
+def _form(words: str, mark: bytes, *, replaced: bool = True) -> Form:
+    return Form(words=words, mark=re.compile(mark, re.MULTILINE | re.DOTALL), replaced=replaced)
+
+
+def export_mark(name: str) -> str:
+    """The words by which an export in the format ``name`` is known."""
+    return f"Written by rovid export {name}"
+
+
+def export_form(name: str) -> Form:
+    """An export in the format ``name``."""
+    mark = rb'"schema": "rovid-model/[0-9]' if name == "json" else re.escape(export_mark(name).encode()) + rb"[^\w-]"
+    return _form(f"an export for {name}", mark)
+
+
+def plot_mark(of: str) -> str:
+    """The words by which a picture is known; ``of`` is what it belongs to."""
+    return f"rovid {of}"
+
+
+def png_form(of: str) -> Form:
+    """A picture as PNG."""
+    mark = re.escape(plot_mark(of).encode())
+    return _form(f"a picture of a {of}", rb"\A\x89PNG\r\n\x1a\n.*tEXtSoftware\x00" + mark)
+
+
+def svg_form(of: str) -> Form:
+    """A picture as SVG."""
+    mark = re.escape(plot_mark(of).encode())
+    return _form(f"a picture of a {of}", rb"\A<\?xml.*<dc:creator>.*<dc:title>" + mark + b"</dc:title>")
+
+
+PARAMETERS = _form("a parameter file", rb'^schema = "rovid-parameters/[0-9]+"\s*$')
+PAGE = _form("a page of rovid report", rb'^<meta name="generator" content="rovid [^"]*">$')
+C_SOURCE = _form("a controller in C", rb"\A/\* Heading controller, .{0,80} Written by rovid ")
+PYTHON_SOURCE = _form("a controller in Python", rb'\A"""Heading controller, .{0,80} Written by rovid ')
+# The first name of the header is quoted, which it need not be, another is not: nobody else writes CSV so, all read it.
+PLAN = _form("a command file of rovid plan", rb'\A"time_s",([^\n]*,)?[^",\n]+(,[^\n]*)?\n')
+CURVE = _form("a thrust curve of rovid fit-thruster", rb'\A"command",thrust_N\n')
+# A header without profile; its library is what mcap_bytes was told.
+RECORDING_LIBRARY = "rovid simulate"
+RECORDING = _form(
+    "a recording of rovid simulate",
+    rb"\A\x89MCAP0\r\n\x01.{8}\0{4}" + re.escape(len(RECORDING_LIBRARY).to_bytes(4, "little")) + b"rovid simulate",
+)
+LOG = _form("this very log", rb"\A(time_s,|\x89MCAP0\r\n\x01.{8}\0{4}\x05\0{3}rovid|PAR1)", replaced=False)
+CONFIG = _form("this very rovid.toml", rb"\A# Written by `rovid init`", replaced=False)
+GUESSED_CURVE = _form("this very guessed curve", CURVE.mark.pattern, replaced=False)

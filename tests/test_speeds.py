@@ -1,0 +1,184 @@
+"""Effects that go by how fast the vehicle moves: what terms are told of it; a boat that another model sails."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.integrate import solve_ivp
+
+from rovid.effects import effect_named, forms_for
+from rovid.effects.base import SPEEDS
+from rovid.model import Drive, Model
+from rovid.trial import FloatArray
+from rovid.vehicle import ThrustCurve, Thruster, Vehicle
+from tests.conftest import Rovid
+from tests.synthetic import trial
+from tests.test_effects import WHERE
+
+# A boat of 60 kg with two thrusters aft.
+MASS, SURGE_DRAG, INERTIA, QUADRATIC, LINEAR, DAMPING, ARM = 60.0, 12.0, 15.0, 3.0, 3.0, 6.0, 0.4
+LEVELS = np.array([[0.9, 0.9], [0.9, 0.2], [0.2, 0.9], [0.0, 0.6], [-0.5, 0.5], [0.5, -0.5], [1.0, 0.6], [0.0, 0.0]])
+THRUST = 40.0
+TOML = """
+[vehicle]
+mass = 60.0
+[[thrusters]]
+name = "port"
+yaw_arm = 0.4
+surge = 1.0
+curve = "curve.csv"
+command = { csv = "port" }
+[[thrusters]]
+name = "starboard"
+yaw_arm = -0.4
+surge = 1.0
+curve = "curve.csv"
+command = { csv = "starboard" }
+[signals]
+time = { csv = "time_s" }
+heading = { csv = "heading_deg" }
+"""
+
+
+def sailed(seed: int) -> pd.DataFrame:
+    """120 s in steps of 4 s, at 10 Hz."""
+    rng = np.random.default_rng(seed)
+    orders = LEVELS[rng.permutation(np.arange(30) % len(LEVELS))]
+    rows, state = [], np.zeros(3)
+    for number, order in enumerate(orders):
+        thrust = THRUST * order * np.abs(order)
+
+        def slope(_: float, y: FloatArray, thrust: FloatArray = thrust) -> list[float]:
+            u, r, _psi = y
+            drag = (QUADRATIC * abs(r) + LINEAR + DAMPING * abs(u)) * r
+            return [
+                (thrust.sum() - SURGE_DRAG * abs(u) * u) / MASS,
+                (ARM * (thrust[0] - thrust[1]) - drag) / INERTIA,
+                r,
+            ]
+
+        time = np.arange(0, 41) * 0.1
+        solved = solve_ivp(slope, (0.0, 4.0), state, t_eval=time, rtol=1e-8, atol=1e-10).y
+        state = solved[:, -1]
+        u, _, psi = solved[:, :-1]
+        rows.append(np.column_stack([time[:-1] + 4.0 * number, np.degrees(psi), u, *(np.full(40, o) for o in order)]))
+    log = np.vstack(rows)
+    log[:, 1] = np.round(np.mod(log[:, 1] + rng.normal(0.0, 0.05, len(log)), 360.0), 3)
+    log[:, 2] = np.round((log[:, 2] + rng.normal(0.0, 0.01, len(log))) * 3600.0 / 1852.0, 4)
+    return pd.DataFrame(log, columns=["time_s", "heading_deg", "speed_kn", "port", "starboard"])
+
+
+def boat(folder: Path, more: str = "") -> None:
+    folder.mkdir()
+    (folder / "rovid.toml").write_text(TOML + more)
+    command = np.linspace(-1.0, 1.0, 41)
+    curve = {"command": command, "thrust_N": THRUST * command * np.abs(command)}
+    pd.DataFrame(curve).to_csv(folder / "curve.csv", index=False)
+    for seed in range(3):
+        sailed(seed).to_csv(folder / f"run_{seed}.csv", index=False)
+
+
+def test_damping_with_a_logged_speed_is_measured(tmp_path: Path, rovid: Rovid) -> None:
+    boat(tmp_path / "day", 'surge_velocity = { csv = "speed_kn", unit = "kn" }\n')
+    fit = rovid("fit", "day", "--effect", "speed_dependent_damping", "--json").document
+    truth = {"inertia": INERTIA, "linear_drag": LINEAR, "speed_dependent_damping.linear": DAMPING}
+    for name, value in truth.items():
+        found = fit["parameters"][name]
+        assert abs(found["value"] - value) < max(4.0 * found["standard_error"], 0.01 * value), name
+    assert fit["free_run_r2"]["this_fit"] > 0.999 > fit["free_run_r2"]["simulation_fit"] + 0.01
+
+
+def test_the_thrust_ahead_stands_in_for_a_speed_that_is_not_logged(tmp_path: Path, rovid: Rovid) -> None:
+    boat(tmp_path / "day")
+    plain = rovid("fit", "day", "--json", "-p", "plain.toml").document
+    fit = rovid("fit", "day", "--effect", "speed_dependent_damping:estimated", "--json").document
+    assert fit["parameters"]["inertia"]["value"] == pytest.approx(INERTIA, rel=0.05)
+    missed, left = (1.0 - document["free_run_r2"]["this_fit"] for document in (plain, fit))
+    assert left < 0.2 * missed
+    # A boat of this mass at half its speed: m/(2 X u).
+    lag = fit["parameters"]["speed_dependent_damping:estimated.time_constant"]["value"]
+    assert 0.3 < lag / (MASS / (2.0 * SURGE_DRAG * 1.2)) < 3.0
+
+
+def test_the_speed_is_needed_by_name(tmp_path: Path, rovid: Rovid) -> None:
+    boat(tmp_path / "day")
+    done = rovid("fit", "day", "--effect", "sideslip_moment:both")
+    assert done.code == 2
+    assert "needs surge_velocity and sway_velocity, which these logs do not all hold" in done.err
+
+
+def test_a_stand_in_is_offered_where_it_can_stand_and_is_needed() -> None:
+    curve = ThrustCurve(command=np.array([-1.0, 1.0]), thrust=np.array([-9.0, 9.0]))
+    told = Vehicle(name="boat", thrusters=(Thruster(name="aft", arm=0.4, curve=curve, ahead=1.0),))
+    untold = replace(told, thrusters=(replace(told.thrusters[0], ahead=0.0),))
+    stands_in = "speed_dependent_damping:estimated"
+    assert stands_in in [form.key for form in forms_for(told)]
+    assert stands_in not in [form.key for form in forms_for(untold)]
+    assert stands_in not in [form.key for form in forms_for(told, SPEEDS[:1])]
+
+
+def test_terms_are_told_the_mean_speed_of_each_interval() -> None:
+    effect = effect_named("speed_dependent_damping")
+    curve = ThrustCurve(command=np.array([-1.0, 1.0]), thrust=np.array([-9.0, 9.0]))
+    vehicle = Vehicle(name="boat", thrusters=(Thruster(name="aft", arm=0.4, curve=curve),))
+    time = np.array([0.0, 1.0, 2.0, 4.0])
+    log = replace(trial(time, np.zeros(4)), extras={SPEEDS[0]: np.array([np.nan, 1.0, 3.0, 2.0])})
+    model = Model(inertia=1.0, quadratic_drag=0.0, linear_drag=1.0, effects=(effect,), effect_values=(1.0,))
+    drive = model.drive(vehicle, log)
+    np.testing.assert_allclose(drive.beside[:, 1], [1.0, 2.0, 2.5, 2.0])
+    joined = drive.between(time, np.array([0, 1, 3]))
+    np.testing.assert_allclose(joined.beside[:, 1], [1.0, 7.0 / 3.0, 2.0])
+    # Where it is not logged, as in a run to come, that of the campaign goes.
+    planned = replace(log, extras={}, reference={SPEEDS[0]: 1.5})
+    np.testing.assert_allclose(model.drive(vehicle, planned).beside[:, 1], 1.5)
+    assert not Drive.held(np.zeros(3)).beside.any()
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "torque"),
+    [
+        ("speed_dependent_damping", (3.0,), -3.0 * 0.8 * 0.2),
+        ("speed_dependent_damping:quadratic", (3.0,), -3.0 * 0.64 * 0.2),
+        ("speed_dependent_damping:both", (3.0, 5.0), -(3.0 * 0.8 + 5.0 * 0.64) * 0.2),
+        ("sideslip_moment", (3.0,), 3.0 * 0.2),
+        ("sideslip_moment:munk", (3.0,), 3.0 * 0.8 * 0.2),
+        ("sideslip_moment:both", (3.0, 5.0), (3.0 + 5.0 * 0.8) * 0.2),
+    ],
+)
+def test_speeds_give_torque(key: str, values: tuple[float, ...], torque: float) -> None:
+    from tests.test_effects import term
+
+    assert term(effect_named(key), np.array(values), 0.2, 0.0, np.zeros(2))[0] == pytest.approx(torque)
+
+
+def test_thrust_is_lost_to_the_speed_along_the_thruster() -> None:
+    effect = effect_named("advance_speed_loss:measured")
+    assert effect.on_thrust is not None
+    where = replace(WHERE, extras={SPEEDS[0]: np.full(len(WHERE.time), 2.0)}, ahead=np.array([1.0, -0.5]))
+    thrust = np.tile([100.0, -25.0], (len(WHERE.time), 1))
+    found = effect.on_thrust(where, thrust, {"coefficient": 0.5})[0]
+    np.testing.assert_allclose(found, [100.0 - 0.5 * 10.0 * 2.0, -25.0 + 0.5 * 5.0 * 2.0 * 0.5])
+    # Where nothing is told of the thrusters they are taken to push ahead.
+    untold = effect.on_thrust(replace(where, ahead=np.zeros(2)), thrust, {"coefficient": 0.5})[0]
+    np.testing.assert_allclose(untold, [90.0, -25.0 - 5.0])
+
+
+def test_friction_may_be_unequal_both_ways() -> None:
+    from tests.test_effects import term
+
+    effect, values = effect_named("coulomb_resistance:unequal"), np.array([2.0, 3.0, 10.0, 0.01])
+    assert term(effect, values, 0.5, 0.0, np.zeros(2))[0] == pytest.approx(-2.0)
+    assert term(effect, values, -0.5, 0.0, np.zeros(2))[0] == pytest.approx(3.0 + 5.0)
+
+
+def test_a_curve_bent_in_the_command_keeps_its_ends_and_its_dead_zone() -> None:
+    effect = effect_named("thrust_curve_shape:command")
+    assert effect.on_command is not None
+    command = np.array([[0.2, -5.0], [5.0, -0.3], [0.3 + 0.25 * 4.7, -(0.3 + 0.25 * 4.7)]])
+    found = effect.on_command(WHERE, command, {"exponent": 1.5})
+    bent = 0.3 + 0.125 * 4.7
+    np.testing.assert_allclose(found, [[0.0, -5.0], [5.0, 0.0], [bent, -bent]])
