@@ -341,7 +341,7 @@ def simulate_effects(
 def predict(
     period: float,
     torque: FloatArray,
-    race: FloatArray,
+    beside: FloatArray,
     rate: FloatArray,
     angle: FloatArray,
     states: FloatArray,
@@ -355,8 +355,8 @@ def predict(
 
     Parameters
     ----------
-    torque, race
-        (n,) N m and N^0.5 m^2; means over each interval of a grid.
+    torque, beside
+        (n,) N m and (n, 3), see `rovid.model.Drive`; means over each interval of a grid.
     rate, angle, states
         (n,), (n,) and (n, k, TERM_STATES) on the measured course.
     starts, reach
@@ -377,7 +377,7 @@ def predict(
         turned[j, 0] = 0.0
         for k in range(reach[j]):
             r, a, stiffness = advance(
-                r, a, torque[at + k], 0.0, 0.0, race[at + k], period, base, terms, kinds, state, work, stiffness
+                r, a, torque[at + k], 0.0, 0.0, beside[at + k], period, base, terms, kinds, state, work, stiffness
             )
             if not abs(r) < most:
                 # It runs away, and would take ever shorter steps.

@@ -10,8 +10,8 @@ import numpy as np
 
 from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, log_likelihood, simulate_folds
-from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence, not_told_from
-from rovid.diagnose.parts import FEWEST_TRIALS, parts_of, recorded, shortest_part
+from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence
+from rovid.diagnose.parts import FEWEST_TRIALS, Piece, parts_of, pieces_of, recorded, shortest_part
 from rovid.diagnose.search import Fitted, Found, Key, Promise, Rival, Search, worth
 from rovid.diagnose.signals import PREFIX, drivers, is_driver
 from rovid.effects import Effect, forms_for
@@ -42,23 +42,24 @@ from rovid.vehicle import Vehicle
 
 # A rival is beaten by so much log-likelihood, and by such a share of what the effect gains, up to so much more.
 _BEATEN = (6.0, 0.03, 40.0)
-# An effect that differs from nothing by fewer standard errors, as printed, is not claimed.
-_SIGNIFICANT = 3.5
+# An effect that differs from nothing by fewer standard errors, as printed, is not claimed: by every reading, and by
+# predictions, which count as few.
+_SIGNIFICANT, _SIGNIFICANT_AHEAD = 3.5, 2.0
+# By predictions an addition has to gain so much log-likelihood: with the number of causes tried it is then established.
+_MARGIN_AHEAD = math.log(ESTABLISHED / (1.0 - ESTABLISHED))
 # A rival with this share of an effect's gain is compared with it over every reading.
 _CLOSE = 0.8
 _DECISIONS = 3
 # The search looks at readings this share of the vehicle's time constant apart, and no farther than so many seconds.
 _THINNED, _THINNED_SECONDS = 0.05, 0.2
-# With no worse a simulation the likelihood of each next reading is trusted though the innovations are not white.
-_EXPLAINED_R2 = 0.98
 # So often a search goes on without what a test refused.
 _REFUSALS = 6
 # A search after which no more predictions count than so many times those before is the last.
 _MORE = 1.2
 _BY_HORIZONS = (
     "The simulation misses much. The likelihood of each next reading would call that disturbance, so causes were "
-    "judged by predictions from half to eight time constants ahead: gains are of their log-likelihood, with errors that "
-    "correlate counted as one."
+    "judged by predictions from half to eight time constants ahead: gains are of their log-likelihood, with errors "
+    "that correlate counted as one."
 )
 _CUT_SHORT = (
     "The search was ended before nothing more could be found: each addition asked for another. What was found is "
@@ -181,7 +182,7 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
             f"There are too few trials ({len(prepared.items)}) to hold any out: they were cut into {len(runs)} parts, "
             "each simulated from its own start."
         )
-    lack = _lack(runs, shortest_part(prepared.cutoff))
+    lack = _lack(runs, prepared.cutoff)
     if lack:
         return Diagnosis(verdict="too_little_data", missing=lack, warnings=tuple(notes))
     try:
@@ -192,14 +193,13 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     full = Records(runs, vehicle, start)
     candidates = (*forms_for(vehicle, channels(runs)), *drivers(runs))
     base_r2 = free_run_r2(runs, start)
-    work = None
-    if base_r2 >= TRUSTED_R2:
-        work = _by_innovations(full, base_r2, candidates, report)
-        if not work.explains:
-            report("The likelihood of each next reading finds no end: looking farther ahead instead …")
-            work = None
-    if work is None:
-        work = _by_horizons(full, candidates, report)
+    pieces = [Piece(number, -math.inf, math.inf, run) for number, run in enumerate(runs)]
+    work = _by_innovations(full, pieces, base_r2, candidates, report) if base_r2 >= TRUSTED_R2 else None
+    if work is None or not work.explains:
+        report("The next reading does not tell all: looking farther ahead …")
+        whole = Records(prepared.items, vehicle, start)
+        pieces = pieces_of(prepared.items, vehicle, prepared.cutoff)
+        work = _by_horizons(whole, pieces, candidates, report, None if work is None else work.final)
         notes.append(_BY_HORIZONS)
     report("Testing what was found on trials that were not fitted …")
     work.decide()
@@ -210,33 +210,53 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
         return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(warnings))
 
 
-def _by_innovations(full: Records, base_r2: float, candidates: Sequence[Effect], report: Report) -> _Work:
+def _by_innovations(
+    full: Records, pieces: Sequence[Piece], base_r2: float, candidates: Sequence[Effect], report: Report
+) -> _Work:
     """Search by the likelihood of each next reading, first over some of the readings."""
     quick = replace(full, interval=_interval(full.runs, full.start, full.rate))
     likelihood, x, _ = fit_base(quick, base_r2)
     base = Fitted(likelihood, x, likelihood.cost(x))
     search = Search(candidates, report)
-    return _Work(search, full, base, search.run(base))
+    return _Work(search, full, base, search.run(base), pieces)
 
 
-def _by_horizons(full: Records, candidates: Sequence[Effect], report: Report) -> _Work:
+def _by_horizons(
+    full: Records, pieces: Sequence[Piece], candidates: Sequence[Effect], report: Report, begin: Fitted | None
+) -> _Work:
     """Search by predictions some time ahead.
 
     What is missing makes errors correlate for long, so that little counts. With the right cause they do so for less:
     the correlation is that which the best next cause would leave, whether that is claimed in the end or not.
+
+    ``begin`` is what the next reading asks for, where that was asked.
     """
     records = HorizonRecords.of(full, full.start)
     base = final = _ahead((), records, HorizonLikelihood(records).first())
+    if begin is not None:
+        for effect in (effect for effect in begin.effects if effect.wave or is_driver(effect)):
+            begin = _less(begin, effect)
+        final = _ahead(begin.effects, records, begin.x)
+        records = records.counting(final.likelihood.model(final.x))
+        base, final = (_ahead(fitted.effects, records, fitted.x) for fitted in (base, final))
     while True:
         # No phase of a wave is known to a prediction.
-        search = Search([effect for effect in candidates if not effect.wave], report, thorough=_is_far_off)
+        listed = [effect for effect in candidates if not effect.wave]
+        search = Search(listed, report, thorough=_is_far_off, margin=_MARGIN_AHEAD)
         final = search.run(final)
         best = search.best_extension(final) or final
         closer = records.counting(best.likelihood.model(best.x))
         if closer.readings < _MORE * records.readings:
-            return _Work(search, records, base, final)
+            return _Work(search, records, base, final, pieces)
         records = closer
         base, final = (_ahead(fitted.effects, records, fitted.x) for fitted in (base, final))
+
+
+def _less(fitted: Fitted, effect: Effect) -> Fitted:
+    """``fitted`` without ``effect``, nothing fitted again."""
+    effects, x = fitted.without(effect)
+    likelihood = fitted.likelihood.like(effects)
+    return Fitted(likelihood, x, likelihood.cost(x))
 
 
 def _ahead(effects: tuple[Effect, ...], records: HorizonRecords, x: FloatArray) -> Fitted:
@@ -256,6 +276,7 @@ class _Work:
     full: Records
     base: Fitted
     final: Fitted
+    pieces: Sequence[Piece]
     _folds: dict[Key, list[Fold]] = field(default_factory=dict)
     _refined: dict[Key, Fitted] = field(default_factory=dict)
 
@@ -266,11 +287,8 @@ class _Work:
 
     @property
     def explains(self) -> bool:
-        """Whether the final model leaves white innovations, or at least a good simulation."""
-        final = self.final
-        return simulated_r2(final.likelihood, final.x) >= _EXPLAINED_R2 or likelihood_is_white(
-            final.likelihood, final.x
-        )
+        """Whether the final model leaves white innovations."""
+        return likelihood_is_white(self.final.likelihood, self.final.x)
 
     def decide(self) -> None:
         """Let every reading decide between an effect and a close rival: the quick look may have taken the wrong one."""
@@ -308,7 +326,7 @@ class _Work:
     def folds(self, fitted: Fitted) -> list[Fold]:
         """Each fourth of the trials predicted from the others, worked out once for a model."""
         if fitted.key not in self._folds:
-            self._folds[fitted.key] = cross_validate(fitted)
+            self._folds[fitted.key] = cross_validate(fitted, self.pieces)
         return self._folds[fitted.key]
 
     def held_out_gain(self, effect: Effect) -> float:
@@ -354,47 +372,48 @@ class _Work:
         gain, size = self.held_out_gain(effect), _significance(self.final, effect)
         if gain <= 0.0:
             return f"fits these trials but predicts trials not fitted worse (log-likelihood {gain:.1f})"
-        if size < _SIGNIFICANT:
+        if size < (_SIGNIFICANT_AHEAD if self.by_horizons else _SIGNIFICANT):
             return f"is only {size:.1f} standard errors away from nothing"
         sure = self.confidence(self.found(effect), gain)
         return f"is likely ({100 * sure:.0f} %) and not established" if sure < ESTABLISHED else ""
 
     def confidence(self, found: Found, held_out_gain: float) -> float:
-        """Probability that the cause, or one that is not told from it, acts; on trials not fitted it has to gain too."""
+        """Probability that the cause, or one not told from it, acts; on trials not fitted it has to gain too."""
         worths = {rival.effect.id: rival.gain for rival in found.rivals}
         worths[found.effect.id] = found.worth
-        alike = (found.effect.id, *(effect.id for effect in undecided(found, self.margin(found))))
+        alike = (found.effect.id, *(effect.id for effect in undecided(found, self.told(found.worth))))
         less = max(found.worth - held_out_gain, 0.0)
         return confidence({name: worth - less for name, worth in worths.items()}, alike)
 
-    def margin(self, found: Found) -> float:
-        """By so much a rival is beaten.
+    def told(self, worth: float) -> float:
+        """By so much a rival is beaten of a cause that is worth so much.
 
         Where the model explains the data to the noise, likelihood decides; else part of any gain is that of its form.
         """
         white = likelihood_is_white(self.final.likelihood, self.final.x)
-        return _BEATEN[0] + (0.0 if white else min(_BEATEN[1] * found.worth, _BEATEN[2]))
+        return _BEATEN[0] + (0.0 if white else min(_BEATEN[1] * worth, _BEATEN[2]))
 
     def suspects(self) -> list[Suspected]:
-        """Causes that are likely or possible beside the final model, the most likely first."""
+        """Causes that are likely or possible beside the final model, the most likely first.
+
+        The first stands for its class; each other for itself, were it the one that acts.
+        """
         rivals = self.search.candidates_beside(self.final)
-        worths = {rival.effect.id: rival.gain for rival in rivals}
+        white = likelihood_is_white(self.final.likelihood, self.final.x)
+        doubt = self.search.form_doubt(self.final, white=white)
+        worths = {rival.effect.id: rival.gain - doubt for rival in rivals}
         found: list[Suspected] = []
-        taken: set[str] = set()
-        for rival in rivals:
-            cause = rival.effect.id
-            if cause in taken or is_driver(rival.effect):
-                continue
-            alike = not_told_from(worths, cause)
-            if confidence(worths, (cause, *alike)) < POSSIBLE:
+        for rival in (rival for rival in rivals if not is_driver(rival.effect)):
+            near = [other for other in rivals if other is not rival and other.gain > rival.gain - self.told(rival.gain)]
+            alike = () if found else tuple(other for other in near if not is_driver(other.effect))
+            names = (rival.effect.id, *(other.effect.id for other in alike))
+            if confidence(worths, names) < POSSIBLE:
                 break
-            taken |= {cause, *alike}
             gain = log_likelihood(self.folds(rival.fitted)) - log_likelihood(self.folds(self.final))
             less = max(rival.gain - gain, 0.0)
-            sure = confidence({name: worth - less for name, worth in worths.items()}, (cause, *alike))
+            sure = confidence({name: worth - less for name, worth in worths.items()}, names)
             if sure >= POSSIBLE:
-                others = tuple(other for other in rivals if other.effect.id in alike)
-                found.append(Suspected(rival, sure, gain, others))
+                found.append(Suspected(rival, sure, gain, alike))
         return sorted(found, key=lambda one: -one.confidence)
 
 
@@ -415,9 +434,10 @@ def undecided(found: Found, margin: float) -> tuple[Effect, ...]:
     )
 
 
-def _lack(runs: Sequence[Run], part: float) -> str:
-    """What is missing for a diagnosis, and what to run; ``part`` in s is the shortest that a trial is cut into."""
+def _lack(runs: Sequence[Run], cutoff: float) -> str:
+    """What is missing for a diagnosis, and what to run; ``cutoff`` in Hz is the low pass's."""
     if len(runs) < FEWEST_TRIALS:
+        part = shortest_part(runs, cutoff)
         seconds = sum(recorded(run.trial) for run in runs)
         return (
             f"there are too few trials ({len(runs)}, {seconds:.0f} s in all) to hold any out and test a cause on, and "
@@ -484,7 +504,8 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
             "something is still missing, and it follows no other logged signal."
         )
     suspects = tuple(_suspect(work, one) for one in work.suspects())
-    verdict = "found" if findings else "suspected" if suspects else "unexplained" if signals or at_limit or work.by_horizons else "nothing_found"
+    unexplained = bool(signals) or at_limit or simulated_r2(final.likelihood, final.x) < TRUSTED_R2
+    verdict = "found" if findings else "suspected" if suspects else "unexplained" if unexplained else "nothing_found"
     disturbance, _ = final.likelihood.disturbance(final.x)
     return Diagnosis(
         verdict=verdict,
@@ -561,7 +582,7 @@ def _finding(work: _Work, found: Found, estimate: Estimate) -> Finding:
         held_out_gain=held_out_gain,
         confidence=work.confidence(found, held_out_gain),
         rivals=found.rivals,
-        undecided=undecided(found, work.margin(found)),
+        undecided=undecided(found, work.told(found.worth)),
     )
 
 
@@ -571,7 +592,7 @@ def _suspect(work: _Work, suspected: Suspected) -> Finding:
     estimate = _estimate(fitted, white=False)
     own = [f"{rival.effect.key}.{parameter.name}" for parameter in rival.effect.parameters]
     at = [estimate.names.index(name) for name in own]
-    finding = Finding(
+    return Finding(
         effect=rival.effect,
         estimate=replace(
             estimate, names=tuple(own), values=estimate.values[at], covariance=estimate.covariance[np.ix_(at, at)]
@@ -581,9 +602,8 @@ def _suspect(work: _Work, suspected: Suspected) -> Finding:
         held_out_gain=suspected.held_out_gain,
         confidence=suspected.confidence,
         rivals=tuple(one for one in work.search.candidates_beside(work.final) if one.effect is not rival.effect),
-        undecided=tuple(other.effect for other in suspected.others if not is_driver(other.effect)),
+        undecided=tuple(other.effect for other in suspected.others),
     )
-    return finding
 
 
 def _telling(work: _Work, finding: Finding) -> Plan | None:

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rovid.diagnose.parts import Piece
 from rovid.diagnose.search import Fitted
 from rovid.simulation import HORIZONS, overall, simulate_runs
 from rovid.trial import FloatArray
@@ -38,27 +40,41 @@ class HeldOut:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fold:
-    """A fourth of the trials: their indices, the coordinates fitted to all others, and their log-likelihood there."""
+    """A fourth of the pieces, the coordinates fitted to all others, and their log-likelihood there."""
 
-    trials: list[int]
+    pieces: list[Piece]
     x: FloatArray
     log_likelihood: float
 
 
-def cross_validate(fitted: Fitted) -> list[Fold]:
-    """Fit the model of ``fitted`` anew without each fourth of the trials, and predict those."""
-    records, left_out, tests, fits = fitted.likelihood.records, _folds(len(fitted.likelihood.records.runs)), [], []
-    for trials in left_out:
-        outside = np.isin(records.trial, trials)
-        train, test = (fitted.likelihood.like(fitted.effects, part) for part in (~outside, outside))
+def cross_validate(fitted: Fitted, pieces: Sequence[Piece]) -> list[Fold]:
+    """Fit the model of ``fitted`` anew without each fourth of the pieces, and predict those."""
+    piece, left_out, tests, fits = _piece(fitted, pieces), _folds(len(pieces)), [], []
+    for numbers in left_out:
+        test = np.isin(piece, numbers)
+        # What begins in one piece and ends in another tells of both.
+        train = ~test & (piece >= 0)
         # All trials together are a start so good that a few steps do.
-        fits.append(train.climb(fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)[0])
-        tests.append(test)
+        likelihood = fitted.likelihood.like(fitted.effects, train)
+        fits.append(likelihood.climb(fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)[0])
+        tests.append(fitted.likelihood.like(fitted.effects, test))
     costs = fitted.likelihood.held_out_costs(tests, fits)
     return [
-        Fold(trials=trials, x=x, log_likelihood=-cost)
-        for trials, cost, x in zip(left_out, costs, fits, strict=True)
+        Fold(pieces=[pieces[number] for number in numbers], x=x, log_likelihood=-cost)
+        for numbers, cost, x in zip(left_out, costs, fits, strict=True)
     ]
+
+
+def _piece(fitted: Fitted, pieces: Sequence[Piece]) -> NDArray[np.intp]:
+    """(N,) index of the piece that each innovation lies in; -1 where it lies in more than one, or none."""
+    found = []
+    for number, (begin, end) in enumerate(fitted.likelihood.records.spans):
+        mine = np.full(len(begin), -1)
+        for index, piece in enumerate(pieces):
+            if piece.whole == number:
+                mine[(piece.begin <= begin) & (end <= piece.end)] = index
+        found.append(mine)
+    return np.concatenate(found)
 
 
 def log_likelihood(folds: Sequence[Fold]) -> float:
@@ -72,7 +88,7 @@ def simulate_folds(fitted: Fitted, folds: Sequence[Fold]) -> HeldOut:
     assert records.vehicle is not None  # noqa: S101 - a diagnosis has one
     for fold in folds:
         model = fitted.likelihood.model(fold.x)
-        simulations += simulate_runs([records.runs[k] for k in fold.trials], model, records.vehicle)
+        simulations += simulate_runs([piece.run for piece in fold.pieces], model, records.vehicle)
     fit = overall(simulations)
     errors = {horizon: _mean([item.position_errors[horizon] for item in simulations]) for horizon in HORIZONS}
     return HeldOut(
@@ -84,7 +100,7 @@ def simulate_folds(fitted: Fitted, folds: Sequence[Fold]) -> HeldOut:
 
 
 def _folds(count: int) -> list[list[int]]:
-    """Every fourth trial: neighbours by name, which are of one kind, fall into different folds."""
+    """Every fourth piece: neighbours by name, which are of one kind, fall into different folds."""
     return [list(range(first, count, _FOLDS)) for first in range(min(_FOLDS, count))]
 
 

@@ -7,8 +7,6 @@ from collections.abc import Collection, Mapping
 
 # A cause that is surer is established; one that is less so is not worth a crew's time.
 ESTABLISHED, POSSIBLE = 0.95, 0.2
-# A rival whose odds are no worse than this share of the best one's is not told from it.
-_TOLD = 0.1
 # Nothing that rests on one set of logs and on equations that nature does not know is surer.
 _SUREST = 0.999
 
@@ -27,10 +25,3 @@ def confidence(worths: Mapping[str, float], alike: Collection[str]) -> float:
     weights = {name: prior * math.exp(worth - top) for name, worth in worths.items()}
     total = math.exp(-top) + sum(weights.values())
     return min(sum(weights[name] for name in alike if name in weights) / total, _SUREST)
-
-
-def not_told_from(worths: Mapping[str, float], cause: str) -> list[str]:
-    """Other causes whose odds are near those of ``cause``, the best first."""
-    least = worths[cause] + math.log(_TOLD)
-    near = [name for name, worth in worths.items() if name != cause and worth >= least]
-    return sorted(near, key=lambda name: -worths[name])

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rovid.errors import DataError
+from rovid.identify.free_run import fit_free_run
+from rovid.identify.horizons import time_constant
+from rovid.identify.innovations import Records
 from rovid.rates import highest_cutoff
 from rovid.runs import Run, Runs, prepare
 from rovid.trial import Campaign, Trial
@@ -14,14 +19,26 @@ from rovid.vehicle import Vehicle
 
 FEWEST_TRIALS = 4
 _PARTS = 8
-_SHORTEST = 30.0  # s; a part
+# Time constants of the vehicle that a part lasts at least: what was before it is then forgotten in most of it.
+_SHORTEST = 4.0
+_UNKNOWN = 30.0  # s, where the time constant is not known
 _CUTOFF_PERIODS = 8.0  # the filter takes two and a half of them
 _FEWEST = 10  # in a part, as in a log
 _PAUSE, _PAUSE_PERIODS = 10.0, 10.0  # s, and usual intervals between readings
 
 
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """From ``begin`` to ``end`` in s of the run number ``whole``, as a run by itself."""
+
+    whole: int
+    begin: float
+    end: float
+    run: Run
+
+
 def parts_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> Runs | None:
-    """Runs of about an eighth of all time each, or of half a minute or what the filter wants where that is longer.
+    """Runs of about an eighth of all time each, or of `shortest_part` where that is longer.
 
     None where there are runs enough, or too little time.
 
@@ -30,17 +47,33 @@ def parts_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> Runs | Non
     if len(runs) >= FEWEST_TRIALS:
         return None
     total = sum(recorded(run.trial) for run in runs)
-    length = max(total / _PARTS, shortest_part(cutoff))
-    trials = [part for run in runs for part in _cut(run.trial, length)]
+    cuts = [cut for run in runs for cut in _cuts(run.trial, max(total / _PARTS, shortest_part(runs, cutoff)))]
+    trials = [cut.trial for cut in cuts]
     if len(trials) < FEWEST_TRIALS:
         return None
     shared = min(cutoff, highest_cutoff(trials))
     return prepare(Campaign(trials=tuple(trials), sources=()), vehicle, cutoff=shared)
 
 
-def shortest_part(cutoff: float) -> float:
-    """Length in s that a part has at least, for a low pass with this ``cutoff`` in Hz."""
-    return max(_SHORTEST, _CUTOFF_PERIODS / cutoff)
+def pieces_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> list[Piece]:
+    """All ``runs`` in pieces: each by itself where there are enough, cut where that leaves pieces long enough."""
+    total = sum(recorded(run.trial) for run in runs)
+    length = max(total / _PARTS, shortest_part(runs, cutoff))
+    cuts = [(whole, cut) for whole, run in enumerate(runs) for cut in _cuts(run.trial, length)]
+    trials = [cut.trial for _, cut in cuts]
+    shared = min(cutoff, highest_cutoff(trials))
+    made = prepare(Campaign(trials=tuple(trials), sources=()), vehicle, cutoff=shared).items
+    return [Piece(whole, cut.begin, cut.end, run) for (whole, cut), run in zip(cuts, made, strict=True)]
+
+
+def shortest_part(runs: Sequence[Run], cutoff: float) -> float:
+    """Length in s that a part has at least: some time constants, and what a low pass of ``cutoff`` in Hz wants."""
+    try:
+        start = fit_free_run(runs)
+        shortest = _SHORTEST * time_constant(start, Records(runs, None, start).rate)
+    except DataError:
+        shortest = _UNKNOWN
+    return max(shortest, _CUTOFF_PERIODS / cutoff)
 
 
 def recorded(trial: Trial) -> float:
@@ -55,7 +88,16 @@ def _sessions(trial: Trial) -> list[NDArray[np.intp]]:
     return np.split(measured, 1 + np.flatnonzero(pauses))
 
 
-def _cut(trial: Trial, length: float) -> list[Trial]:
+@dataclass(frozen=True, eq=False)
+class _Cut:
+    """A stretch of a trial, from ``begin`` to ``end`` in s of it."""
+
+    begin: float
+    end: float
+    trial: Trial
+
+
+def _cuts(trial: Trial, length: float) -> list[_Cut]:
     """Parts that begin and end with a measured position, as logs do, none across a pause."""
     pieces: list[NDArray[np.intp]] = []
     for session in _sessions(trial):
@@ -63,7 +105,11 @@ def _cut(trial: Trial, length: float) -> list[Trial]:
         ends = np.linspace(time[0], time[-1], max(round(float(np.ptp(time)) / length), 1) + 1)
         pieces += np.split(session, np.searchsorted(time, ends[1:-1]))
     return [
-        trial.part(slice(int(piece[0]), int(piece[-1]) + 1), f"{trial.name} part {number}")
+        _Cut(
+            float(trial.time[piece[0]]),
+            float(trial.time[piece[-1]]),
+            trial.part(slice(int(piece[0]), int(piece[-1]) + 1), f"{trial.name} part {number}"),
+        )
         for number, piece in enumerate(pieces, start=1)
         if len(piece) >= _FEWEST
     ]

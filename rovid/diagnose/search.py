@@ -14,7 +14,7 @@ from rovid.identify.likelihood import likelihood_is_white, loosened, starts
 from rovid.trial import FloatArray
 from rovid.workers import spread
 
-# An addition has to gain so much log-likelihood beyond what its parameters and the number of causes tried would.
+# Of log-likelihood; for what is told by every reading.
 MARGIN = 6.0
 # Of the best candidate's promise, as far as its fit begins by keeping it: who promises less is not fitted.
 _PROMISE = 0.1
@@ -161,6 +161,8 @@ class Search:
         Called with a line of text as the search goes on.
     thorough
         Whether a model is so far from the truth that slopes do not tell what would help: then every cause is fitted.
+    margin
+        An addition has to gain so much log-likelihood beyond what its parameters and the number of causes tried would.
     promises
         Key of a model -> what each further form promised there.
     cut_short
@@ -170,6 +172,7 @@ class Search:
     candidates: Sequence[Effect]
     report: Report = field(default=lambda _: None)
     thorough: Callable[[Fitted], bool] = field(default=lambda _: False)
+    margin: float = MARGIN
     promises: dict[Key, list[Promise]] = field(default_factory=dict)
     cut_short: bool = False
     _barred: set[str] = field(default_factory=set)
@@ -185,7 +188,7 @@ class Search:
     @property
     def threshold(self) -> float:
         """Worth that an effect has to add: the more causes were tried, the more."""
-        return MARGIN + math.log(max(len({effect.id for effect in self.candidates}), 1))
+        return self.margin + math.log(max(len({effect.id for effect in self.candidates}), 1))
 
     def pays(self, better: Fitted, current: Fitted) -> bool:
         """Whether ``better``, with one more effect than ``current``, adds enough: the more, the more was explained.
@@ -193,14 +196,21 @@ class Search:
         Nature's form of an effect is never quite the equation's, and another effect may gain by the difference: most
         of all where ``better`` does not explain the data down to white innovations.
         """
-        added, earned = worth(better) - worth(current), worth(current) - worth(self.without_any(current))
-        if added < max(self.threshold, min(_REMAINDER * earned, _MOST_WHITE)):
+        added = worth(better) - worth(current)
+        if added < max(self.threshold, self.form_doubt(current, white=True)):
             return False
+        return added >= self.form_doubt(current, white=likelihood_is_white(better.likelihood, better.x))
+
+    def form_doubt(self, current: Fitted, *, white: bool) -> float:
+        """Log-likelihood that the difference between nature's form of what ``current`` has and the equation's may be.
+
+        ``white`` is whether the data are explained down to white innovations.
+        """
+        earned = worth(current) - worth(self.without_any(current))
         if not all(effect.equation for effect in current.effects):
             # How something depends on a mere signal is known even less.
-            return added >= _BESIDE_SIGNAL * earned
-        most = _MOST_WHITE if likelihood_is_white(better.likelihood, better.x) else _MOST_COLOURED
-        return added >= min(_REMAINDER * earned, most)
+            return _BESIDE_SIGNAL * earned
+        return min(_REMAINDER * earned, _MOST_WHITE if white else _MOST_COLOURED)
 
     def bar(self, effect: Effect) -> None:
         """Take up no form of ``effect`` any more: a test that the search does not make refused it."""
@@ -213,7 +223,7 @@ class Search:
     def run(self, base: Fitted) -> Fitted:
         """Exchange what another explains better, add what pays and drop what no longer does, until nothing changes."""
         self._fits[base.key] = base
-        current = base
+        current = self._pruned(base)
         for _ in range(_MAX_EFFECTS):
             changed = self._grown(self._exchanged(current))
             if changed is current:
@@ -484,8 +494,9 @@ def _ranked(promises: Sequence[Promise]) -> list[list[Promise]]:
 
 
 def _best_forms(promises: Sequence[Promise]) -> list[Promise]:
-    """The most promising forms of every cause that shows at all."""
-    return [promise for group in _ranked(promises) for promise in group[:_FORMS_FITTED] if promise.gain > 0.0]
+    """The most promising form of every cause that shows at all, and more forms of those that show most."""
+    counts = ((group, _FORMS_FITTED if place < _FITTED else 1) for place, group in enumerate(_ranked(promises)))
+    return [promise for group, count in counts for promise in group[:count] if promise.gain > 0.0]
 
 
 def shortlist(current: Fitted, promises: Sequence[Promise], least: float) -> list[Promise]:

@@ -123,6 +123,11 @@ class HorizonRecords(Records):
         return [course.starts for course in self.courses]
 
     @cached_property
+    def spans(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Of each run the (n,) s at which each prediction begins and ends."""
+        return [(course.time[course.starts], course.time[course.ends]) for course in self.courses]
+
+    @cached_property
     def horizon(self) -> IntArray:
         """(N,) index of the horizon of each prediction."""
         return np.concatenate([course.horizon for course in self.courses])
@@ -157,14 +162,14 @@ def _course(run: Run, constant: float) -> Course:
     restarts = np.flatnonzero(np.isfinite(rate) & known)
     between = max(round(_RESTARTS * constant / (every * period)), 1)
     starts, horizons, ends = [], [], []
-    for number, horizon in enumerate(HORIZONS):
+    for at, horizon in enumerate(HORIZONS):
         length = max(round(horizon * constant / (every * period)), 1)
         apart = between * max(round(0.25 * horizon / _RESTARTS), 1)
         first = restarts[(restarts % apart == 0) & (restarts + length < len(time))]
         # How far the vehicle turned inside a gap is not measured.
         whole = first[gaps[first + length + 1] == gaps[first]]
         starts.append(whole)
-        horizons.append(np.full(len(whole), number))
+        horizons.append(np.full(len(whole), at))
         ends.append(whole + length)
     start, end = np.concatenate(starts), np.concatenate(ends)
     first, number = np.unique(start, return_inverse=True)
@@ -200,22 +205,24 @@ def _errors(course: Course, model: Model, drive: Drive) -> FloatArray:
     if model.deviates:
         off = on_grid(trial, true - trial.position, course.run.rates.time)
         every = round((time[1] - time[0]) / course.run.rates.kernel.period)
-        angle = course.angle + off[::every]
-        rate = course.rate / np.interp(time, trial.time, gain)
+        slope = np.interp(time, trial.time, gain)
+        angle, rate = course.angle + off[::every], course.rate / slope
     else:
+        slope = np.ones(len(time))
         angle, rate = course.angle, course.rate
-    torque, race = (_means(trial.time, series, time) for series in (drive.torque, drive.race))
+    held = drive.mapped(lambda series: _means(trial.time, series, time))
     known = angle[np.isfinite(angle)]
     turned = angle - known[0]
     period = float(time[1] - time[0])
     # The filter has no rate at the ends of a trial, where the water already moves.
     moving = np.where(np.isfinite(rate), rate, np.gradient(turned, period))
-    _, states = model.along(trial, period, (moving, turned, torque, race))
+    _, states = model.along(trial, period, (moving, turned, held.torque), held.beside)
     motion = (model.base(trial), *model.terms())
-    held = (torque, race, rate, np.nan_to_num(turned), states)
-    moved = predict(period, *held, course.restarts, course.reach, *motion)
+    here = (held.torque, held.beside, rate, np.nan_to_num(turned), states)
+    moved = predict(period, *here, course.restarts, course.reach, *motion)
     ahead = moved[course.number, course.ends - course.starts]
-    return np.asarray(ahead - (turned[course.ends] - turned[course.starts]))
+    # What is predicted is the position as it is measured, whatever that deviates by.
+    return np.asarray((ahead - (turned[course.ends] - turned[course.starts])) * slope[course.ends])
 
 
 def _means(time: FloatArray, held: FloatArray, grid: FloatArray) -> FloatArray:
@@ -360,7 +367,7 @@ class HorizonLikelihood(Likelihood):
         ]
 
     def disturbance(self, x: FloatArray) -> tuple[float, float]:
-        """Standard deviation of a torque in N m that would drive the errors over the shortest horizon; its memory in s."""
+        """Standard deviation in N m and memory in s of a torque that would drive the errors of the shortest horizon."""
         memory = self.records.time_constant
         shortest = math.sqrt(float(self.sizes(self.innovations(x)[0])[0]))
         span = HORIZONS[0] * memory

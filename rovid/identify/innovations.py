@@ -178,6 +178,11 @@ class Records:
         return [np.concatenate(pair) for pair in zip(self.known, self.known_rates, strict=True)]
 
     @cached_property
+    def spans(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Of each run the (n,) s at which each innovation begins and ends to tell of the motion."""
+        return [(time[at], time[at]) for time, at in zip(self.times, self.looked_at, strict=True)]
+
+    @cached_property
     def initial_rates(self) -> list[float]:
         """Rate of each run at its first instant, rad/s."""
         return [self.start.initial_rate(run.trial) for run in self.runs]
