@@ -47,6 +47,8 @@ _BEATEN = (6.0, 0.03, 40.0)
 _SIGNIFICANT, _SIGNIFICANT_AHEAD = 3.5, 2.0
 # By predictions an addition has to gain so much log-likelihood: with the number of causes tried it is then established.
 _MARGIN_AHEAD = math.log(ESTABLISHED / (1.0 - ESTABLISHED))
+# Of suspects: one that has a tenth of another's odds is told from it.
+_TOLD = math.log(10.0)
 # A rival with this share of an effect's gain is compared with it over every reading.
 _CLOSE = 0.8
 _DECISIONS = 3
@@ -191,14 +193,16 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
         return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(notes))
     report("Fitting the model without effects …")
     full = Records(runs, vehicle, start)
-    candidates = (*forms_for(vehicle, channels(runs)), *drivers(runs))
+    forms = forms_for(vehicle, channels(runs))
     base_r2 = free_run_r2(runs, start)
     pieces = [Piece(number, -math.inf, math.inf, run) for number, run in enumerate(runs)]
+    candidates = (*forms, *drivers(runs))
     work = _by_innovations(full, pieces, base_r2, candidates, report) if base_r2 >= TRUSTED_R2 else None
     if work is None or not work.explains:
         report("The next reading does not tell all: looking farther ahead …")
         whole = Records(prepared.items, vehicle, start)
         pieces = pieces_of(prepared.items, vehicle, prepared.cutoff)
+        candidates = (*forms, *drivers(prepared.items))
         work = _by_horizons(whole, pieces, candidates, report, None if work is None else work.final)
         notes.append(_BY_HORIZONS)
     report("Testing what was found on trials that were not fitted …")
@@ -287,8 +291,9 @@ class _Work:
 
     @property
     def explains(self) -> bool:
-        """Whether the final model leaves white innovations."""
-        return likelihood_is_white(self.final.likelihood, self.final.x)
+        """Whether the final model leaves white innovations, and no more disturbance than there may be."""
+        likelihood, x = self.final.likelihood, self.final.x
+        return likelihood_is_white(likelihood, x) and not likelihood.at_limit(x)
 
     def decide(self) -> None:
         """Let every reading decide between an effect and a close rival: the quick look may have taken the wrong one."""
@@ -381,11 +386,11 @@ class _Work:
         """Probability that the cause, or one not told from it, acts; on trials not fitted it has to gain too."""
         worths = {rival.effect.id: rival.gain for rival in found.rivals}
         worths[found.effect.id] = found.worth
-        alike = (found.effect.id, *(effect.id for effect in undecided(found, self.told(found.worth))))
+        alike = (found.effect.id, *(effect.id for effect in undecided(found, self.margin(found.worth))))
         less = max(found.worth - held_out_gain, 0.0)
         return confidence({name: worth - less for name, worth in worths.items()}, alike)
 
-    def told(self, worth: float) -> float:
+    def margin(self, worth: float) -> float:
         """By so much a rival is beaten of a cause that is worth so much.
 
         Where the model explains the data to the noise, likelihood decides; else part of any gain is that of its form.
@@ -404,7 +409,8 @@ class _Work:
         worths = {rival.effect.id: rival.gain - doubt for rival in rivals}
         found: list[Suspected] = []
         for rival in (rival for rival in rivals if not is_driver(rival.effect)):
-            near = [other for other in rivals if other is not rival and other.gain > rival.gain - self.told(rival.gain)]
+            least = max(rival.gain - _TOLD, 0.0)
+            near = (other for other in rivals if other is not rival and other.gain > least)
             alike = () if found else tuple(other for other in near if not is_driver(other.effect))
             names = (rival.effect.id, *(other.effect.id for other in alike))
             if confidence(worths, names) < POSSIBLE:
@@ -582,7 +588,7 @@ def _finding(work: _Work, found: Found, estimate: Estimate) -> Finding:
         held_out_gain=held_out_gain,
         confidence=work.confidence(found, held_out_gain),
         rivals=found.rivals,
-        undecided=undecided(found, work.told(found.worth)),
+        undecided=undecided(found, work.margin(found.worth)),
     )
 
 
