@@ -70,6 +70,10 @@ class Trial:
         What the reader noticed.
     integrated
         Whether the rate alone was measured, of which ``position`` is then the integral.
+    began
+        s since 1970 at time 0; None where the log does not tell.
+    since
+        s from the beginning of the campaign's first trial to that of this one.
     """
 
     name: str
@@ -85,6 +89,8 @@ class Trial:
     remarks: tuple[Remark, ...] = ()
     axis: Axis = YAW
     integrated: bool = False
+    began: float | None = None
+    since: float = 0.0
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -133,6 +139,8 @@ class Trial:
             roll=cut(self.roll),
             pitch=cut(self.pitch),
             extras={channel: values[where] for channel, values in self.extras.items()},
+            began=None if self.began is None else self.began + float(self.time[where][0]),
+            since=self.since + float(self.time[where][0]),
         )
 
     @property

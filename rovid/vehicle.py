@@ -88,6 +88,10 @@ class Thruster:
         return float("nan") if self.curve is None else self.curve.span
 
 
+# Total over rigid-body yaw inertia; published vehicles lie between 1.1 and 2.5, a closed hull full of water at 4.
+PLAUSIBLE_RATIO = (0.9, 8.0)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
     """What rovid.toml says of the vehicle.

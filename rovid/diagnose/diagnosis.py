@@ -58,6 +58,8 @@ _THINNED, _THINNED_SECONDS = 0.05, 0.2
 _REFUSALS = 6
 # A search after which no more predictions count than so many times those before is the last.
 _MORE = 1.2
+# So many of the likeliest models tell how many predictions count.
+_COUNTED = 6
 _BY_HORIZONS = (
     "The simulation misses much. The likelihood of each next reading would call that disturbance, so causes were "
     "judged by predictions from half to eight time constants ahead: gains are of their log-likelihood, with errors "
@@ -248,8 +250,10 @@ def _by_horizons(
         listed = [effect for effect in candidates if not effect.wave]
         search = Search(listed, report, thorough=_is_far_off, margin=_MARGIN_AHEAD)
         final = search.run(final)
-        best = search.best_extension(final) or final
-        closer = records.counting(best.likelihood.model(best.x))
+        others = (final, *(fitted for fitted in search.extensions(final) if fitted.plausible))
+        likeliest = sorted(others, key=worth, reverse=True)[:_COUNTED]
+        counted = (records.counting(fitted.likelihood.model(fitted.x)) for fitted in likeliest)
+        closer = max(counted, key=lambda one: one.readings)
         if closer.readings < _MORE * records.readings:
             return _Work(search, records, base, final, pieces)
         records = closer

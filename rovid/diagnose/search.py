@@ -84,9 +84,9 @@ class Fitted:
 
     @property
     def plausible(self) -> bool:
-        """Whether the last effect is of a size that there is, none of its parameters at the edge."""
+        """Whether the last effect is of a size that there is, none of its parameters at the edge, nor the inertia."""
         effect = self.effects[-1]
-        return not any(
+        return self.likelihood.is_physical(self.x) and not any(
             (value >= parameter.high != parameter.null) or (value <= parameter.low != parameter.null)
             for value, parameter in zip(self.own(effect), effect.parameters, strict=True)
         )

@@ -121,6 +121,8 @@ class Actuation:
         The median of each further channel over the whole campaign.
     trial
         Its name.
+    since
+        s from the beginning of the campaign's first trial to that of this one.
     parts
         How many each interval between two of the log's instants is cut into.
     """
@@ -136,6 +138,7 @@ class Actuation:
     extras: Mapping[str, FloatArray]
     reference: Mapping[str, float] = field(default_factory=dict)
     trial: str = ""
+    since: float = 0.0
     parts: int = 1
 
     @property
@@ -321,6 +324,7 @@ def actuation(vehicle: Vehicle, trial: Trial, parts: int = 1) -> Actuation:
         extras={name: finer(values, parts) for name, values in trial.extras.items()},
         reference=trial.reference,
         trial=trial.name,
+        since=trial.since,
         parts=parts,
         neutral=neutral_commands(vehicle),
         arms=np.array([thruster.arm for thruster in vehicle.thrusters]),

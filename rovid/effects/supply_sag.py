@@ -27,6 +27,11 @@ def _with_time(where: Actuation, thrust: FloatArray, values: Values) -> FloatArr
     return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
 
 
+def _with_day(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+    drop = values["drift"] * (where.since + where.time - where.time[0]) / _HOUR
+    return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
+
+
 def _with_voltage(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
     voltage = where.extras.get(_CHANNEL)
     if voltage is None or not np.isfinite(voltage).any():
@@ -63,6 +68,15 @@ FORMS: tuple[Effect, ...] = (
         fingerprint="residual torque as −t·T: the same command does less at the end than at the start",
         experiment="the same run first, in the middle and last; the supply's voltage in the log",
         on_thrust=_with_time,
+    ),
+    replace(
+        EFFECT,
+        form="day",
+        parameters=(EffectParameter(name="drift", unit="1/h", null=0.0, low=-20.0, high=20.0, starts=(0.1, 1.0)),),
+        equation="T' = T·(1 − d·t), t since the first log began",
+        fingerprint="residual torque as −t·T: the same command does less in the last run than in the first",
+        experiment="the same run first, in the middle and last; the supply's voltage in the log",
+        on_thrust=_with_day,
     ),
     replace(
         EFFECT,

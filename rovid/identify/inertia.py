@@ -25,6 +25,7 @@ from rovid.model import Model
 from rovid.runs import Run
 from rovid.tables import SINE_COLUMNS, Table
 from rovid.trial import FloatArray
+from rovid.vehicle import PLAUSIBLE_RATIO
 
 METHODS = {
     "peak": "peak method of the founding paper (biased)",
@@ -32,8 +33,6 @@ METHODS = {
     "harmonic_balance": "harmonic balance at the fundamental",
     "regression": "regression on all excited data",
 }
-# Total over rigid-body yaw inertia; published vehicles lie between 1.1 and 2.5, a closed hull full of water at 4.
-_PLAUSIBLE_RATIO = (0.9, 8.0)
 # Degrees taken for radians, or the reverse, put the ratio off by 57.
 _IMPOSSIBLE_RATIO = 20.0
 _DISAGREE_SIGMAS = 4.0
@@ -252,7 +251,7 @@ def unlike_rigid_body(estimate: Estimate, rigid_body: float | None) -> list[str]
     """What is odd about the inertia beside the ``rigid_body``'s in kg m^2 or kg; nothing where that is not known."""
     if rigid_body is None or "inertia" in estimate.refused:
         return []
-    low, high = _PLAUSIBLE_RATIO
+    low, high = PLAUSIBLE_RATIO
     ratio = estimate.value("inertia") / rigid_body
     if low < ratio < high:
         return []

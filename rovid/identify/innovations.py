@@ -19,7 +19,7 @@ from rovid.model import MOST_PARTS, Drive, Model
 from rovid.rates import body_position
 from rovid.runs import Run
 from rovid.trial import FloatArray
-from rovid.vehicle import Vehicle
+from rovid.vehicle import PLAUSIBLE_RATIO, Vehicle
 from rovid.workers import spread
 
 # Coordinates before those of effects and of what weight and buoyancy do: log I, DQ and DL over their scale, log of
@@ -363,6 +363,16 @@ class Likelihood:
     def disturbance(self, x: FloatArray) -> tuple[float, float]:
         """Standard deviation of the disturbance torque in N m, and its memory in s."""
         return math.exp(x[DISTURBANCE]), math.exp(x[MEMORY])
+
+    def is_physical(self, x: FloatArray) -> bool:
+        """Whether the inertia is one that such a vehicle can have, or no farther from that than before any effect."""
+        rigid = None if self.records.vehicle is None else self.records.vehicle.rigid_body_inertia
+        if rigid is None or not self.records.driven:
+            return True
+        # What thrust is taken for may be off, and with it every inertia.
+        low, high = (ratio * rigid for ratio in PLAUSIBLE_RATIO)
+        before, inertia = self.records.start.inertia, math.exp(x[0])
+        return min(low, PLAUSIBLE_RATIO[0] * before) <= inertia <= max(high, before / PLAUSIBLE_RATIO[0])
 
     def driven_rate(self, x: FloatArray) -> float:
         """Standard deviation of the rate that the disturbance drives, about the usual rate."""

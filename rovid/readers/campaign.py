@@ -70,10 +70,20 @@ def read_campaign(paths: Sequence[Path], config: Config, progress: Progress | No
     kept = without_twins(trials, remarks)
     medians = _medians(kept)
     return Campaign(
-        trials=tuple(replace(trial, reference=medians) for trial in kept),
+        trials=tuple(
+            replace(trial, reference=medians, since=since) for trial, since in zip(kept, _since(kept), strict=True)
+        ),
         sources=tuple(paths),
         remarks=tuple(remarks),
     )
+
+
+def _since(trials: Sequence[Trial]) -> list[float]:
+    """When each trial began, in s from the first; where a log does not tell, one after the other by name."""
+    told = [trial.began for trial in trials if trial.began is not None]
+    if len(told) == len(trials):
+        return [began - min(told) for began in told]
+    return [0.0, *np.cumsum([trial.duration for trial in trials[:-1]]).tolist()]
 
 
 def _medians(trials: Sequence[Trial]) -> dict[str, float]:

@@ -109,6 +109,7 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
         pitch=continuous.get("pitch"),
         axis=axis,
         integrated=integrated,
+        began=None if raw.epoch is None else raw.epoch + float(base.time[0]),
     )
     # A place on the map is none along the body before the heading is known too.
     return trial.part(slice(int(np.argmax(trial.measured)), None), name) if fixes else trial
