@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy import linalg
 
 from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, log_likelihood, simulate_folds
@@ -14,6 +15,7 @@ from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence
 from rovid.diagnose.parts import FEWEST_TRIALS, Piece, parts_of, pieces_of, recorded, shortest_part
 from rovid.diagnose.search import Fitted, Found, Key, Promise, Rival, Search, worth
 from rovid.diagnose.signals import PREFIX, drivers, is_driver
+from rovid.diagnose.swell import Swell, swell
 from rovid.effects import Effect, forms_for
 from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
@@ -210,6 +212,11 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     report("Testing what was found on trials that were not fitted …")
     work.decide()
     warnings = [*notes, *([_CUT_SHORT] if work.search.cut_short else []), *work.confirm()]
+    wave = next((form for form in forms if form.wave), None)
+    if work.by_horizons and wave is not None:
+        report("Looking for waves …")
+        quick = replace(Records(prepared.items, vehicle, start), interval=_interval(prepared.items, start, full.rate))
+        work.swell = swell(quick, work.final, wave, work.pieces)
     try:
         return _diagnosis(work, [work.found(effect) for effect in work.final.effects], warnings)
     except DataError as error:
@@ -285,6 +292,7 @@ class _Work:
     base: Fitted
     final: Fitted
     pieces: Sequence[Piece]
+    swell: Swell | None = None
     _folds: dict[Key, list[Fold]] = field(default_factory=dict)
     _refined: dict[Key, Fitted] = field(default_factory=dict)
 
@@ -514,13 +522,19 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
             "something is still missing, and it follows no other logged signal."
         )
     suspects = tuple(_suspect(work, one) for one in work.suspects())
+    extended = _side(work, work.final, final, estimate, work.final)
+    if work.swell is not None and (waves := _waves(work.swell)).confidence >= POSSIBLE:
+        if waves.confidence >= ESTABLISHED:
+            findings, extended = [*findings, waves], _with_waves(extended, waves)
+        else:
+            suspects = tuple(sorted((*suspects, waves), key=lambda one: -one.confidence))
     unexplained = bool(signals) or at_limit or simulated_r2(final.likelihood, final.x) < TRUSTED_R2
     verdict = "found" if findings else "suspected" if suspects else "unexplained" if unexplained else "nothing_found"
     disturbance, _ = final.likelihood.disturbance(final.x)
     return Diagnosis(
         verdict=verdict,
         base=_side(work, work.base, base, base_estimate, work.search.without_any(work.final)),
-        extended=_side(work, work.final, final, estimate, work.final),
+        extended=extended,
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
         suspects=suspects,
         signals=signals,
@@ -580,13 +594,9 @@ def _uncertainty(estimate: Estimate) -> float:
 
 def _finding(work: _Work, found: Found, estimate: Estimate) -> Finding:
     effect, held_out_gain = found.effect, work.held_out_gain(found.effect)
-    own = [f"{effect.key}.{parameter.name}" for parameter in effect.parameters]
-    at = [estimate.names.index(name) for name in own]
     return Finding(
         effect=effect,
-        estimate=replace(
-            estimate, names=tuple(own), values=estimate.values[at], covariance=estimate.covariance[np.ix_(at, at)]
-        ),
+        estimate=_own(estimate, effect),
         gain=found.gain,
         worth=found.worth,
         held_out_gain=held_out_gain,
@@ -600,19 +610,53 @@ def _suspect(work: _Work, suspected: Suspected) -> Finding:
     """What is said of a cause that is not established: its size where it is put in beside the final model."""
     rival, fitted = suspected.rival, work.refined(suspected.rival.fitted)
     estimate = _estimate(fitted, white=False)
-    own = [f"{rival.effect.key}.{parameter.name}" for parameter in rival.effect.parameters]
-    at = [estimate.names.index(name) for name in own]
     return Finding(
         effect=rival.effect,
-        estimate=replace(
-            estimate, names=tuple(own), values=estimate.values[at], covariance=estimate.covariance[np.ix_(at, at)]
-        ),
+        estimate=_own(estimate, rival.effect),
         gain=work.final.cost - rival.fitted.cost,
         worth=rival.gain,
         held_out_gain=suspected.held_out_gain,
         confidence=suspected.confidence,
         rivals=tuple(one for one in work.search.candidates_beside(work.final) if one.effect is not rival.effect),
         undecided=tuple(other.effect for other in suspected.others),
+    )
+
+
+def _waves(swell: Swell) -> Finding:
+    effect, estimate = swell.fitted.effects[-1], _estimate(swell.fitted, white=False)
+    return Finding(
+        effect=effect,
+        estimate=_own(estimate, effect),
+        gain=swell.gain,
+        worth=swell.worth,
+        held_out_gain=swell.held_out_gain,
+        confidence=swell.confidence,
+        rivals=(),
+        undecided=(),
+    )
+
+
+def _own(estimate: Estimate, effect: Effect) -> Estimate:
+    """Of the parameters of ``effect`` alone."""
+    at = [estimate.names.index(f"{effect.key}.{parameter.name}") for parameter in effect.parameters]
+    names, scatter = tuple(estimate.names[k] for k in at), estimate.covariance[np.ix_(at, at)]
+    return replace(estimate, names=names, values=estimate.values[at], covariance=scatter)
+
+
+def _with_waves(side: Side, waves: Finding) -> Side:
+    """``side`` with waves, which no free-running simulation shows, beside all else."""
+    model, estimate, own = side.model, side.estimate, waves.estimate
+    effects = (*model.effects, waves.effect)
+    values = (*model.effect_values, *own.values.tolist())
+    return replace(
+        side,
+        model=replace(model, effects=effects, effect_values=values),
+        estimate=replace(
+            estimate,
+            names=(*estimate.names, *own.names),
+            values=np.concatenate((estimate.values, own.values)),
+            covariance=linalg.block_diag(estimate.covariance, own.covariance),
+        ),
     )
 
 

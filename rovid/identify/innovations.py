@@ -467,8 +467,12 @@ class Likelihood:
 
     def cost_of(self, error: FloatArray, variance: FloatArray) -> float:
         """Negative log-likelihood of innovations of these variances."""
-        total = float(np.sum(self.weight * _pieces(error, variance)))
+        total = float(np.sum(self.pieces(error, variance)))
         return total if math.isfinite(total) else _WORST
+
+    def pieces(self, error: FloatArray, variance: FloatArray) -> FloatArray:
+        """(N,) what each innovation adds to the cost."""
+        return np.asarray(self.weight * _pieces(error, variance))
 
     def block_scores(self, here: Slopes) -> FloatArray:
         """(m, p) gradient of the cost over each stretch of time; their scatter tells what the information does not."""
