@@ -204,6 +204,7 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     work = _by_innovations(full, pieces, base_r2, candidates, report) if base_r2 >= TRUSTED_R2 else None
     if work is None or not work.explains:
         report("The next reading does not tell all: looking farther ahead …")
+        notes = []
         whole = Records(prepared.items, vehicle, start)
         pieces = pieces_of(prepared.items, vehicle, prepared.cutoff)
         candidates = (*forms, *drivers(prepared.items))
@@ -255,7 +256,7 @@ def _by_horizons(
     while True:
         # No phase of a wave is known to a prediction.
         listed = [effect for effect in candidates if not effect.wave]
-        search = Search(listed, report, thorough=_is_far_off, margin=_MARGIN_AHEAD)
+        search = Search(listed, report, thorough=_is_far_off, margin=_MARGIN_AHEAD, least=0.0)
         final = search.run(final)
         others = (final, *(fitted for fitted in search.extensions(final) if fitted.plausible))
         likeliest = sorted(others, key=worth, reverse=True)[:_COUNTED]
@@ -410,12 +411,20 @@ class _Work:
         white = likelihood_is_white(self.final.likelihood, self.final.x)
         return _BEATEN[0] + (0.0 if white else min(_BEATEN[1] * worth, _BEATEN[2]))
 
+    @property
+    def told_waves(self) -> tuple[str, ...]:
+        """Ids of the causes that waves pass for where they are not looked for; none where there are no waves."""
+        sure = self.swell is not None and self.swell.confidence >= ESTABLISHED
+        return self.swell.fitted.effects[-1].rivals if self.swell is not None and sure else ()
+
     def suspects(self) -> list[Suspected]:
         """Causes that are likely or possible beside the final model, the most likely first.
 
         The first stands for its class; each other for itself, were it the one that acts.
         """
-        rivals = self.search.candidates_beside(self.final)
+        rivals = [
+            rival for rival in self.search.candidates_beside(self.final) if rival.effect.id not in self.told_waves
+        ]
         white = likelihood_is_white(self.final.likelihood, self.final.x)
         doubt = self.search.form_doubt(self.final, white=white)
         worths = {rival.effect.id: rival.gain - doubt for rival in rivals}

@@ -163,6 +163,8 @@ class Search:
         Whether a model is so far from the truth that slopes do not tell what would help: then every cause is fitted.
     margin
         An addition has to gain so much log-likelihood beyond what its parameters and the number of causes tried would.
+    least
+        Who promises less than this share of that is not fitted.
     promises
         Key of a model -> what each further form promised there.
     cut_short
@@ -173,6 +175,7 @@ class Search:
     report: Report = field(default=lambda _: None)
     thorough: Callable[[Fitted], bool] = field(default=lambda _: False)
     margin: float = MARGIN
+    least: float = _NEGLIGIBLE
     promises: dict[Key, list[Promise]] = field(default_factory=dict)
     cut_short: bool = False
     _barred: set[str] = field(default_factory=set)
@@ -333,7 +336,7 @@ class Search:
                 current,
                 _best_forms(promises)
                 if growing and self.thorough(current)
-                else shortlist(current, promises, self.threshold * _NEGLIGIBLE),
+                else shortlist(current, promises, self.threshold * self.least),
             )
             self._extensions[current.key] = [*ahead, *behind]
             for fit in ahead:
