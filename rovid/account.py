@@ -40,7 +40,8 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
     for finding in diagnosis.findings:
         _show_finding(console, finding, axis)
     for suspect in diagnosis.suspects:
-        console.print(f"\nsuspected, {100.0 * suspect.confidence:.0f} %:", highlight=False, end="")
+        console.print()
+        console.print(f"Suspected, {100.0 * suspect.confidence:.0f} % sure:", highlight=False, end="")
         _show_finding(console, suspect, axis)
     for signal, gain in diagnosis.signals:
         console.print()

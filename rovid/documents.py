@@ -14,7 +14,7 @@ from rovid.advice import Advice
 from rovid.axis import YAW, Axis
 from rovid.control.design import Control, RunResult
 from rovid.diagnose.amplitudes import Amplitudes
-from rovid.diagnose.diagnosis import Diagnosis, Finding, Side, not_identifiable
+from rovid.diagnose.diagnosis import Ahead, Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.diagnose.signals import is_driver, signal_of
 from rovid.export import Exported
@@ -192,6 +192,7 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
         "base": _side(base, axis),
         "findings": [_finding(finding) for finding in diagnosis.findings],
         "suspects": [_finding(suspect) for suspect in diagnosis.suspects],
+        "horizons": [_ahead(ahead, axis) for ahead in diagnosis.horizons],
         "extended": _side(extended, axis),
         "held_out_gain": None
         if base is None or extended is None
@@ -264,6 +265,12 @@ def _side(side: Side | None, axis: Axis) -> Document | None:
             "units": _units(axis),
         },
     }
+
+
+def _ahead(ahead: Ahead, axis: Axis) -> Document:
+    unit = "deg" if axis.angular else "m"
+    errors = {f"base_{unit}": ahead.base, f"extended_{unit}": ahead.extended}
+    return {"seconds": ahead.seconds, **{name: axis.in_shown(error) for name, error in errors.items()}}
 
 
 def _position_errors(errors: Mapping[float, float | None], axis: Axis) -> Document:

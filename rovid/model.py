@@ -311,6 +311,8 @@ class Model:
             for effect, numbers in self._each:
                 if effect.on_command is not None and (bent or not effect.anchored):
                     commands = effect.on_command(where, commands, effect.values(numbers))
+            # No effect asks for more than the bench curve has.
+            commands = np.clip(commands, *where.ends.T)
             thrust = vehicle.thrust(commands)
         else:
             thrust = finer(vehicle.thrust(commands), where.parts)

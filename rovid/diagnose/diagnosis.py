@@ -10,7 +10,7 @@ import numpy as np
 from scipy import linalg
 
 from rovid.diagnose.amplitudes import Amplitudes
-from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, log_likelihood, simulate_folds
+from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, errors_ahead, log_likelihood, simulate_folds
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence
 from rovid.diagnose.parts import FEWEST_TRIALS, Piece, parts_of, pieces_of, recorded, shortest_part
 from rovid.diagnose.search import Fitted, Found, Key, Promise, Rival, Search, worth
@@ -19,11 +19,10 @@ from rovid.diagnose.swell import Swell, swell
 from rovid.effects import Effect, forms_for
 from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
-from rovid.identify.free_run import fit_free_run, free_run_r2
-from rovid.identify.horizons import HorizonLikelihood, HorizonRecords
+from rovid.identify.free_run import CERTAINTY, fit_free_run, free_run_r2
+from rovid.identify.horizons import HORIZONS, HorizonLikelihood, HorizonRecords, time_constant
 from rovid.identify.innovations import Records
 from rovid.identify.likelihood import (
-    CERTAINTY,
     TRUSTED_R2,
     canonical,
     covariance,
@@ -129,6 +128,15 @@ class Side:
     held_out: HeldOut
 
 
+@dataclass(frozen=True, kw_only=True)
+class Ahead:
+    """RMS position error so many ``seconds`` after a restart, in rad or m, on trials that were not fitted."""
+
+    seconds: float
+    base: float
+    extended: float
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnosis:
     """What `rovid diagnose` says.
@@ -143,6 +151,8 @@ class Diagnosis:
         What is established, the strongest first.
     suspects
         What is likely or possible, the most likely first; it is not in the extended model.
+    horizons
+        How far both models are off from half to eight time constants ahead.
     signals
         Logged signals that drive what no effect explains, with the log-likelihood each gains.
     unexplained_share
@@ -163,6 +173,7 @@ class Diagnosis:
     extended: Side | None = None
     findings: tuple[Finding, ...] = ()
     suspects: tuple[Finding, ...] = ()
+    horizons: tuple[Ahead, ...] = ()
     signals: tuple[tuple[Effect, float], ...] = ()
     unexplained_share: float = math.nan
     noise_floor: float = math.nan
@@ -192,7 +203,7 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     if lack:
         return Diagnosis(verdict="too_little_data", missing=lack, warnings=tuple(notes))
     try:
-        start = fit_free_run(runs)
+        start = fit_free_run(runs, certainty=0.0)
     except DataError as error:
         return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(notes))
     report("Fitting the model without effects …")
@@ -429,7 +440,7 @@ class _Work:
         doubt = self.search.form_doubt(self.final, white=white)
         worths = {rival.effect.id: rival.gain - doubt for rival in rivals}
         found: list[Suspected] = []
-        for rival in (rival for rival in rivals if not is_driver(rival.effect)):
+        for rival in (one for one in rivals if one.fitted.plausible and not is_driver(one.effect)):
             least = max(rival.gain - _TOLD, 0.0)
             near = (other for other in rivals if other is not rival and other.gain > least)
             alike = () if found else tuple(other for other in near if not is_driver(other.effect))
@@ -546,6 +557,7 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
         extended=extended,
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
         suspects=suspects,
+        horizons=_ahead_of(work),
         signals=signals,
         unexplained_share=disturbance**2 / (disturbance**2 + work.full.torque**2),
         noise_floor=_noise_floor(final),
@@ -666,6 +678,16 @@ def _with_waves(side: Side, waves: Finding) -> Side:
             values=np.concatenate((estimate.values, own.values)),
             covariance=linalg.block_diag(estimate.covariance, own.covariance),
         ),
+    )
+
+
+def _ahead_of(work: _Work) -> tuple[Ahead, ...]:
+    base, extended = (errors_ahead(fitted, work.folds(fitted), work.pieces) for fitted in (work.base, work.final))
+    constant = time_constant(work.full.start, work.full.rate)
+    return tuple(
+        Ahead(seconds=horizon * constant, base=float(one), extended=float(other))
+        for horizon, one, other in zip(HORIZONS, base, extended, strict=True)
+        if math.isfinite(one) and math.isfinite(other)
     )
 
 

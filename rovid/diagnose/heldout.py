@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 
 from rovid.diagnose.parts import Piece
 from rovid.diagnose.search import Fitted
-from rovid.simulation import HORIZONS, overall, simulate_runs
+from rovid.identify.horizons import HORIZONS, HorizonRecords, predictions
+from rovid.identify.innovations import Records
+from rovid.simulation import HORIZONS as SECONDS
+from rovid.simulation import overall, simulate_runs
 from rovid.trial import FloatArray
 
 _FOLDS = 4
@@ -49,7 +52,7 @@ class Fold:
 
 def cross_validate(fitted: Fitted, pieces: Sequence[Piece]) -> list[Fold]:
     """Fit the model of ``fitted`` anew without each fourth of the pieces, and predict those."""
-    piece, left_out, tests, fits = _piece(fitted, pieces), _folds(len(pieces)), [], []
+    piece, left_out, tests, fits = _piece(fitted.likelihood.records, pieces), _folds(len(pieces)), [], []
     for numbers in left_out:
         test = np.isin(piece, numbers)
         # What begins in one piece and ends in another tells of both.
@@ -65,10 +68,10 @@ def cross_validate(fitted: Fitted, pieces: Sequence[Piece]) -> list[Fold]:
     ]
 
 
-def _piece(fitted: Fitted, pieces: Sequence[Piece]) -> NDArray[np.intp]:
+def _piece(records: Records, pieces: Sequence[Piece]) -> NDArray[np.intp]:
     """(N,) index of the piece that each innovation lies in; -1 where it lies in more than one, or none."""
     found = []
-    for number, (begin, end) in enumerate(fitted.likelihood.records.spans):
+    for number, (begin, end) in enumerate(records.spans):
         mine = np.full(len(begin), -1)
         for index, piece in enumerate(pieces):
             if piece.whole == number:
@@ -90,13 +93,27 @@ def simulate_folds(fitted: Fitted, folds: Sequence[Fold]) -> HeldOut:
         model = fitted.likelihood.model(fold.x)
         simulations += simulate_runs([piece.run for piece in fold.pieces], model, records.vehicle)
     fit = overall(simulations)
-    errors = {horizon: _mean([item.position_errors[horizon] for item in simulations]) for horizon in HORIZONS}
+    errors = {horizon: _mean([item.position_errors[horizon] for item in simulations]) for horizon in SECONDS}
     return HeldOut(
         log_likelihood=log_likelihood(folds),
         rate_r2=fit.r2,
         rate_rmse=fit.rmse,
         position_errors=errors,
     )
+
+
+def errors_ahead(fitted: Fitted, folds: Sequence[Fold], pieces: Sequence[Piece]) -> FloatArray:
+    """(q,) RMS error of the position over each of `HORIZONS`, each piece predicted from others; NaN where none."""
+    records = HorizonRecords.of(fitted.likelihood.records, fitted.likelihood.records.start)
+    piece = _piece(records, pieces)
+    squares, count = np.zeros(len(HORIZONS)), np.zeros(len(HORIZONS))
+    for fold in folds:
+        model = fitted.likelihood.model(fold.x)
+        mine = np.isin(piece, [pieces.index(one) for one in fold.pieces])
+        errors = predictions(records, model, records.drives_between(model))[mine]
+        squares += np.bincount(records.horizon[mine], weights=errors**2, minlength=len(HORIZONS))
+        count += np.bincount(records.horizon[mine], minlength=len(HORIZONS))
+    return np.asarray(np.sqrt(np.where(count > 0, squares / np.maximum(count, 1), np.nan)))
 
 
 def _folds(count: int) -> list[list[int]]:

@@ -69,7 +69,7 @@ def pieces_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> list[Piec
 def shortest_part(runs: Sequence[Run], cutoff: float) -> float:
     """Length in s that a part has at least: some time constants, and what a low pass of ``cutoff`` in Hz wants."""
     try:
-        start = fit_free_run(runs)
+        start = fit_free_run(runs, certainty=0.0)
         shortest = _SHORTEST * time_constant(start, Records(runs, None, start).rate)
     except DataError:
         shortest = _UNKNOWN

@@ -14,12 +14,20 @@ from rovid.runs import Run
 from rovid.simulation import compare, simulated_rate
 from rovid.trial import FloatArray
 
+# An inertia nearer to nothing, in standard errors, is none: steady holds fit any.
+CERTAINTY = 2.0
 # Of a trim in rad, or a lift in N.
 _LEAST = 1e-2
 
 
-def fit_free_run(runs: Sequence[Run]) -> Model:
+def fit_free_run(runs: Sequence[Run], *, certainty: float = CERTAINTY) -> Model:
     """Least squares of measured less simulated rate, both behind the same filter, within physical bounds.
+
+    Parameters
+    ----------
+    certainty
+        Standard errors that the regression's inertia has to be away from nothing. Where effects are put in after, it
+        is they that may make it certain.
 
     Raises
     ------
@@ -29,7 +37,7 @@ def fit_free_run(runs: Sequence[Run]) -> Model:
     axis = runs[0].trial.axis
     driven = runs[0].trial.driven
     # Where the model misses much the regression is uncertain, and good enough to start from.
-    start = fit_regression(runs, certainty=2.0).estimate.values if driven else fit_released(runs).values
+    start = fit_regression(runs, certainty=certainty).estimate.values if driven else fit_released(runs).values
     # A drag at its bound still needs a scale to move by, and so do both; so does what weight and buoyancy do.
     rate, torque = (
         max(float(np.sqrt(np.nanmean(np.concatenate(series) ** 2))), 1e-9)

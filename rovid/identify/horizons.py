@@ -29,6 +29,8 @@ HORIZONS = (0.5, 1.0, 2.0, 4.0, 8.0)
 # Restarts for a horizon are a quarter of it apart, and no less than so many time constants; those for a longer one are
 # among those for a shorter. Drives and courses are followed on a grid.
 _RESTARTS, _GRID = 0.25, 0.1
+# Nor are there more of them than so many, for no more tell anything new.
+_MOST_RESTARTS = 600
 # Time constants that a stretch lasts whose errors are taken together.
 _BLOCK, _BLOCKS = 8.0, 12
 # However long the logs are, what a model's form misses returns in all of them: so many readings are there at most.
@@ -110,7 +112,9 @@ class HorizonRecords(Records):
     @cached_property
     def courses(self) -> list[Course]:
         """What was measured of each run."""
-        return [_course(run, self.time_constant) for run in self.runs]
+        total = sum(float(np.ptp(run.trial.time)) for run in self.runs)
+        between = max(_RESTARTS * self.time_constant, total / _MOST_RESTARTS)
+        return [_course(run, self.time_constant, between) for run in self.runs]
 
     @cached_property
     def times(self) -> list[FloatArray]:
@@ -150,7 +154,8 @@ def time_constant(model: Model, rate: float) -> float:
     return min(constant, 2.0 / model.swing) if model.swing > 0.0 else constant
 
 
-def _course(run: Run, constant: float) -> Course:
+def _course(run: Run, constant: float, between: float) -> Course:
+    """``constant`` and the time ``between`` restarts in s."""
     rates, trial = run.rates, run.trial
     period = rates.kernel.period
     every = max(round(_GRID * constant / period), 1)
@@ -160,11 +165,11 @@ def _course(run: Run, constant: float) -> Course:
     known = np.isfinite(angle)
     gaps = np.concatenate(([0], np.cumsum(~known)))
     restarts = np.flatnonzero(np.isfinite(rate) & known)
-    between = max(round(_RESTARTS * constant / (every * period)), 1)
+    steps = max(round(between / (every * period)), 1)
     starts, horizons, ends = [], [], []
     for at, horizon in enumerate(HORIZONS):
         length = max(round(horizon * constant / (every * period)), 1)
-        apart = between * max(round(0.25 * horizon / _RESTARTS), 1)
+        apart = steps * max(round(0.25 * horizon / _RESTARTS), 1)
         first = restarts[(restarts % apart == 0) & (restarts + length < len(time))]
         # How far the vehicle turned inside a gap is not measured.
         whole = first[gaps[first + length + 1] == gaps[first]]

@@ -12,7 +12,7 @@ from scipy import special
 from rovid.effects import Effect
 from rovid.errors import DataError
 from rovid.identify.estimate import PER_INERTIA, Estimate
-from rovid.identify.free_run import fit_free_run, free_run_r2
+from rovid.identify.free_run import CERTAINTY, fit_free_run, free_run_r2
 from rovid.identify.horizons import HorizonLikelihood, HorizonRecords
 from rovid.identify.innovations import BASE, Likelihood, Records
 from rovid.identify.regression import require_inertia
@@ -32,8 +32,6 @@ TRUSTED_R2 = 0.93
 _R2_LOSS = 0.01
 # Where the disturbance is at its limit, the fit is tried again with this many times as much.
 _LOOSER = 2.5
-# An inertia nearer to nothing, in standard errors, is none: steady holds fit any.
-CERTAINTY = 2.0
 _TRIALS, _TRIAL_ITERATIONS = 8, 4
 _WHITE_LAGS = 20
 _WHITE_P = 1e-3
@@ -109,7 +107,8 @@ def fit_likelihood(
             where="--gyro",
             mend=f"Map {axis.rate} in [signals] of rovid.toml, or leave it out.",
         )
-    records = Records(runs, vehicle, fit_free_run(runs), gyro=gyro)
+    start = fit_free_run(runs, certainty=0.0 if effects else CERTAINTY)
+    records = Records(runs, vehicle, start, gyro=gyro)
     base_r2 = free_run_r2(runs, records.start)
     likelihood, x, r2 = fit_base(records, base_r2) if base_r2 >= TRUSTED_R2 else fit_horizons(records)
     if effects:
