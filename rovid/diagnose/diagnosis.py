@@ -212,23 +212,22 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     base_r2 = free_run_r2(runs, start)
     pieces = [Piece(number, -math.inf, math.inf, run) for number, run in enumerate(runs)]
     candidates = (*forms, *drivers(runs))
-    work = _by_innovations(full, pieces, base_r2, candidates, report) if base_r2 >= TRUSTED_R2 else None
-    if work is None or not work.explains:
+    near = _by_innovations(full, pieces, base_r2, candidates, report) if base_r2 >= TRUSTED_R2 else None
+    if near is not None and near.explains:
+        work = near
+    else:
         report("The next reading does not tell all: looking farther ahead …")
-        notes = []
         whole = Records(prepared.items, vehicle, start)
-        pieces = pieces_of(prepared.items, vehicle, prepared.cutoff)
-        candidates = (*forms, *drivers(prepared.items))
-        work = _by_horizons(whole, pieces, candidates, report, None if work is None else work.final)
-        notes.append(_BY_HORIZONS)
+        pieces_ahead = pieces_of(prepared.items, vehicle, prepared.cutoff)
+        begin = None if near is None else near.final
+        logged = drivers((*prepared.items, *(piece.run for piece in pieces_ahead)))
+        ahead = _by_horizons(whole, pieces_ahead, (*forms, *logged), report, begin)
+        ahead.swell = _swell(ahead, forms, report)
+        wavy = _with_waves_near(full, pieces, base_r2, candidates, ahead.swell, report)
+        work, notes = (ahead, [_BY_HORIZONS]) if wavy is None else (wavy, notes)
     report("Testing what was found on trials that were not fitted …")
     work.decide()
     warnings = [*notes, *([_CUT_SHORT] if work.search.cut_short else []), *work.confirm()]
-    wave = next((form for form in forms if form.wave), None)
-    if work.by_horizons and wave is not None:
-        report("Looking for waves …")
-        quick = replace(Records(prepared.items, vehicle, start), interval=_interval(prepared.items, start, full.rate))
-        work.swell = swell(quick, work.final, wave, work.pieces)
     try:
         return _diagnosis(work, [work.found(effect) for effect in work.final.effects], warnings)
     except DataError as error:
@@ -238,12 +237,52 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
 def _by_innovations(
     full: Records, pieces: Sequence[Piece], base_r2: float, candidates: Sequence[Effect], report: Report
 ) -> _Work:
-    """Search by the likelihood of each next reading, first over some of the readings."""
+    """Search by the likelihood of each next reading, first over some of the readings.
+
+    Waves are not tried, which would take most of the time where there are some: see `_with_waves_near`.
+    """
+    base = _near_base(full, base_r2)
+    search = Search([effect for effect in candidates if not effect.wave], report)
+    return _Work(search, full, base, search.run(base), pieces)
+
+
+def _with_waves_near(
+    full: Records,
+    pieces: Sequence[Piece],
+    base_r2: float,
+    candidates: Sequence[Effect],
+    waves: Swell | None,
+    report: Report,
+) -> _Work | None:
+    """As `_by_innovations`, from waves and what was found beside them on; None where that does not explain all."""
+    if waves is None or waves.confidence < ESTABLISHED:
+        return None
+    base = _near_base(full, base_r2)
+    likelihood = base.likelihood.like(waves.fitted.effects)
+    begun = Fitted(likelihood, *likelihood.climb(waves.fitted.x))
+    search = Search(candidates, report)
+    if not _Work(search, full, base, begun, pieces).explains:
+        return None
+    work = _Work(search, full, base, search.run(begun), pieces)
+    return work if work.explains else None
+
+
+def _near_base(full: Records, base_r2: float) -> Fitted:
+    """The model without effects by each next reading, over some of the readings."""
     quick = replace(full, interval=_interval(full.runs, full.start, full.rate))
     likelihood, x, _ = fit_base(quick, base_r2)
-    base = Fitted(likelihood, x, likelihood.cost(x))
-    search = Search(candidates, report)
-    return _Work(search, full, base, search.run(base), pieces)
+    return Fitted(likelihood, x, likelihood.cost(x))
+
+
+def _swell(work: _Work, forms: Sequence[Effect], report: Report) -> Swell | None:
+    """Waves beside what predictions found, by each next reading, over some of the readings."""
+    wave = next((form for form in forms if form.wave), None)
+    if wave is None:
+        return None
+    report("Looking for waves …")
+    runs, start = work.full.runs, work.full.start
+    quick = Records(runs, work.full.vehicle, start, interval=_interval(runs, start, work.full.rate))
+    return swell(quick, work.final, wave, work.pieces)
 
 
 def _by_horizons(
