@@ -467,7 +467,7 @@ class Likelihood:
 
     def cost_of(self, error: FloatArray, variance: FloatArray) -> float:
         """Negative log-likelihood of innovations of these variances."""
-        total = float(np.sum(self.pieces(error, variance)))
+        total = float(np.sum(self.weight * _pieces(error, variance)))
         return total if math.isfinite(total) else _WORST
 
     def pieces(self, error: FloatArray, variance: FloatArray) -> FloatArray:

@@ -1,0 +1,148 @@
+"""Predictions some time ahead, what counts of them, and the odds that come of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from rovid.diagnose.heldout import cross_validate, errors_ahead, log_likelihood
+from rovid.diagnose.odds import confidence
+from rovid.diagnose.parts import Piece, pieces_of
+from rovid.diagnose.search import Fitted
+from rovid.effects import effect_named
+from rovid.identify.horizons import HORIZONS, HorizonLikelihood, HorizonRecords, predictions, time_constant
+from rovid.identify.innovations import Records
+from rovid.model import Model
+from rovid.rates import rates_of
+from tests import synthetic
+
+if TYPE_CHECKING:
+    from rovid.trial import FloatArray
+
+TIME = synthetic.clock(1500.0, rate=5.0)
+RNG = np.random.default_rng(0)
+TORQUE = np.repeat(RNG.choice([-300.0, -120.0, 0.0, 120.0, 300.0], 60), 125)[: len(TIME)]
+TORQUE = np.append(TORQUE, np.zeros(max(len(TIME) - len(TORQUE), 0)))
+NOISE = 1e-4 * RNG.normal(size=len(TIME))
+
+
+def records(torque: FloatArray = TORQUE, disturbance: FloatArray | None = None, runs: int = 1) -> HorizonRecords:
+    made = [synthetic.run(TIME, torque, disturbance=disturbance, noise=NOISE) for _ in range(runs)]
+    whole = Records(made, synthetic.LOGGED, synthetic.ROSUB)
+    return HorizonRecords.of(whole, synthetic.ROSUB)
+
+
+def rms(ahead: HorizonRecords, model: Model) -> FloatArray:
+    errors = predictions(ahead, model, ahead.drives(model))
+    return np.array([np.sqrt(np.mean(errors[ahead.horizon == number] ** 2)) for number in range(len(HORIZONS))])
+
+
+def test_the_true_model_predicts_and_a_wrong_one_does_not() -> None:
+    ahead = records()
+    right = rms(ahead, synthetic.ROSUB)
+    wrong = rms(ahead, replace(synthetic.ROSUB, quadratic_drag=1.3 * synthetic.ROSUB.quadratic_drag))
+    assert (right[2:] < 0.25 * wrong[2:]).all()
+    assert (np.diff(wrong) > 0.0).all()
+
+
+def test_restarts_take_away_what_drifts() -> None:
+    """A constant torque turns a free run away without end, and a prediction only for as long as its horizon."""
+    ahead = records(disturbance=np.full(len(TIME), 5.0))
+    constant = time_constant(synthetic.ROSUB, ahead.rate)
+    most = 5.0 / synthetic.ROSUB.inertia * (HORIZONS[-1] * constant) ** 2 / 2.0
+    assert rms(ahead, synthetic.ROSUB)[-1] < most
+
+
+def test_nothing_is_predicted_across_a_gap() -> None:
+    run = synthetic.run(TIME, TORQUE, noise=NOISE)
+    position = run.trial.position.copy()
+    gap = (TIME > 700.0) & (TIME < 760.0)
+    position[gap] = np.nan
+    trial = replace(run.trial, position=position)
+    cut = replace(run, trial=trial, rates=rates_of(trial, cutoff=1.0))
+    ahead = HorizonRecords.of(Records([cut], synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    ((begin, end),) = ahead.spans
+    assert not ((begin < 701.0) & (end > 759.0)).any()
+    assert (end < 700.0).any()
+    assert (begin > 760.0).any()
+
+
+def test_errors_that_are_alike_count_as_few() -> None:
+    """White errors count for themselves; what lasts makes one of many."""
+    slow = synthetic.gauss_markov(len(TIME), 0.2, 20.0, 200.0, np.random.default_rng(1))
+    assert records(disturbance=slow).readings < 0.5 * records().readings
+
+
+def test_a_long_log_costs_no_more_predictions() -> None:
+    few, many = records(), records(runs=6)
+    assert sum(len(course.restarts) for course in many.courses) <= 700
+    assert len(many.horizon) < 3 * len(few.horizon)
+
+
+BIAS = effect_named("bias_torque")
+WITH_BIAS = replace(synthetic.ROSUB, effects=(BIAS,), effect_values=(12.0,))
+
+
+def biased() -> HorizonRecords:
+    """With as many predictions as count once the constant torque is known."""
+    return records(disturbance=np.full(len(TIME), 12.0)).counting(WITH_BIAS)
+
+
+def test_what_is_missing_makes_all_errors_alike() -> None:
+    unknown = records(disturbance=np.full(len(TIME), 12.0))
+    assert unknown.readings < 0.2 * biased().readings
+
+
+def test_a_constant_torque_is_found_with_its_size() -> None:
+    ahead = biased()
+    plain = HorizonLikelihood(ahead)
+    x, cost = plain.climb(plain.first())
+    likelihood = plain.like((BIAS,))
+    y, better = likelihood.climb(np.concatenate((x, [0.01])))
+    assert cost - better > 20.0
+    assert likelihood.model(y).effect_values[0] == pytest.approx(12.0, rel=0.03)
+
+
+def test_what_reaches_into_another_piece_is_held_out_of_neither() -> None:
+    ahead = biased()
+    plain = HorizonLikelihood(ahead)
+    fitted = Fitted(plain, *plain.climb(plain.first()))
+    pieces = pieces_of(ahead.runs, synthetic.LOGGED, 1.0)
+    assert len(pieces) == 8
+    folds = cross_validate(fitted, pieces)
+    assert sum(len(fold.pieces) for fold in folds) == 8
+    likelihood = plain.like((BIAS,))
+    with_bias = Fitted(likelihood, *likelihood.climb(np.concatenate((fitted.x, [0.01]))))
+    gained = cross_validate(with_bias, pieces)
+    assert log_likelihood(gained) > log_likelihood(folds) + 10.0
+    before, after = errors_ahead(fitted, folds, pieces), errors_ahead(with_bias, gained, pieces)
+    assert (after[2:] < 0.5 * before[2:]).all()
+
+
+def test_pieces_are_as_many_as_runs_where_those_are_short() -> None:
+    short = [synthetic.run(TIME[:600], TORQUE[:600], noise=NOISE[:600]) for _ in range(12)]
+    pieces = pieces_of(short, synthetic.LOGGED, 1.0)
+    assert [piece.whole for piece in pieces] == list(range(12))
+    assert all(isinstance(piece, Piece) for piece in pieces)
+
+
+@pytest.mark.parametrize(
+    ("worths", "alike", "least", "most"),
+    [
+        ({}, (), 0.0, 0.0),
+        ({"a": 0.0}, ("a",), 0.49, 0.51),
+        ({"a": 10.0, "b": 10.0}, ("a",), 0.49, 0.51),
+        ({"a": 10.0, "b": 10.0}, ("a", "b"), 0.999, 1.0),
+        ({"a": 3.0} | {f"other {k}": -2.0 for k in range(20)}, ("a",), 0.40, 0.50),
+        ({"a": 1e4}, ("a",), 0.99, 0.9999),
+        ({"a": -1e4}, ("a",), 0.0, 1e-9),
+    ],
+)
+def test_odds(worths: dict[str, float], alike: tuple[str, ...], least: float, most: float) -> None:
+    found = confidence(worths, alike)
+    assert least <= found <= most
+    assert math.isfinite(found)
