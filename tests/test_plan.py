@@ -13,6 +13,7 @@ import pytest
 from benchmarks.decisions import DECIDES, FEW, PAIRS, decided
 from rovid.model import Model
 from rovid.plan.programme import LEAD, Pace, programme
+from rovid.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.conftest import Rovid
 from tests.synthetic import VEHICLE, clock, trial
 from tools.cases import all_cases
@@ -42,6 +43,15 @@ def test_every_run_begins_at_rest_and_keeps_to_the_commands_in_use() -> None:
         assert np.abs(run.commands).max() <= 0.5 * 2.0 + 1e-9
         assert np.diff(run.time) == pytest.approx(pace.period)
         assert run.commands.min() < 0.0 < run.commands.max() or "alone at rest" in run.name
+
+
+def test_no_run_goes_beyond_a_curve_whose_neutral_is_off_its_middle() -> None:
+    curve = ThrustCurve(command=np.array([-1.0, 0.05, 1.0]), thrust=np.array([-40.0, 0.0, 40.0]))
+    vehicle = Vehicle(name="test", thrusters=(Thruster(name="a", arm=1.0, curve=curve),))
+    time = clock(60.0)
+    pace = Pace.of(MODEL, vehicle, [trial(time, np.where(time < 30.0, 1.0, -1.0))], 1.0)
+    for run in programme(pace, ["a"]):
+        assert np.abs(run.commands).max() <= 1.0
 
 
 def test_two_causes_are_told_apart_by_a_fast_command(few: Path, tmp_path: Path, rovid: Rovid) -> None:

@@ -447,7 +447,8 @@ class _Work:
 
     def confidence(self, found: Found, held_out_gain: float) -> float:
         """Probability that the cause, or one not told from it, acts; on trials not fitted it has to gain too."""
-        worths = {rival.effect.id: rival.gain for rival in found.rivals}
+        # A signal that the cause follows, or that follows it, is not another cause.
+        worths = {rival.effect.id: rival.gain for rival in found.rivals if not is_driver(rival.effect)}
         worths[found.effect.id] = found.worth
         alike = (found.effect.id, *(effect.id for effect in undecided(found, self.margin(found.worth))))
         less = max(found.worth - held_out_gain, 0.0)
@@ -461,28 +462,23 @@ class _Work:
         white = likelihood_is_white(self.final.likelihood, self.final.x)
         return _BEATEN[0] + (0.0 if white else min(_BEATEN[1] * worth, _BEATEN[2]))
 
-    @property
-    def told_waves(self) -> tuple[str, ...]:
-        """Ids of the causes that waves pass for where they are not looked for; none where there are no waves."""
-        sure = self.swell is not None and self.swell.confidence >= ESTABLISHED
-        return self.swell.fitted.effects[-1].rivals if self.swell is not None and sure else ()
-
     def suspects(self) -> list[Suspected]:
         """Causes that are likely or possible beside the final model, the most likely first.
 
         The first stands for its class; each other for itself, were it the one that acts.
         """
-        rivals = [
-            rival for rival in self.search.candidates_beside(self.final) if rival.effect.id not in self.told_waves
-        ]
+        beside = self.search.candidates_beside(self.final)
+        named = [rival for rival in beside if rival.fitted.plausible and not is_driver(rival.effect)]
+        passed = () if self.swell is None else self.swell.passed_for
+        rivals = [rival for rival in named if rival.effect.id not in passed]
         white = likelihood_is_white(self.final.likelihood, self.final.x)
         doubt = self.search.form_doubt(self.final, white=white)
         worths = {rival.effect.id: rival.gain - doubt for rival in rivals}
         found: list[Suspected] = []
-        for rival in (one for one in rivals if one.fitted.plausible and not is_driver(one.effect)):
+        for rival in rivals:
             least = max(rival.gain - _TOLD, 0.0)
             near = (other for other in rivals if other is not rival and other.gain > least)
-            alike = () if found else tuple(other for other in near if not is_driver(other.effect))
+            alike = () if found else tuple(near)
             names = (rival.effect.id, *(other.effect.id for other in alike))
             if confidence(worths, names) < POSSIBLE:
                 break

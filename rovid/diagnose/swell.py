@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.diagnose.heldout import cross_validate, log_likelihood
-from rovid.diagnose.odds import confidence
+from rovid.diagnose.odds import ESTABLISHED, confidence
 from rovid.diagnose.parts import Piece
 from rovid.diagnose.search import Fitted, worth
 from rovid.effects import Effect
@@ -37,6 +37,11 @@ class Swell:
         """Probability that there are such waves."""
         name = self.fitted.effects[-1].id
         return confidence({name: min(self.worth, self.held_out_gain)}, (name,))
+
+    @property
+    def passed_for(self) -> tuple[str, ...]:
+        """Ids of causes that such waves pass for; none where the waves are not established."""
+        return self.fitted.effects[-1].rivals if self.confidence >= ESTABLISHED else ()
 
 
 def swell(records: Records, beside: Fitted, wave: Effect, pieces: Sequence[Piece]) -> Swell | None:

@@ -100,7 +100,8 @@ class Pace:
         for row, way in enumerate((-1.0, 1.0)):
             side = (way * senses > 0.0).astype(int)
             edge[row] = where.dead_zone[np.arange(len(most)), side]
-            full[row] = where.neutral + way * senses * most
+            # About a neutral that is off the middle of the curve the same way back would be beyond its end.
+            full[row] = np.clip(where.neutral + way * senses * most, *where.ends.T)
         pushes = np.array([vehicle.thrust(one[None])[0] @ where.arms for one in full])
         if not pushes[0] < 0.0 < pushes[1]:
             raise DataError("the thrusters push one way only.", mend=f"Look at {vehicle.axis.arm} in rovid.toml.")
