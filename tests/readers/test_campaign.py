@@ -250,7 +250,7 @@ def test_when_each_trial_began_where_every_log_tells(tmp_path: Path, config: Con
     """By the clock, whatever the names; parts of a trial begin later."""
     for name, hour in (("b.csv", 12), ("a.csv", 14)):
         begun = np.datetime64(f"2026-01-07T{hour}:00:00", "ms")
-        time, heading = turning(seed=hour)
+        time, heading = turning(seed=hour, rate=hour - 5.0)
         moments = [f"{begun + round(1000 * t)}Z" for t in time]
         (tmp_path / name).write_text(csv_text(standard(time_s=moments, heading_deg=heading % 360.0)))
     second, first = read_campaign([tmp_path], config).trials
@@ -260,7 +260,7 @@ def test_when_each_trial_began_where_every_log_tells(tmp_path: Path, config: Con
 
 def test_where_no_log_tells_they_follow_each_other_by_name(tmp_path: Path, config: Config) -> None:
     for number in (1, 2, 3):
-        (tmp_path / f"run_{number}.csv").write_text(log(number))
+        (tmp_path / f"run_{number}.csv").write_text(log(number, rate=3.0 + number))
     trials = read_campaign([tmp_path], config).trials
     lengths = [trial.duration for trial in trials]
     assert [trial.since for trial in trials] == pytest.approx([0.0, lengths[0], lengths[0] + lengths[1]])
