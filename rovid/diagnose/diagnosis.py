@@ -62,9 +62,9 @@ _MORE = 1.2
 # So many of the likeliest models tell how many predictions count.
 _COUNTED = 6
 _BY_HORIZONS = (
-    "The simulation misses much. The likelihood of each next reading would call that disturbance, so causes were "
-    "judged by predictions from half to eight time constants ahead: gains are of their log-likelihood, with errors "
-    "that correlate counted as one."
+    "The innovations are not white, or the disturbance is at its limit: each next reading would not tell what is "
+    "missing. So causes were judged by predictions from half to eight time constants ahead; gains are of their "
+    "log-likelihood, with errors that correlate counted as one."
 )
 _CUT_SHORT = (
     "The search was ended before nothing more could be found: each addition asked for another. What was found is "
@@ -443,7 +443,7 @@ class _Work:
         if size < (_SIGNIFICANT_AHEAD if self.by_horizons else _SIGNIFICANT):
             return f"is only {size:.1f} standard errors away from nothing"
         sure = self.confidence(self.found(effect), gain)
-        return f"is likely ({100 * sure:.0f} %) and not established" if sure < ESTABLISHED else ""
+        return "is likely or possible, and not established" if sure < ESTABLISHED else ""
 
     def confidence(self, found: Found, held_out_gain: float) -> float:
         """Probability that the cause, or one not told from it, acts; on trials not fitted it has to gain too."""

@@ -54,7 +54,7 @@ def _separating(one: Effect, other: Effect) -> dict[str, Any]:
 
 def next_experiment(diagnosis: Diagnosis) -> dict[str, Any]:
     """What to run next: what decides between rivals, then what shows the least certain, then what was not excited."""
-    for finding in diagnosis.findings:
+    for finding in (*diagnosis.findings, *diagnosis.suspects):
         decides = deciding_experiment(finding)
         if decides is not None:
             return decides | {"reason": "more than one cause explains these data equally well"}
@@ -73,6 +73,9 @@ def next_experiment(diagnosis: Diagnosis) -> dict[str, Any]:
             f"the same hold with {signal} at two values" if signal else "a hold repeated first, in the middle and last"
         )
         return {"run": held, "reason": "something acts that no effect of the catalogue explains"}
+    if diagnosis.suspects:
+        effect = diagnosis.suspects[0].effect
+        return {"run": effect.experiment, "reason": f"it settles whether {effect.title} acts"}
     if diagnosis.findings:
         effect = diagnosis.findings[0].effect
         return {"run": effect.experiment, "reason": f"it confirms {effect.title} by itself"}

@@ -306,10 +306,10 @@ def _warnings(likelihood: Likelihood, model: Model, *, white: bool, at_limit: bo
     if isinstance(likelihood, HorizonLikelihood):
         texts.append(
             "The simulation misses too much for the likelihood of each next reading, which would call it disturbance: "
-            "the parameters are those of the best free-running rate."
+            "the parameters are those of the best predictions from half to eight time constants ahead."
         )
         if likelihood.records.gyro:
-            texts.append("--gyro has no say there: the rate is that of the logs already.")
+            texts.append("--gyro has no say there: what is predicted is the position.")
     if not white:
         texts.append(
             "The innovations are not white: the standard errors come from the scatter between stretches of the "

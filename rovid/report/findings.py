@@ -26,6 +26,9 @@ def verdict(diagnosis: Diagnosis) -> str:
     """The whole diagnosis in one plain sentence."""
     if diagnosis.verdict == "found":
         return f"The simulation misses {_listed([_cause(finding) for finding in diagnosis.findings])}."
+    if diagnosis.verdict == "suspected":
+        first = diagnosis.suspects[0]
+        return f"The simulation may miss {_cause(first)}: it is {100.0 * first.confidence:.0f} % sure, not established."
     if diagnosis.verdict == "nothing_found":
         return "Nothing was found: the model explains these data."
     if diagnosis.verdict == "unexplained":
