@@ -73,12 +73,9 @@ def next_experiment(diagnosis: Diagnosis) -> dict[str, Any]:
             f"the same hold with {signal} at two values" if signal else "a hold repeated first, in the middle and last"
         )
         return {"run": held, "reason": "something acts that no effect of the catalogue explains"}
-    if diagnosis.suspects:
-        effect = diagnosis.suspects[0].effect
-        return {"run": effect.experiment, "reason": f"it settles whether {effect.title} acts"}
-    if diagnosis.findings:
-        effect = diagnosis.findings[0].effect
-        return {"run": effect.experiment, "reason": f"it confirms {effect.title} by itself"}
+    if diagnosis.suspects or diagnosis.findings:
+        effect = (*diagnosis.suspects, *diagnosis.findings)[0].effect
+        return {"run": effect.experiment, "reason": f"it shows {effect.title} by itself"}
     return {
         "run": next(effect.experiment for effect in CATALOGUE if effect.id == "thruster_lag"),
         "reason": "nothing is missing; fast commands narrow the inertia and show timing errors first",
