@@ -28,12 +28,13 @@ _EXTRA = "ros"
 _NAME, _ARRAY, _SEQUENCE = 2, 3, 4
 _ROS1_MARK, _ROS2_MARK = b"#ROSBAG V", b"SQLite format 3\0"
 # What a damaged table holds in the place of a number, text or bytes is made such: decoding then says what is wrong.
+# Of IS NOT NULL SQLite believes a column's definition, and does not look.
 _TOPICS = """SELECT CAST(id AS INTEGER), CAST(name AS TEXT), CAST(type AS TEXT), CAST(serialization_format AS TEXT)
-    FROM topics WHERE id IS NOT NULL AND name IS NOT NULL AND type IS NOT NULL AND serialization_format IS NOT NULL"""
+    FROM topics WHERE 'null' NOT IN (TYPEOF(id), TYPEOF(name), TYPEOF(type), TYPEOF(serialization_format))"""
 _DEFINITIONS = """SELECT CAST(topic_type AS TEXT), CAST(encoded_message_definition AS TEXT) FROM message_definitions
-    WHERE topic_type IS NOT NULL AND encoded_message_definition IS NOT NULL"""
+    WHERE 'null' NOT IN (TYPEOF(topic_type), TYPEOF(encoded_message_definition))"""
 _MESSAGES = """SELECT CAST(topic_id AS INTEGER), CAST(timestamp AS INTEGER), CAST(data AS BLOB) FROM messages
-    WHERE topic_id IN (SELECT value FROM json_each(?)) AND timestamp IS NOT NULL AND data IS NOT NULL"""
+    WHERE topic_id IN (SELECT value FROM json_each(?)) AND 'null' NOT IN (TYPEOF(timestamp), TYPEOF(data))"""
 # Views could make up rows without end.
 _TABLES = "SELECT CAST(name AS TEXT) FROM sqlite_master WHERE type = 'table'"
 # Of a chunk when unpacked, or of a row, in bytes.

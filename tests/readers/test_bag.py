@@ -96,6 +96,27 @@ def test_a_cut_database_is_read_up_to_the_cut(tmp_path: Path) -> None:
         assert kinds(trial)["truncated"] == 1
 
 
+def test_what_a_damaged_table_lacks_though_it_says_it_cannot_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "a.db3"
+    path.write_bytes(BAGS[".db3"])
+    with sqlite3.connect(path) as database:
+        (declared,) = database.execute("SELECT sql FROM sqlite_master WHERE name = 'topics'").fetchone()
+        assert "name TEXT NOT NULL" in declared
+        database.execute("PRAGMA writable_schema = ON")
+        say = "UPDATE sqlite_master SET sql = ? WHERE name = 'topics'"
+        database.execute(say, [declared.replace("NOT NULL", "")])
+    database.close()
+    with sqlite3.connect(path) as database:
+        database.execute("UPDATE topics SET name = NULL WHERE name = '/attitude'")
+        database.execute("PRAGMA writable_schema = ON")
+        database.execute(say, [declared])
+    database.close()
+    trial = read(tmp_path, ".db3", '{ bag = "/phins/heading.data" }')
+    np.testing.assert_allclose(np.rad2deg(trial.position[trial.measured]), HEADING, atol=1e-6)
+    with pytest.raises(LogError, match="no topic for '/attitude'"):
+        read(tmp_path, ".db3", '{ bag = "/attitude" }')
+
+
 @BOTH
 def test_without_rosbags_the_message_names_the_extra(
     suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
