@@ -227,7 +227,8 @@ def files_at_hand(paths: Sequence[Path]) -> list[Path]:
         found.append(config)
         blocks = read_toml(config).get("thrusters")
         tables = [block for block in (blocks if isinstance(blocks, list) else ()) if isinstance(block, dict)]
-        found += [config.parent / str(table["curve"]) for table in tables if "curve" in table]
+        curves = [config.parent / str(table["curve"]) for table in tables if "curve" in table]
+        found += [curve for curve in curves if curve.exists()]
     return found
 
 
