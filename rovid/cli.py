@@ -661,14 +661,13 @@ def export(
     from rovid.documents import export_document
     from rovid.export import export as make
     from rovid.export import exporter, subject_of
-    from rovid.places import is_there
     from rovid.terminal import show_export
 
     function, target = exporter(format, output)
     stored = _of_yaw(_known(parameters))
     stored.model()
     claim = _claim([target], stored.logs, stored.path, force=force)
-    there = bool(stored.logs) and all(map(is_there, stored.logs))
+    there = bool(stored.logs) and all(path.exists() for path in stored.logs)
     study = _open(stored.logs, None, stored.axis) if there else None
     with _busy("Simulating …"):
         made = make(function, subject_of(stored, study))

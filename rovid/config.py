@@ -13,7 +13,7 @@ import numpy as np
 from rovid.axis import AXES, YAW, Axis
 from rovid.errors import NAME_LENGTH, ConfigError, nearest
 from rovid.files import settle
-from rovid.places import is_there, odd, refuse_odd, require
+from rovid.places import odd, refuse_odd, require
 from rovid.tables import CURVE_COLUMNS, read_table
 from rovid.toml import number_wanted, read_toml
 from rovid.vehicle import ThrustCurve, Thruster, Vehicle
@@ -348,7 +348,7 @@ def read_curve(path: Path) -> ThrustCurve:
         The file is missing, has other columns, text in a number, fewer than two points or a repeated command.
     """
     refuse_odd(path)
-    if not (is_there(path) and path.is_file()):
+    if not path.is_file():
         raise ConfigError(
             "there is no such thrust curve.",
             where=path,

@@ -22,7 +22,7 @@ from rovid.files import Claim, Output
 from rovid.files.form import PARAMETERS
 from rovid.identify.estimate import PER_INERTIA, Estimate
 from rovid.model import Model, base_names, effect_ids
-from rovid.places import is_there, refuse_odd
+from rovid.places import refuse_odd
 from rovid.quoting import encodable
 from rovid.toml import LARGEST, SMALLEST, number_wanted, read_toml
 from rovid.trial import Campaign
@@ -272,9 +272,9 @@ def read_parameters(path: Path) -> Parameters:
         It is missing, not a parameter file, or of a schema newer than this rovid knows.
     """
     refuse_odd(path)
-    if not (is_there(path) and path.is_file()):
+    if not path.is_file():
         raise ConfigError(
-            "is a folder, not a parameter file." if is_there(path) else "there is no such parameter file.",
+            "is a folder, not a parameter file." if path.exists() else "there is no such parameter file.",
             where=path,
             mend="Run `rovid fit-drag LOGS` first, or point to one with -p.",
         )

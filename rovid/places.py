@@ -19,8 +19,7 @@ _ODD: Mapping[Callable[[int], bool], str] = {
     stat.S_ISCHR: "a device",
     stat.S_ISBLK: "a device",
 }
-# A name longer than any file's names none.
-_ABSENT = {errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG}
+_ABSENT = {errno.ENOENT, errno.ENOTDIR}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,14 +36,6 @@ class Folder:
 
     files: tuple[Path, ...]
     odd: Mapping[Path, str]
-
-
-def is_there(path: Path) -> bool:
-    """Whether there is such a file or folder; a name longer than any file's names none."""
-    try:
-        return path.exists()
-    except OSError:
-        return False
 
 
 def odd(path: Path) -> str:

@@ -220,6 +220,8 @@ class Study:
 
 def files_at_hand(paths: Sequence[Path]) -> list[Path]:
     """What may be read where ``paths`` are: logs, tables, rovid.toml and its thrust curves; not what rovid planned."""
+    if not paths:
+        return []
     found = [path for path in files_in(paths) if path.is_file() and not PLAN.marks(path)]
     # Whatever is wrong with rovid.toml is said by those who need it.
     with contextlib.suppress(ConfigError):
@@ -227,7 +229,8 @@ def files_at_hand(paths: Sequence[Path]) -> list[Path]:
         found.append(config)
         blocks = read_toml(config).get("thrusters")
         tables = [block for block in (blocks if isinstance(blocks, list) else ()) if isinstance(block, dict)]
-        found += [config.parent / str(table["curve"]) for table in tables if "curve" in table]
+        curves = [config.parent / str(table["curve"]) for table in tables if "curve" in table]
+        found += [curve for curve in curves if curve.exists()]
     return found
 
 

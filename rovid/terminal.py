@@ -130,7 +130,7 @@ def show_drag(console: Console, fit: DragFit) -> None:
     show_parameters(console, estimate)
     correlation = estimate.correlation("quadratic_drag", "linear_drag") if not estimate.refused else math.nan
     console.print(
-        f"{estimate.method}; R² {fit.r_squared:.4f}; correlation of DQ and DL {number(correlation, '.2f')}; "
+        f"{estimate.method}; R² {number(fit.r_squared, '.4f')}; correlation of DQ and DL {number(correlation, '.2f')}; "
         f"{estimate.samples} steady states",
         highlight=False,
     )

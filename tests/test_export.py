@@ -518,6 +518,8 @@ def test_a_parameter_file_alone_is_exported_with_what_was_assumed(fitted: Path, 
     document, file = exported("gz-sim", alone, tmp_path)
     assert any("rigid-body inertia is not known" in text for text in document["warnings"])
     assert read_sdf(file).inertia == pytest.approx(read_parameters(fitted).model().inertia)
+    alone.write_text(tomli_w.dumps(tomllib.loads(fitted.read_text()) | {"logs": []}))
+    assert any("is assumed" in text for text in exported("gz-sim", alone, tmp_path)[0]["warnings"])
 
 
 def test_a_person_reads_a_short_account(fitted: Path, rovid: Rovid) -> None:

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import json
 import os
+import re
 import shutil
 import signal
 import stat
@@ -552,6 +553,58 @@ def test_a_report_takes_its_stale_plots_away_and_leaves_the_rest(day: Path, tmp_
     assert leavings(folder) == []
 
 
+WITHOUT_WORK = """
+    import json, sys
+    from rovid.study import Study
+    from tests.conftest import run_rovid
+
+    def work(*_, **__):
+        sys.exit(77)
+
+    for name in ("drag", "inertia", "likelihood", "diagnosis"):
+        setattr(Study, name, work)
+    print(json.dumps([vars(run_rovid(*command.split())) for command in sys.argv[1:]]))
+"""
+
+
+@NOBODY
+def test_where_nothing_can_be_written_no_command_begins_its_work(day: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with public_folder() as public:
+        folder, temporary = public / "day", public / "tmp"
+        shutil.copytree(day, folder)
+        (public / "free.toml").write_bytes((folder / "parameters.toml").read_bytes().replace(b'"L"', b'"day/L"'))
+        for place in (folder, folder / "L"):
+            place.chmod(0o555)
+        for place in (public, temporary):
+            place.mkdir(exist_ok=True)
+            place.chmod(0o777)
+        (public / "free.toml").chmod(0o666)
+        monkeypatch.chdir(public)
+        monkeypatch.setenv("TMPDIR", str(temporary))  # for caches of nobody's
+        commands = [
+            "fit-drag day/L -p day/new.toml",
+            "fit-inertia day/L -p day/new.toml",
+            "fit day/L -p day/new.toml",
+            "fit -p day/parameters.toml",
+            "diagnose day/L -p day/new.toml",
+            "diagnose -p day/parameters.toml",
+            "report day/L -p day/new.toml -o page",
+            "report -p day/parameters.toml -o page",
+            "report -p free.toml -o day/page",
+        ]
+        free = ["fit -p free.toml", "diagnose -p free.toml", "report -p free.toml -o page"]
+        done = run_code(WITHOUT_WORK, *free, *commands, before=AS_NOBODY)
+        assert done.returncode == 0, done.stderr
+        ends = json.loads(done.stdout)
+        assert [end["code"] for end in ends[: len(free)]] == [77, 77, 77], "this is where their work begins"
+        for command, said in zip(commands, ends[len(free) :], strict=True):
+            assert said["code"] == 2, (command, said)
+            assert re.search(r"day/\S+: (cannot be written \(Permission denied\)|is write-protected)", said["err"])
+            assert said["err"].count("\n") == 1
+            assert said["out"] == ""
+        assert not (public / "page").exists()
+
+
 # Two at once
 
 UPDATE = """
@@ -629,6 +682,10 @@ COMMAND = """
         ("fit-drag L -p parameters.toml", ["parameters.toml"]),
         ("fit-inertia L -p parameters.toml", ["parameters.toml"]),
         ("fit L -p parameters.toml", ["parameters.toml"]),
+        ("diagnose L -p parameters.toml", ["parameters.toml"]),
+        ("convert L/hold_01.csv -o log.csv", ["log.csv"]),
+        ("convert L/hold_01.csv -o log.mcap", ["log.mcap"]),
+        ("convert L/hold_01.csv -o log.parquet", ["log.parquet"]),
         ("fit-thruster L/thrust_curve.csv -o curve.csv", ["curve.csv"]),
         ("export json -p parameters.toml", ["rovid.json"]),
         ("control -p parameters.toml --c c.c --python p.py", ["c.c", "p.py"]),
@@ -654,23 +711,30 @@ def test_a_command_killed_at_each_rename(
 
     first = run_rovid(*command.split())
     assert first.code == 0, first.err
-    old = {path: text + b"\n" for path, text in content().items()}  # with its mark, and unlike what will be written
+    # With its mark, and unlike what will be written; what is converted is a log, which is never replaced.
+    replaced = not command.startswith("convert")
+    new = content()
+    old = {path: text + b"\n" for path, text in new.items()} if replaced else {}
     at = 0
     while True:
         at += 1
+        for path in new.keys() - old.keys():
+            path.unlink(missing_ok=True)
         for path, text in old.items():
             path.write_bytes(text)
         done = run_code(COMMAND, at, *command.split())
         if done.returncode == 0:
             break
         assert done.returncode == -signal.SIGKILL, done.stderr
-        changed = [text != old[path] for path, text in content().items()]
-        assert len(changed) == len(old)
+        now = content()
+        changed = [now.get(path) != old.get(path) for path in new]
+        assert now.keys() == (new.keys() if all(changed) else old.keys())
         assert all(changed) or not any(changed)
         following = run_rovid(*command.split())
         assert following.code == 0, following.err
+        assert content().keys() == new.keys()
         assert leavings(folder) == []
-    assert at == 1 + len(old)
+    assert at == 1 + len(new)
 
 
 # Any machine

@@ -115,9 +115,12 @@ def test_a_link_to_a_folder_above_is_named(folder: Path, rovid: Rovid) -> None:
     assert len(checked["logs"]) == 5
 
 
-@pytest.mark.parametrize("command", ["check", "init", "fit-drag"])
-def test_a_name_longer_than_any_is_refused(command: str, rovid: Rovid) -> None:
-    assert_one_message(rovid(command, "x" * 300 + ".csv"), "there is no such file or folder")
+def test_a_curve_of_a_long_name_is_not_taken_for_the_output(rovid: Rovid, folder: Path) -> None:
+    parameters = folder.parent / "parameters.toml"
+    assert rovid("fit-drag", folder, "-p", parameters).code == 0
+    config = folder / "rovid.toml"
+    config.write_text(config.read_text().replace('"curve.csv"', f'"{"c" * 300}.csv"'))
+    assert_one_message(rovid("fit-drag", folder, "-p", parameters), "ccc.csv: there is no such")
 
 
 def test_a_pipe_beside_nmea_text_is_not_its_log(tmp_path: Path, folder: Path, rovid: Rovid) -> None:

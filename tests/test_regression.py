@@ -110,6 +110,30 @@ def test_too_little_motion_is_refused() -> None:
             fit_regression([log])
 
 
+def test_a_rate_of_noise_alone_is_no_motion() -> None:
+    time = clock(100.0)
+    steady = run(time, np.full(2001, 164.68), noise=np.random.default_rng(7).normal(0.0, HEADING_NOISE, 2001))
+    settled = late(steady, 60.0)
+    assert np.ptp(settled.rates.rate[settled.valid]) > 0.0
+    logged = np.where(np.isfinite(steady.rates.rate), 0.1396, np.nan)  # its mean is off by a rounding
+    exact = replace(steady, rates=replace(steady.rates, rate=logged, rate_noise=0.0))
+    for log in (settled, exact):
+        with pytest.raises(DataError, match="the rate hardly changes by more than its noise"):
+            fit_regression([log])
+
+
+def test_of_a_torque_that_never_changes_nothing_is_explained() -> None:
+    """One step from rest: it tells the inertia, and no share of the torque's changes, for there are none."""
+    time = clock(100.0)
+    rng = np.random.default_rng(11)
+    log = run(time, np.full(2001, 100.0), disturbance=gauss_markov(len(time), 0.05, 1.0, 2.0, rng))
+    found = fit_regression([log])
+    assert found.estimate.value("inertia") == pytest.approx(ROSUB.inertia, rel=0.1)
+    assert np.isnan(found.r_squared)
+    sure = replace(log, drive=np.where(np.isfinite(log.drive), 100.0, np.nan))
+    assert np.isnan(fit_regression([sure]).r_squared)
+
+
 def test_thrust_of_the_wrong_sign_is_told() -> None:
     good = run(clock(200.0), levels(10.0, 20, 200.0, np.random.default_rng(3)))
     wrong = Run(trial=good.trial, torque=-good.torque, rates=good.rates, drive=-good.drive)

@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from rovid.axis import AXES
 from rovid.errors import DataError
 from rovid.identify.steady import SteadyPoint, fit_drag, long_run_variance, points_from_table
 from rovid.tables import read_table
@@ -61,6 +63,38 @@ def test_one_speed_refuses_linear_drag_by_name() -> None:
     assert "linear_drag" in fit.estimate.refused
     assert fit.estimate.value("linear_drag") == 0.0
     assert any("linear_drag is not determined" in text for text in fit.estimate.warnings)
+
+
+def test_a_rate_that_makes_all_others_nothing_is_named() -> None:
+    points = [point(r, truth(r)) for r in (-0.2, 0.1, 0.15, 0.2)]
+    points[1] = replace(point(1e15, 30.0), source="steady.csv:3")
+    with pytest.raises(
+        DataError, match=r"quadratic_drag from linear_drag: .* in steady.csv:3, 1e\+15 rad/s, makes all"
+    ):
+        fit_drag(points)
+
+
+def test_too_few_rates_for_all_unknowns_are_refused() -> None:
+    with pytest.raises(DataError, match="quadratic_drag from linear_drag from net_buoyancy: they are at too few rates"):
+        fit_drag([point(r, truth(r), error=1e-3) for r in (0.1, 0.2, 0.1, 0.2)], AXES["heave"])
+
+
+def test_without_the_only_other_rate_nothing_is_left_to_say() -> None:
+    fit = fit_drag([point(r, truth(r), error=1e-4) for r in (0.1, 0.1, 0.1, 0.2)])
+    assert fit.estimate.values == pytest.approx([3532.0, 132.0], rel=1e-9)
+    assert np.isnan(fit.left_out[-1]).all()
+    assert fit.left_out[:-1, :2] == pytest.approx(np.array([[3532.0, 132.0]] * 3), rel=1e-9)
+
+
+def test_a_direction_that_does_not_determine_both_is_not_fitted_alone() -> None:
+    rates = (0.001, 0.1, 1e9, -1e3, -2e5, -3e8)
+    fit = fit_drag([point(r, truth(r)) for r in rates])
+    assert list(fit.directions) == ["down"]
+
+
+def test_a_rate_of_next_to_nothing_is_rest() -> None:
+    points = [point(r, truth(r)) for r in (-0.2, 0.1, 0.15, 0.2)]
+    assert fit_drag([*points, point(1e-200, 30.0)]).estimate.samples == 4
 
 
 def test_negative_linear_drag_is_held_at_zero_and_said() -> None:

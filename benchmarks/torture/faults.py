@@ -222,6 +222,7 @@ def on_read_only(one: Scene) -> Iterator[Failure]:
 def _become_nobody() -> None:
     """Root may write everywhere."""
     if os.geteuid() == 0:
+        os.chdir("/")  # the command comes back to where it was called, which may be root's alone
         os.setgroups([])
         os.setgid(_NOBODY)
         os.setuid(_NOBODY)

@@ -135,7 +135,7 @@ class Claim:
         marked = form.marks(target)
         if marked and not form.replaced and not certain:
             return
-        if any(path.exists() and path.samefile(target) for path in self._protected):
+        if any(path.samefile(target) for path in self._protected if path.exists()):
             raise OutputError(
                 "belongs to what is read here and is not written over.", where=output.path, mend=_ELSEWHERE
             )

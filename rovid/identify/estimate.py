@@ -21,6 +21,8 @@ UNDRIVEN = (
 )
 # A share of all thrust that is not worth a word.
 _NO_DOUBT = 1e-3
+# Of what is as good as constant: its changes are rounding.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,6 +136,18 @@ class Estimate:
 
 def _goes_with_thrust(unit: str) -> bool:
     return unit == "N" or unit.startswith(("N ", "kg"))
+
+
+def varies(values: FloatArray, *, noise: float = 0.0) -> bool:
+    """Whether ``values`` change by more than rounding and white noise of this standard deviation would make them."""
+    return bool(np.std(values) > max(noise, _ROUNDING * float(np.max(np.abs(values)))))
+
+
+def explained(measured: FloatArray, residuals: FloatArray) -> float:
+    """R^2, 1 - SSE/SST with the mean taken away; NaN where what was measured does not vary."""
+    if not varies(measured):
+        return math.nan
+    return 1.0 - float(residuals @ residuals) / float(np.sum((measured - measured.mean()) ** 2))
 
 
 def student_t(probability: float, degrees_of_freedom: float) -> float:

@@ -12,7 +12,7 @@ from rovid.axis import Axis
 from rovid.effects import restoring_of
 from rovid.effects.restoring import columns, from_columns
 from rovid.errors import DataError
-from rovid.identify.estimate import Estimate
+from rovid.identify.estimate import Estimate, explained, varies
 from rovid.model import Drive, Model, base_names
 from rovid.runs import Run
 from rovid.trial import FloatArray
@@ -23,13 +23,18 @@ _BLOCK_SECONDS = 40.0
 _BLOCKS = 12
 _PASSES = 8
 _CONVERGED = 1e-4
+# Of changes of the rate that are so many times those of its noise, half the power is motion.
+_MOTION = 2.0**0.5
 
 ADVICE = "Run sines, steps or a pseudo-random command that change the rate."
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Regression:
-    """The instrumental-variable estimate, and the plain least-squares one to show what the errors cost."""
+    """The instrumental-variable estimate, and the plain least-squares one to show what the errors cost.
+
+    ``r_squared`` is NaN where the torque never changes.
+    """
 
     estimate: Estimate
     least_squares: FloatArray
@@ -58,7 +63,7 @@ def fit_regression(runs: Sequence[Run], *, certainty: float = 3.0) -> Regression
     torque, blocks = _torque(runs)
     axis = runs[0].trial.axis
     raw = np.concatenate([_regressors(axis, _motion(run))[run.valid] for run in runs])
-    _require_motion(raw, torque)
+    _require_motion(runs, raw, torque)
     plain = _solve(raw, raw, torque, np.ones(raw.shape[1], dtype=bool))
     values = _physical_start(plain, raw, torque)
     for _ in range(_PASSES):
@@ -89,8 +94,7 @@ def fit_regression(runs: Sequence[Run], *, certainty: float = 3.0) -> Regression
         axis=axis,
     )
     require_inertia(estimate, certainty)
-    spread = float(np.sum((torque - torque.mean()) ** 2))
-    return Regression(estimate=estimate, least_squares=plain, r_squared=1.0 - float(residuals @ residuals) / spread)
+    return Regression(estimate=estimate, least_squares=plain, r_squared=explained(torque, residuals))
 
 
 def fit_released(runs: Sequence[Run]) -> Model:
@@ -108,7 +112,7 @@ def fit_released(runs: Sequence[Run]) -> Model:
     moved = [_regressors(axis, _motion(run))[at] for run, at in zip(runs, known, strict=True)]
     acceleration, *others = np.concatenate(moved).T
     columns_of = np.column_stack(others)
-    _require_motion(np.column_stack((acceleration, columns_of)), np.ones(len(acceleration)))
+    _require_motion(runs, np.column_stack((acceleration, columns_of)), np.ones(len(acceleration)))
     scale = np.linalg.norm(columns_of, axis=0)
     low = np.array([0.0, 0.0, *np.full(len(scale) - 2, -np.inf)])
     found = lsq_linear(columns_of / scale, -acceleration, bounds=(low, np.inf)).x / scale
@@ -250,13 +254,14 @@ def _jackknife_covariance(
     return np.asarray((count - 1) / count * deviations.T @ deviations)
 
 
-def _require_motion(measured: FloatArray, torque: FloatArray) -> None:
+def _require_motion(runs: Sequence[Run], measured: FloatArray, torque: FloatArray) -> None:
     if not len(torque):
         raise _not_excited("no stretch is long enough for the filter")
     if not np.any(torque):
         raise _not_excited("the thrusters never push")
-    if np.std(measured[:, 2]) == 0.0:
-        raise _not_excited("the rate never changes")
+    noise = float(np.linalg.norm([run.rates.rate_noise for run in runs])) / len(runs) ** 0.5
+    if not varies(measured[:, 2], noise=_MOTION * noise):
+        raise _not_excited("the rate hardly changes by more than its noise")
 
 
 def _not_excited(found: str) -> DataError:

@@ -14,11 +14,12 @@ from rovid.axis import YAW, Axis
 from rovid.effects import restoring_of
 from rovid.effects.restoring import columns
 from rovid.errors import DataError
-from rovid.identify.estimate import Estimate
+from rovid.identify.estimate import Estimate, explained
 from rovid.model import base_names
 from rovid.runs import Run
 from rovid.segments import MIN_HOLD_SECONDS, Hold, find_holds
 from rovid.tables import STEADY_COLUMNS, Table
+from rovid.toml import SMALLEST
 from rovid.trial import FloatArray
 from rovid.vehicle import Vehicle
 
@@ -32,6 +33,8 @@ _TREND_SIGMAS = 3.0
 _TREND_SHARE = 0.005
 # Rates this close together cannot tell a quadratic from a linear drag.
 _MIN_RATE_RATIO = 1.25
+# Nor can unknowns be told apart whose columns, each of length one, differ by no more than this.
+_ALIKE = 1e-10
 
 _ADVICE = (
     "Run held commands: at least four levels each way, from the slowest that {} the vehicle to the fastest, "
@@ -97,11 +100,12 @@ class DragFit:
     residuals
         (k,) measured minus fitted torque in N m.
     left_out
-        (k, 3) quadratic and linear drag without that point, and the torque it then is off by, in N m.
+        (k, 3) quadratic and linear drag without that point, and the torque it then is off by, in N m; NaN where the
+        others do not determine both.
     directions
         The fit of each direction alone, where it has at least two levels: "up" and "down".
     r_squared
-        1 - SSE/SST of torque, unweighted, centred.
+        1 - SSE/SST of torque, unweighted, centred; NaN where the torque does not vary.
     """
 
     estimate: Estimate
@@ -240,7 +244,7 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     DataError
         No steady turning, or turning against the torque.
     """
-    points = [point for point in points if point.rate != 0.0]
+    points = [point for point in points if abs(point.rate) > SMALLEST]
     fitted = tuple(point for point in points if point.steady)
     if not fitted:
         raise _no_steady(points, axis)
@@ -249,6 +253,8 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     design = _design(fitted, axis)
     torque = np.array([point.torque for point in fitted])
     free = np.array([name not in refused for name in names])
+    if not _told_apart(design[:, free]):
+        raise _outweighed(fitted, [name for name in names if name not in refused], axis)
     error = _torque_error(fitted, design, torque, free)
     values, covariance, dof = _least_squares(design, torque, error, free)
     warnings = []
@@ -290,7 +296,7 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
         residuals=residuals,
         left_out=_leave_one_out(design, torque, error, free),
         directions=directions,
-        r_squared=1.0 - float(residuals @ residuals) / float(np.sum((torque - torque.mean()) ** 2) or np.nan),
+        r_squared=explained(torque, residuals),
     )
 
 
@@ -322,6 +328,21 @@ def _no_steady(points: Sequence[SteadyPoint], axis: Axis) -> DataError:
         f"for instance by {worst.drift:.2g} {axis.unit('rad/s')} in {worst.source} from {worst.start:.0f} to "
         f"{worst.stop:.0f} s.",
         mend="Hold each command longer.",
+    )
+
+
+def _told_apart(design: FloatArray) -> bool:
+    """Whether the (k, p) ``design`` determines every one of its unknowns."""
+    values = np.linalg.svd(design / np.linalg.norm(design, axis=0), compute_uv=False)
+    return len(values) == design.shape[1] and bool(values[-1] > _ALIKE * values[0])
+
+
+def _outweighed(points: Sequence[SteadyPoint], names: Sequence[str], axis: Axis) -> DataError:
+    fastest = max(points, key=lambda point: abs(point.rate))
+    return DataError(
+        f"{len(points)} {_states(axis)} cannot tell {' from '.join(names)}: they are at too few rates, or that in "
+        f"{fastest.source}, {fastest.rate:.3g} {axis.unit('rad/s')}, makes all others nothing.",
+        mend="Give more of them at other rates; correct or delete one that cannot be.",
     )
 
 
@@ -365,20 +386,22 @@ def _least_squares(
     """
     values, covariance = np.zeros(len(free)), np.zeros((len(free), len(free)))
     weighted = design[:, free] / error[:, None]
-    values[free], *_ = np.linalg.lstsq(weighted, torque / error, rcond=None)
+    scale = np.linalg.norm(weighted, axis=0)
+    inverse = np.linalg.pinv(weighted / scale) / scale[:, None]
+    values[free] = inverse @ (torque / error)
     dof = len(torque) - int(free.sum())
     chi2 = float(np.sum(((torque - design @ values) / error) ** 2))
     known = bool(np.any(error != 1.0))
-    scale = chi2 / dof if dof > 0 else (1.0 if known else np.nan)
-    covariance[np.ix_(free, free)] = np.linalg.inv(weighted.T @ weighted) * (max(scale, 1.0) if known else scale)
-    return values, covariance, float(dof) if dof > 0 and not (known and scale <= 1.0) else float("inf")
+    scatter = chi2 / dof if dof > 0 else (1.0 if known else np.nan)
+    covariance[np.ix_(free, free)] = inverse @ inverse.T * (max(scatter, 1.0) if known else scatter)
+    return values, covariance, float(dof) if dof > 0 and not (known and scatter <= 1.0) else float("inf")
 
 
 def _leave_one_out(design: FloatArray, torque: FloatArray, error: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
     rows = np.full((len(torque), 3), np.nan)
     for k in range(len(torque)):
         keep = np.arange(len(torque)) != k
-        if keep.sum() < free.sum():
+        if not _told_apart(design[np.ix_(keep, free)]):
             continue
         values, _, _ = _least_squares(design[keep], torque[keep], error[keep], free)
         rows[k] = (*values[:2], torque[k] - design[k] @ values)
@@ -397,6 +420,8 @@ def _directions(
     for name, rows in (("up", design[:, 1] > 0), ("down", design[:, 1] < 0)):
         chosen = [point for point, row in zip(points, rows, strict=True) if row]
         if len(chosen) <= free.sum() or rows.all() or _undetermined(chosen, axis):
+            continue
+        if not _told_apart(design[np.ix_(rows, free)]):
             continue
         values, covariance, dof = _least_squares(design[rows], torque[rows], error[rows], free)
         fits[name] = Estimate(

@@ -27,13 +27,16 @@ _EXTRA = "ros"
 # Kinds of fields in rosbags' definitions.
 _NAME, _ARRAY, _SEQUENCE = 2, 3, 4
 _ROS1_MARK, _ROS2_MARK = b"#ROSBAG V", b"SQLite format 3\0"
+# Of SQLite's header, up to the byte that is 2 where the database is written ahead.
+_READ_VERSION, _HEADER = 19, 20
 # What a damaged table holds in the place of a number, text or bytes is made such: decoding then says what is wrong.
+# Of IS NOT NULL SQLite believes a column's definition, and does not look.
 _TOPICS = """SELECT CAST(id AS INTEGER), CAST(name AS TEXT), CAST(type AS TEXT), CAST(serialization_format AS TEXT)
-    FROM topics WHERE id IS NOT NULL AND name IS NOT NULL AND type IS NOT NULL AND serialization_format IS NOT NULL"""
+    FROM topics WHERE 'null' NOT IN (TYPEOF(id), TYPEOF(name), TYPEOF(type), TYPEOF(serialization_format))"""
 _DEFINITIONS = """SELECT CAST(topic_type AS TEXT), CAST(encoded_message_definition AS TEXT) FROM message_definitions
-    WHERE topic_type IS NOT NULL AND encoded_message_definition IS NOT NULL"""
+    WHERE 'null' NOT IN (TYPEOF(topic_type), TYPEOF(encoded_message_definition))"""
 _MESSAGES = """SELECT CAST(topic_id AS INTEGER), CAST(timestamp AS INTEGER), CAST(data AS BLOB) FROM messages
-    WHERE topic_id IN (SELECT value FROM json_each(?)) AND timestamp IS NOT NULL AND data IS NOT NULL"""
+    WHERE topic_id IN (SELECT value FROM json_each(?)) AND 'null' NOT IN (TYPEOF(timestamp), TYPEOF(data))"""
 # Views could make up rows without end.
 _TABLES = "SELECT CAST(name AS TEXT) FROM sqlite_master WHERE type = 'table'"
 # Of a chunk when unpacked, or of a row, in bytes.
@@ -162,8 +165,29 @@ def _unpacker(chunk: Any) -> Callable[[bytes], bytes]:
 
 
 @contextmanager
+def _connected(path: Path) -> Iterator[sqlite3.Connection]:
+    """The database; nothing is left beside it.
+
+    Of one that is written ahead SQLite makes a journal and its index where they are not, and leaves them there. Where
+    no journal was left there is nothing in it, and the database is read as what cannot change.
+    """
+    whole = path.resolve()
+    journal, index = (whole.with_name(whole.name + end) for end in ("-wal", "-shm"))
+    with whole.open("rb") as file:
+        ahead = file.read(_HEADER)[_READ_VERSION:] == b"\2"
+    how = "mode=ro&immutable=1" if ahead and not journal.exists() else "mode=ro"
+    is_ours = ahead and not index.exists()
+    try:
+        with closing(sqlite3.connect(f"file:{quote(str(whole))}?{how}", uri=True)) as bag:
+            yield bag
+    finally:
+        if is_ours:
+            index.unlink(missing_ok=True)
+
+
+@contextmanager
 def _ros2(path: Path) -> Iterator[_Bag]:
-    with closing(sqlite3.connect(f"file:{quote(str(path.resolve()))}?mode=ro", uri=True)) as bag:
+    with _connected(path) as bag:
         bag.text_factory = lambda text: text.decode("utf-8", errors="replace")
         bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LARGEST)
         try:

@@ -149,22 +149,25 @@ class _Table:
     def _parse(self, kinds: Mapping[int, str], decimal: str, *, spaces: bool) -> pd.DataFrame:
         direct = self.layout.plain and not self.layout.wide and self.end == self.size
         with np.errstate(all="ignore"), self._body() if not direct else _nothing() as body:
-            return pd.read_csv(
+            frame = pd.read_csv(
                 body or str(self.layout.path),  # pandas reads a path in bytes, faster than a file in text
                 engine="c",
                 sep=self.layout.delimiter,
                 decimal=decimal,
                 header=self.layout.before if direct else None,
-                names=list(range(self.layout.width)),
+                # Not numbers: where there are no rows pandas takes those for places among the columns that it keeps.
+                names=list(map(str, range(self.layout.width))),
                 index_col=False,
-                usecols=sorted(set(kinds)),
-                dtype=dict(kinds),
+                usecols=list(map(str, sorted(set(kinds)))),
+                dtype={str(at): kind for at, kind in kinds.items()},
                 keep_default_na=False,
                 na_values=[word + space for word in _MISSING for space in ("", " ")],
                 skipinitialspace=spaces,
                 encoding="utf-8",
                 encoding_errors="replace",
             )
+            frame.columns = pd.Index(map(int, frame.columns))
+            return frame
 
     @contextmanager
     def _body(self) -> Iterator[IO[str]]:

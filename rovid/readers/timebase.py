@@ -186,7 +186,8 @@ def _one_clock(work: _Builder, channels: Mapping[str, Channel]) -> dict[str, Ser
 
 def _scaled(values: FloatArray, channel: Channel, signal: Signal) -> FloatArray:
     factor = float(np.sign(signal.factor)) if channel.radians else signal.factor
-    return values if factor == 1.0 else values * factor
+    with np.errstate(invalid="ignore"):  # a damaged number may be a NaN that signals
+        return values if factor == 1.0 else values * factor
 
 
 def _measured(work: _Builder, logged: Series) -> Series:

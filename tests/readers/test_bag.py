@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 import sys
 from pathlib import Path
@@ -94,6 +95,52 @@ def test_a_cut_database_is_read_up_to_the_cut(tmp_path: Path) -> None:
         assert "cut or damaged" in str(error)  # noqa: PT017 - which of both depends on the version of SQLite
     else:
         assert kinds(trial)["truncated"] == 1
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_nothing_is_left_beside_a_bag_that_writes_ahead(closed: bool, tmp_path: Path) -> None:
+    """As recorders leave it that have their bags survive a crash; what the crash left in the journal is read."""
+    path, made = tmp_path / "a.db3", tmp_path / "made.db3"
+    made.write_bytes(BAGS[".db3"])
+    with sqlite3.connect(made) as database:
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute("PRAGMA wal_autocheckpoint = 0")
+        (attitude,) = database.execute("SELECT id FROM topics WHERE name = '/attitude'").fetchone()
+        database.execute("DELETE FROM messages WHERE topic_id = ?", [attitude])
+        database.commit()
+        if not closed:
+            shutil.copy(made, path)
+            shutil.copy(f"{made}-wal", f"{path}-wal")
+    database.close()
+    if closed:
+        shutil.copy(made, path)
+    there = {item.name for item in tmp_path.iterdir()} | {"rovid.toml", "curve.csv"}
+    trial = read(tmp_path, ".db3", '{ bag = "/phins/heading.data" }')
+    np.testing.assert_allclose(np.rad2deg(trial.position[trial.measured]), HEADING, atol=1e-6)
+    with pytest.raises(LogError, match="no message on topic '/attitude'"):
+        read(tmp_path, ".db3", '{ bag = "/attitude" }')
+    assert {item.name for item in tmp_path.iterdir()} <= there
+
+
+def test_what_a_damaged_table_lacks_though_it_says_it_cannot_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "a.db3"
+    path.write_bytes(BAGS[".db3"])
+    with sqlite3.connect(path) as database:
+        (declared,) = database.execute("SELECT sql FROM sqlite_master WHERE name = 'topics'").fetchone()
+        assert "name TEXT NOT NULL" in declared
+        database.execute("PRAGMA writable_schema = ON")
+        say = "UPDATE sqlite_master SET sql = ? WHERE name = 'topics'"
+        database.execute(say, [declared.replace("NOT NULL", "")])
+    database.close()
+    with sqlite3.connect(path) as database:
+        database.execute("UPDATE topics SET name = NULL WHERE name = '/attitude'")
+        database.execute("PRAGMA writable_schema = ON")
+        database.execute(say, [declared])
+    database.close()
+    trial = read(tmp_path, ".db3", '{ bag = "/phins/heading.data" }')
+    np.testing.assert_allclose(np.rad2deg(trial.position[trial.measured]), HEADING, atol=1e-6)
+    with pytest.raises(LogError, match="no topic for '/attitude'"):
+        read(tmp_path, ".db3", '{ bag = "/attitude" }')
 
 
 @BOTH

@@ -213,6 +213,8 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
     "only spaces": (b" \n\n", ("is empty",)),
     "only comments": (b"# a\n# b\n", ("no header",)),
     "header only": (b"time_s,heading_deg,fore_V\n", ("no rows",)),
+    "header only, the wanted last": (b"a,b,c,d,time_s,heading_deg,fore_V\n", ("no rows",)),
+    "the only row cut": (b"a,b,c,d,time_s,heading_deg,fore_V\n1,2,3,4,5,6", ("no rows",)),
     "header without end": (b"time_s,heading_deg,fore_V", ("hold_3.csv",)),
     "missing column": (
         csv_text({"time_s": TIME, "heding_deg": TIME, "fore_V": TIME}),

@@ -77,6 +77,23 @@ def test_missing_commands_hold(config: Config) -> None:
         trial_of(config, heading=HEADINGS, fore=(TIME, np.full(400, np.nan)))
 
 
+def test_a_number_that_signals_is_missing(config: Config) -> None:
+    def damaged(values: FloatArray) -> FloatArray:
+        broken = values.copy()
+        broken.view(np.uint64)[100] = 0x7FF0_0000_0000_0001
+        return broken
+
+    trial = trial_of(
+        config,
+        heading=(TIME, damaged(HEADING % 360.0)),
+        fore=(TIME, damaged(np.ones(400))),
+        yaw_rate=(TIME, damaged(np.full(400, 0.14))),
+        roll=(TIME, damaged(np.full(400, 3.0))),
+    )
+    assert trial.measured.sum() == 399
+    assert kinds(trial)["missing"] >= 1
+
+
 @pytest.mark.parametrize(("times", "stale"), [(TIME[:200], True), (TIME[:395], False), ([0.0, 1.3, 1.4, 7.0], False)])
 def test_a_command_that_stops(times: FloatArray, stale: bool, config: Config) -> None:
     trial = trial_of(config, heading=HEADINGS, fore=(times, 1.0 + 0.1 * (np.arange(len(times)) % 2)))

@@ -245,7 +245,7 @@ def test_without_inertia_the_refusal_stands_in_its_place(day: Evidence) -> None:
         day,
         parameters=replace(day.parameters, entries=entries),
         inertia=None,
-        inertia_refusal="inertia cannot be determined from these logs: the rate never changes.",
+        inertia_refusal="inertia cannot be determined from these logs: the thrusters never push.",
         simulations=(),
     )
     text = shown_text(without_plots(evidence))
