@@ -410,8 +410,13 @@ def test_an_interrupt_waits_for_the_renames(tmp_path: Path, monkeypatch: pytest.
 
     monkeypatch.setattr(os, "replace", interrupted)
     outputs = [Output(tmp_path / name, PARAMETERS) for name in ("a", "b")]
-    with pytest.raises(KeyboardInterrupt):
-        Claim(outputs).write(dict.fromkeys(outputs, SCHEMA))
+    # What is started in the background of a shell ignores interrupts.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            Claim(outputs).write(dict.fromkeys(outputs, SCHEMA))
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert [output.path.read_text() for output in outputs] == [SCHEMA, SCHEMA]
     assert leavings(tmp_path) == []
 
