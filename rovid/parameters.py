@@ -33,6 +33,8 @@ SCHEMA_VERSION = 1
 _ROUNDING = 1e-3
 _AGAIN = "Put it back, or delete it and run `rovid fit-drag LOGS` again."
 _ANOTHER = "Point to a parameter file with -p, or to a name that is free."
+# 1/s; no motion dies out faster, and none could be followed that did.
+_FASTEST = 1e3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,7 +151,7 @@ class Parameters:
         Raises
         ------
         ConfigError
-            Inertia, drag or a parameter of an effect is missing.
+            Inertia, drag or a parameter of an effect is missing, or the drag ends any motion at once.
         """
         for name, command in (("quadratic_drag", "fit-drag LOGS"), ("inertia", "fit-inertia")):
             if name not in self.entries and not (name == "inertia" and self.per_inertia):
@@ -163,10 +165,19 @@ class Parameters:
             if name not in self.entries:
                 mend = f"Run `rovid fit --effect {name.rpartition('.')[0]}`, or delete what is left of the effect."
                 raise ConfigError(f"holds no {name}.", where=self.path, mend=mend)
+        inertia = 1.0 if self.per_inertia else self.entries["inertia"].value
+        quadratic_drag, linear_drag = self.entries["quadratic_drag"].value, 0.0 if linear is None else linear.value
+        if quadratic_drag + linear_drag > _FASTEST * inertia:
+            raise ConfigError(
+                f"the drag of {quadratic_drag:.3g} and {linear_drag:.3g} would end a motion at 1 {self.axis.rate_unit} "
+                f"of an inertia of {inertia:.3g} within {1.0 / _FASTEST} s: no vehicle brakes like that.",
+                where=self.path,
+                mend="Look for a slipped digit, or fit the parameters again.",
+            )
         return Model(
-            inertia=1.0 if self.per_inertia else self.entries["inertia"].value,
-            quadratic_drag=self.entries["quadratic_drag"].value,
-            linear_drag=0.0 if linear is None else linear.value,
+            inertia=inertia,
+            quadratic_drag=quadratic_drag,
+            linear_drag=linear_drag,
             effects=effects,
             effect_values=tuple(self.entries[f"{e.key}.{p.name}"].value for e in effects for p in e.parameters),
             axis=self.axis,

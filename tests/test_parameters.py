@@ -212,3 +212,12 @@ def test_half_an_effect_is_said(tmp_path: Path) -> None:
 def test_no_file_and_a_folder_are_told_apart(tmp_path: Path, words: str, *, folder: bool) -> None:
     with pytest.raises(ConfigError, match=words):
         read_parameters(tmp_path if folder else tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize("name", ["quadratic_drag", "linear_drag"])
+def test_a_drag_that_ends_any_motion_at_once_is_no_model(name: str, tmp_path: Path) -> None:
+    """Each second of it would be stepped through in millions of steps."""
+    stored = written(tmp_path)
+    entries = {**stored.entries, name: replace(stored.entries[name], value=2147483647.0)}
+    with pytest.raises(ConfigError, match="no vehicle brakes like that"):
+        replace(stored, entries=entries).model()

@@ -98,7 +98,9 @@ def compare(rovid: FloatArray, other: FloatArray) -> Mismatch:
     error, span = other - rovid, float(np.ptp(rovid))
     worst = float(np.max(np.abs(error)))
     percent = 0.0 if worst == 0.0 else (100.0 * worst / span if span > 0.0 else math.inf)
-    return Mismatch(percent_of_range=percent, rms=float(np.sqrt(np.mean(error**2))))
+    # A model that runs away is off by more than can be squared.
+    scale = worst or 1.0
+    return Mismatch(percent_of_range=percent, rms=scale * float(np.sqrt(np.mean((error / scale) ** 2))))
 
 
 def stepped(values: FloatArray, period: float, step: float) -> FloatArray:
