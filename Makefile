@@ -21,10 +21,10 @@ demo: $(VENV)/installed  ## identify the sample trial day and write its page
 	@$(BIN)/rovid report -p demo/parameters.toml -o demo/report
 
 test: $(VENV)/installed lint  ## all tests; fails when none ran
-	$(BIN)/python -m pytest -n $(JOBS)
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 
 test-slow: $(VENV)/installed  ## the tests that take minutes each
-	$(BIN)/python -m pytest -n $(JOBS) -m slow
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m slow
 
 lint: $(VENV)/installed
 	$(BIN)/ruff format --check .

@@ -21,6 +21,8 @@ ONE_WAY_CLASSES: tuple[frozenset[str], ...] = (
 )
 # What is hidden under a name of the simulator's own, and the catalogue's names for it.
 NAMES = {"trial_scale": frozenset({"trial_scale", "trial_variation", "thrust_scale_by_trial", "supply_sag"})}
+# Of the torque in use; waves show in a spectrum long before they move the heading far.
+WAVES = 0.01
 VISIBILITY = ((0.5, "half or more"), (0.25, "a quarter to a half"), (0.1, "a tenth to a quarter"), (-9.0, "less"))
 PARAMETERS = ("inertia", "quadratic_drag", "linear_drag")
 
@@ -46,12 +48,21 @@ def verdict_on(named: dict[str, Any], truth: dict[str, Any]) -> str:
         names = NAMES.get(hidden, frozenset({hidden}))
         if effect in names:
             return "exact"
-        rivals = {
-            rival if isinstance(rival, str) else rival["effect"] for rival in named.get("cannot_be_told_from") or []
-        }
+        rivals = _rivals(named)
         if names & rivals or any(same_class(effect, name, truth["one_way"]) for name in names):
             return "class"
-    return "there" if effect in truth["also_true"] else "wrong"
+    return "there" if {effect, *_rivals(named)} & _there(truth) else "wrong"
+
+
+def _rivals(named: dict[str, Any]) -> set[str]:
+    rivals = named.get("cannot_be_told_from") or []
+    return {rival if isinstance(rival, str) else rival["effect"] for rival in rivals}
+
+
+def _there(truth: dict[str, Any]) -> set[str]:
+    """What acts though it was not hidden: what lowers the heading error, and waves wherever there are any."""
+    waves = {"wave_torque"} if truth.get("waves", 0.0) >= WAVES else set()
+    return {*truth["also_true"], *waves}
 
 
 def within(value: float, error: float | None, truth: float) -> float | None:

@@ -42,7 +42,7 @@ Document = dict[str, Any]
 NAMED: Mapping[str, Truth] = dict(zip(("rosub", "observation", "small"), VEHICLES, strict=True))
 TOGETHER: Mapping[Kind, int] = {"pair": 2, "triple": 3}
 SCHEMA = "rovid-diagnosis/1"
-VERDICTS = ("found", "nothing_found", "unexplained", "too_little_data")
+VERDICTS = ("found", "suspected", "nothing_found", "unexplained", "too_little_data")
 # Of the answer, what is kept; the next experiment may hold a whole command file.
 KEPT = ("verdict", "base", "findings", "extended", "held_out_gain", "unexplained", "not_identifiable", "warnings")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -242,6 +243,7 @@ def fit_drag(
         return
     with _busy("Fitting drag …"):
         result = study.drag()
+    result = replace(result, estimate=_compared(stored, study, result.estimate, logs))
     stored = _put(stored, claim, study, result.estimate, new_logs=True)
     if json:
         _print_json(drag_document(result, study))
@@ -301,6 +303,7 @@ def fit(
     study = _open(paths, cutoff, stored.axis)
     with _busy("Maximising the likelihood …"):
         result = study.likelihood(effects, gyro=gyro)
+    result = replace(result, estimate=_compared(stored, study, result.estimate, logs))
     stored = _put(stored, claim, study, result.estimate, new_logs=bool(logs))
     if json:
         _print_json(likelihood_document(result, study))
@@ -329,8 +332,10 @@ def diagnose(
     study = _open(paths, cutoff, stored.axis)
     with _working("Diagnosing …") as report:
         diagnosis = study.diagnosis(report, drag=stored.drag())
-    if diagnosis.extended is not None:
-        _put(stored, claim, study, diagnosis.extended.estimate, new_logs=bool(logs))
+    if (side := diagnosis.extended) is not None:
+        compared = _compared(stored, study, replace(side.estimate, warnings=()), logs).warnings
+        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *compared))
+        _put(stored, claim, study, side.estimate, new_logs=bool(logs))
     if json:
         _print_json(diagnosis_document(diagnosis, study))
     else:
@@ -747,6 +752,15 @@ def _claim(outputs: Sequence[Output], logs: Sequence[Path], *read: Path, force: 
     return Claim(outputs, force=force, protected=[*files_at_hand(logs), *read])
 
 
+def _compared(stored: Parameters, study: Study, estimate: Estimate, logs: Sequence[Path] | None) -> Estimate:
+    """``estimate``, with a warning where another method said another thing of the same logs."""
+    from rovid.agreement import disagreement
+
+    if logs and stored.logs != tuple(path.resolve() for path in study.paths):
+        return estimate
+    return replace(estimate, warnings=(*estimate.warnings, *disagreement(stored.entries, estimate)))
+
+
 def _put(stored: Parameters, claim: Claim, study: Study, estimate: Estimate, *, new_logs: bool) -> Parameters:
     """Put an estimate into the parameter file, and the logs that it is of where they are new to the file."""
 
@@ -764,6 +778,8 @@ def _fit_inertia(study: Study, stored: Parameters, claim: Claim, *, new_logs: bo
 
     with _busy("Fitting inertia …"):
         result = study.inertia(stored.drag())
+    logs = study.paths if new_logs else None
+    result = replace(result, estimate=_compared(stored, study, result.estimate, logs))
     stored = _put(stored, claim, study, result.estimate, new_logs=new_logs)
     if json:
         _print_json(inertia_document(result, study))

@@ -353,6 +353,11 @@ class Model:
         """Drag torque in N m at ``rate`` in rad/s."""
         return self.quadratic_drag * np.abs(rate) * rate + self.linear_drag * rate
 
+    @property
+    def remembers(self) -> bool:
+        """Whether any term has states of its own."""
+        return any(effect.term is not None and effect.remembers for effect in self.effects)
+
     def along(
         self, trial: Trial, period: float, course: Sequence[FloatArray], beside: FloatArray
     ) -> tuple[FloatArray, FloatArray]:

@@ -120,6 +120,17 @@ class Vehicle:
         if self.axis is not YAW or self.rigid_body_inertia is None:
             object.__setattr__(self, "rigid_body_inertia", self._inertia())
 
+    @property
+    def ahead(self) -> FloatArray:
+        """(k,) share of each thrust that drives the vehicle ahead; zeros where that is not known.
+
+        Where it is not told, thrusters of a yaw on both sides of the middle are taken to push ahead, as twin screws do.
+        """
+        told = np.array([thruster.ahead for thruster in self.thrusters])
+        arms = np.array([thruster.arm for thruster in self.thrusters])
+        both_sides = self.axis is YAW and bool(np.any(arms > 0.0) and np.any(arms < 0.0))
+        return np.ones(len(told)) if both_sides and not told.any() else told
+
     def _inertia(self) -> float | None:
         """Of the body alone, if it were a uniform box."""
         if not self.axis.angular or self.mass is None:

@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from rovid.diagnose.heldout import cross_validate, errors_ahead, log_likelihood
 from rovid.diagnose.odds import confidence
 from rovid.diagnose.parts import Piece, pieces_of
 from rovid.diagnose.search import Fitted
+from rovid.diagnose.swell import one_size
 from rovid.effects import effect_named
 from rovid.identify.horizons import HORIZONS, HorizonLikelihood, HorizonRecords, predictions, time_constant
-from rovid.identify.innovations import Records
+from rovid.identify.innovations import Likelihood, Records
+from rovid.identify.likelihood import starts, whitening_gain
 from rovid.model import Model
 from rovid.rates import rates_of
 from tests import synthetic
@@ -134,15 +137,54 @@ def test_pieces_are_as_many_as_runs_where_those_are_short() -> None:
     ("worths", "alike", "least", "most"),
     [
         ({}, (), 0.0, 0.0),
-        ({"a": 0.0}, ("a",), 0.49, 0.51),
+        ({"a": math.log(2.0)}, ("a",), 0.49, 0.51),
         ({"a": 10.0, "b": 10.0}, ("a",), 0.49, 0.51),
-        ({"a": 10.0, "b": 10.0}, ("a", "b"), 0.999, 1.0),
-        ({"a": 3.0} | {f"other {k}": -2.0 for k in range(20)}, ("a",), 0.40, 0.50),
-        ({"a": 1e4}, ("a",), 0.99, 0.9999),
+        ({"a": 10.0, "b": 10.0}, ("a", "b"), 0.95, 0.98),
+        ({"a": 3.0} | {f"other {k}": -2.0 for k in range(20)}, ("a",), 0.27, 0.32),
+        ({"a": 1e4}, ("a",), 0.95, 0.98),
         ({"a": -1e4}, ("a",), 0.0, 1e-9),
     ],
 )
 def test_odds(worths: dict[str, float], alike: tuple[str, ...], least: float, most: float) -> None:
-    found = confidence(worths, alike)
+    found = confidence(worths, alike, len(worths))
     assert least <= found <= most
     assert math.isfinite(found)
+
+
+def near_of(ahead: HorizonRecords) -> Records:
+    return Records(ahead.runs, ahead.vehicle, ahead.start)
+
+
+def fitted(key: str, ahead: HorizonRecords) -> tuple[Fitted, Fitted]:
+    """A model with an effect by predictions, and one without any by each next reading."""
+    effect = effect_named(key)
+    likelihood, near = HorizonLikelihood(ahead, effects=(effect,)), Likelihood(near_of(ahead), 1.0)
+    begin = np.concatenate((near.first(), starts(effect)[0]))
+    return Fitted(likelihood, *likelihood.climb(begin)), Fitted(near, *near.climb(near.first()))
+
+
+def test_a_cause_that_acts_has_one_size() -> None:
+    found, near = fitted("bias_torque", records(disturbance=np.full(len(TIME), 8.0)))
+    assert one_size(found, near, found.effects[0])
+
+
+def test_a_size_that_only_predictions_show_is_told() -> None:
+    found, near = fitted("bias_torque", records(disturbance=np.full(len(TIME), 8.0)))
+    at = found.likelihood.base
+    twice = found.x.copy()
+    twice[at] *= 2.0
+    assert not one_size(replace(found, x=twice), near, found.effects[0])
+    turned = found.x.copy()
+    turned[at] *= -1.0
+    assert not one_size(replace(found, x=turned), near, found.effects[0])
+
+
+def test_whitening_gains_what_an_autoregression_does() -> None:
+    """Of a first-order autoregression of unit variance: half the count times -log(1 - a^2)."""
+    rng, memory, count = np.random.default_rng(3), 0.6, 20000
+    noise = rng.normal(size=count) * math.sqrt(1.0 - memory**2)
+    series = signal.lfilter([1.0], [1.0, -memory], noise)
+    assert whitening_gain([series]) == pytest.approx(-0.5 * count * math.log(1.0 - memory**2), rel=0.03)
+    assert whitening_gain([rng.normal(size=count)]) < 30.0
+    assert whitening_gain([np.zeros(50)]) == 0.0
+    assert math.isfinite(whitening_gain([np.ones(50)]))

@@ -41,6 +41,7 @@ HOUSE = [
     "recording",
     "convert",
     "parameters",
+    "agreement",
     "control",
     "study",
     "advice",

@@ -119,6 +119,12 @@ def test_a_stand_in_is_offered_where_it_can_stand_and_is_needed() -> None:
     assert stands_in in [form.key for form in forms_for(told)]
     assert stands_in not in [form.key for form in forms_for(untold)]
     assert stands_in not in [form.key for form in forms_for(told, SPEEDS[:1])]
+    # Twin screws push ahead, whether that is told or not; one beside the other across the hull does not.
+    twins = replace(untold, thrusters=(*untold.thrusters, replace(untold.thrusters[0], name="port", arm=-0.4)))
+    assert stands_in in [form.key for form in forms_for(twins)]
+    np.testing.assert_array_equal(twins.ahead, [1.0, 1.0])
+    across = replace(untold, thrusters=(*untold.thrusters, replace(untold.thrusters[0], name="bow")))
+    np.testing.assert_array_equal(across.ahead, [0.0, 0.0])
 
 
 def test_terms_are_told_the_mean_speed_of_each_interval() -> None:

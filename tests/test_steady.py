@@ -14,6 +14,8 @@ from rovid.tables import read_table
 
 PAPER = Path(__file__).parent.parent / "sample_logs" / "rosub_paper" / "table3.csv"
 
+TURNS = (-0.2, -0.1, -0.06, 0.06, 0.1, 0.2)
+
 
 def point(rate: float, torque: float, *, error: float = math.nan, steady: bool = True) -> SteadyPoint:
     return SteadyPoint(
@@ -164,3 +166,19 @@ def test_long_run_variance_of_an_autoregression(memory: float) -> None:
         estimates.append(long_run_variance(values - values.mean()))
     expected = 1.0 / (1.0 - memory) ** 2
     assert np.mean(estimates) == pytest.approx(expected, rel=0.15)  # first-order bias at n = 400 is a few percent
+
+
+def at_rest(rate: float, torque: float) -> SteadyPoint:
+    """Ten minutes in a current that turns the vehicle, with next to no torque."""
+    return replace(point(rate, torque, error=1e-4), stop=600.0)
+
+
+def test_long_holds_at_rest_in_a_current_do_not_outweigh_the_turns() -> None:
+    turns = [point(rate, truth(rate) + off, error=2e-3) for rate, off in zip(TURNS, (9, -8, 7, -9, 8, -7), strict=True)]
+    rests = [at_rest(rate, torque) for rate, torque in ((0.09, -2.0), (0.1, -1.0), (-0.08, 1.5), (-0.09, 2.0))]
+    estimate = fit_drag([*turns, *rests]).estimate
+    for name, true in (("quadratic_drag", 3532.0), ("linear_drag", 132.0)):
+        assert abs(estimate.value(name) - true) < 2.0 * estimate.standard_error(name)
+    # A rate of 0.2 rad/s takes 168 N m.
+    assert estimate.value("quadratic_drag") * 0.04 + estimate.value("linear_drag") * 0.2 == pytest.approx(168, rel=0.1)
+    assert any("4 of 10 holds" in text for text in estimate.warnings)

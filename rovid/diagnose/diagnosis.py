@@ -11,29 +11,31 @@ from scipy import linalg
 
 from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, errors_ahead, log_likelihood, simulate_folds
-from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence
+from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, PRIOR_ODDS, confidence
 from rovid.diagnose.parts import FEWEST_TRIALS, Piece, parts_of, pieces_of, recorded, shortest_part
-from rovid.diagnose.search import Fitted, Found, Key, Promise, Rival, Search, worth
+from rovid.diagnose.search import MARGIN, Fitted, Found, Key, Promise, Rival, Search, worth
 from rovid.diagnose.signals import PREFIX, drivers, is_driver
-from rovid.diagnose.swell import Swell, swell
-from rovid.effects import Effect, forms_for
+from rovid.diagnose.swell import Swell, one_size, swell
+from rovid.effects import CATALOGUE, Effect, forms_for
 from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import CERTAINTY, fit_free_run, free_run_r2
 from rovid.identify.horizons import HORIZONS, HorizonLikelihood, HorizonRecords, time_constant
-from rovid.identify.innovations import Records
+from rovid.identify.innovations import DISTURBANCE, Likelihood, Records
 from rovid.identify.likelihood import (
     TRUSTED_R2,
     canonical,
+    colour,
     covariance,
     fit_base,
     likelihood_is_white,
+    loosened,
     physical,
     scale_doubt,
     simulated_r2,
 )
 from rovid.identify.regression import require_inertia
-from rovid.model import Model, base_names
+from rovid.model import Model
 from rovid.plan.design import Plan, plan
 from rovid.plan.programme import Limits
 from rovid.plan.worth import Belief
@@ -46,8 +48,10 @@ _BEATEN = (6.0, 0.03, 40.0)
 # An effect that differs from nothing by fewer standard errors, as printed, is not claimed: by every reading, and by
 # predictions, which count as few.
 _SIGNIFICANT, _SIGNIFICANT_AHEAD = 3.5, 2.0
+# Nor is one suspected that differs from nothing by fewer.
+_SUSPECTED_SIZE = 1.0
 # By predictions an addition has to gain so much log-likelihood: with the number of causes tried it is then established.
-_MARGIN_AHEAD = math.log(ESTABLISHED / (1.0 - ESTABLISHED))
+_MARGIN_AHEAD = math.log(ESTABLISHED / (1.0 - ESTABLISHED) / PRIOR_ODDS)
 # Of suspects: one that has a tenth of another's odds is told from it.
 _TOLD = math.log(10.0)
 # A rival with this share of an effect's gain is compared with it over every reading.
@@ -55,8 +59,16 @@ _CLOSE = 0.8
 _DECISIONS = 3
 # The search looks at readings this share of the vehicle's time constant apart, and no farther than so many seconds.
 _THINNED, _THINNED_SECONDS = 0.05, 0.2
+# For waves so many readings do, this share of the time constant apart at most.
+_READINGS, _THINNED_WAVES = 6000, 0.1
+# Fewer predictions than so many tell nothing: the logs are too short beside the vehicle's time constant.
+_FEWEST_READINGS = 2.0
 # So often a search goes on without what a test refused.
 _REFUSALS = 6
+# The best of so many more causes may be missing together from what predictions found; slopes promise such a share.
+_TOGETHER, _SHARE = 3, 0.25
+# A disturbance may be as large as the torque in use.
+_UNLIMITED = 1.0
 # A search after which no more predictions count than so many times those before is the last.
 _MORE = 1.2
 # So many of the likeliest models tell how many predictions count.
@@ -65,6 +77,10 @@ _BY_HORIZONS = (
     "The innovations are not white, or the disturbance is at its limit: each next reading would not tell what is "
     "missing. So causes were judged by predictions from half to eight time constants ahead; gains are of their "
     "log-likelihood, with errors that correlate counted as one."
+)
+_SHRUNK = (
+    "With {} predictions would be better, but each next reading shows less of it than that asks for, as where commands "
+    "answer what waves do: it is not claimed."
 )
 _CUT_SHORT = (
     "The search was ended before nothing more could be found: each addition asked for another. What was found is "
@@ -78,6 +94,8 @@ INVISIBLE = {
     "thruster_imbalance": "an imbalance between thrusters",
     "inertia": "the inertia, and with it the size of every torque and drag, where nothing drives the vehicle",
 }
+# A model of another form that explains so much of what one explains is as good, where neither explains all.
+_NEARLY = 0.9
 # A rate below so many times its noise is no motion.
 _MOTION = 2.0
 
@@ -103,7 +121,7 @@ class Finding:
     rivals
         Other causes in its place, best first.
     undecided
-        Those of them that these data do not rule out.
+        Those of them that these data do not rule out, and causes that could not be tried for want of a signal.
     plan
         Runs that would tell it from the first of those; None where it is decided.
     """
@@ -207,105 +225,38 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     except DataError as error:
         return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(notes))
     report("Fitting the model without effects …")
-    full = Records(runs, vehicle, start)
     forms = forms_for(vehicle, channels(runs))
-    base_r2 = free_run_r2(runs, start)
-    pieces = [Piece(number, -math.inf, math.inf, run) for number, run in enumerate(runs)]
-    candidates = (*forms, *drivers(runs))
-    near = _by_innovations(full, pieces, base_r2, candidates, report) if base_r2 >= TRUSTED_R2 else None
-    if near is not None and near.explains:
-        work = near
-    else:
-        report("The next reading does not tell all: looking farther ahead …")
-        whole = Records(prepared.items, vehicle, start)
-        pieces_ahead = pieces_of(prepared.items, vehicle, prepared.cutoff)
-        begin = None if near is None else near.final
-        logged = drivers((*prepared.items, *(piece.run for piece in pieces_ahead)))
-        ahead = _by_horizons(whole, pieces_ahead, (*forms, *logged), report, begin)
-        ahead.swell = _swell(ahead, forms, report)
-        wavy = _with_waves_near(full, pieces, base_r2, candidates, ahead.swell, report)
-        work, notes = (ahead, [_BY_HORIZONS]) if wavy is None else (wavy, notes)
+    pieces = pieces_of(prepared.items, vehicle, prepared.cutoff)
+    logged = drivers((*prepared.items, *runs, *(piece.run for piece in pieces)))
+    candidates = (*forms, *logged)
+    ahead = _by_horizons(Records(prepared.items, vehicle, start), pieces, candidates, report)
+    _beside_each_reading(ahead, forms, report)
+    near = _by_innovations(Records(runs, vehicle, start), candidates, ahead, report)
+    work, notes = (ahead, [_BY_HORIZONS]) if near is None else (near, notes)
     report("Testing what was found on trials that were not fitted …")
     work.decide()
-    warnings = [*notes, *([_CUT_SHORT] if work.search.cut_short else []), *work.confirm()]
+    cut_short = [_CUT_SHORT] if work.search.cut_short else []
+    shrunk = [_SHRUNK.format(effect.title) for effect in work.shrunk]
+    warnings = [*notes, *cut_short, *shrunk, *work.confirm()]
     try:
         return _diagnosis(work, [work.found(effect) for effect in work.final.effects], warnings)
     except DataError as error:
         return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(warnings))
 
 
-def _by_innovations(
-    full: Records, pieces: Sequence[Piece], base_r2: float, candidates: Sequence[Effect], report: Report
-) -> _Work:
-    """Search by the likelihood of each next reading, first over some of the readings.
-
-    Waves are not tried, which would take most of the time where there are some: see `_with_waves_near`.
-    """
-    base = _near_base(full, base_r2)
-    search = Search([effect for effect in candidates if not effect.wave], report)
-    return _Work(search, full, base, search.run(base), pieces)
-
-
-def _with_waves_near(
-    full: Records,
-    pieces: Sequence[Piece],
-    base_r2: float,
-    candidates: Sequence[Effect],
-    waves: Swell | None,
-    report: Report,
-) -> _Work | None:
-    """As `_by_innovations`, from waves and what was found beside them on; None where that does not explain all."""
-    if waves is None or waves.confidence < ESTABLISHED:
-        return None
-    base = _near_base(full, base_r2)
-    likelihood = base.likelihood.like(waves.fitted.effects)
-    begun = Fitted(likelihood, *likelihood.climb(waves.fitted.x))
-    search = Search(candidates, report)
-    if not _Work(search, full, base, begun, pieces).explains:
-        return None
-    work = _Work(search, full, base, search.run(begun), pieces)
-    return work if work.explains else None
-
-
-def _near_base(full: Records, base_r2: float) -> Fitted:
-    """The model without effects by each next reading, over some of the readings."""
-    quick = replace(full, interval=_interval(full.runs, full.start, full.rate))
-    likelihood, x, _ = fit_base(quick, base_r2)
-    return Fitted(likelihood, x, likelihood.cost(x))
-
-
-def _swell(work: _Work, forms: Sequence[Effect], report: Report) -> Swell | None:
-    """Waves beside what predictions found, by each next reading, over some of the readings."""
-    wave = next((form for form in forms if form.wave), None)
-    if wave is None:
-        return None
-    report("Looking for waves …")
-    runs, start = work.full.runs, work.full.start
-    quick = Records(runs, work.full.vehicle, start, interval=_interval(runs, start, work.full.rate))
-    return swell(quick, work.final, wave, work.pieces)
-
-
-def _by_horizons(
-    full: Records, pieces: Sequence[Piece], candidates: Sequence[Effect], report: Report, begin: Fitted | None
-) -> _Work:
+def _by_horizons(full: Records, pieces: Sequence[Piece], candidates: Sequence[Effect], report: Report) -> _Work:
     """Search by predictions some time ahead.
 
     What is missing makes errors correlate for long, so that little counts. With the right cause they do so for less:
     the correlation is that which the best next cause would leave, whether that is claimed in the end or not.
-
-    ``begin`` is what the next reading asks for, where that was asked.
     """
     records = HorizonRecords.of(full, full.start)
     base = final = _ahead((), records, HorizonLikelihood(records).first())
-    if begin is not None:
-        for effect in (effect for effect in begin.effects if effect.wave or is_driver(effect)):
-            begin = _less(begin, effect)
-        final = _ahead(begin.effects, records, begin.x)
-        records = records.counting(final.likelihood.model(final.x))
-        base, final = (_ahead(fitted.effects, records, fitted.x) for fitted in (base, final))
+    # No phase of a wave is known to a prediction.
+    listed = [effect for effect in candidates if not effect.wave]
+    if records.readings < _FEWEST_READINGS:
+        return _Work(Search([], report), records, base, base, pieces)
     while True:
-        # No phase of a wave is known to a prediction.
-        listed = [effect for effect in candidates if not effect.wave]
         search = Search(listed, report, thorough=_is_far_off, margin=_MARGIN_AHEAD, least=0.0)
         final = search.run(final)
         others = (final, *(fitted for fitted in search.extensions(final) if fitted.plausible))
@@ -318,11 +269,87 @@ def _by_horizons(
         base, final = (_ahead(fitted.effects, records, fitted.x) for fitted in (base, final))
 
 
-def _less(fitted: Fitted, effect: Effect) -> Fitted:
-    """``fitted`` without ``effect``, nothing fitted again."""
-    effects, x = fitted.without(effect)
-    likelihood = fitted.likelihood.like(effects)
+def _beside_each_reading(work: _Work, forms: Sequence[Effect], report: Report) -> None:
+    """Waves beside what predictions found, by each next reading, over some of the readings.
+
+    What is not there for the next reading is left out, and the search goes on without it.
+    """
+    wave = next((form for form in forms if form.wave), None)
+    runs, start = work.full.runs, work.full.start
+    seconds = sum(float(np.ptp(run.trial.time)) for run in runs)
+    farthest = _THINNED_WAVES * time_constant(start, work.full.rate)
+    interval = max(_interval(runs, start, work.full.rate), min(seconds / _READINGS, farthest))
+    quick = Records(runs, work.full.vehicle, start, interval=interval)
+    for _ in range(_REFUSALS):
+        report("Looking for waves …")
+        work.swell = swell(quick, work.final, wave, work.pieces)
+        idle = [one for one in work.final.effects if not one_size(work.final, work.swell.likelier, one)]
+        if not idle:
+            return
+        for effect in idle:
+            work.shrunk.append(effect)
+            work.search.bar(effect)
+            work.final = work.search.without(work.final, effect)
+        work.final = work.search.run(work.final)
+    work.final = work.base
+    work.swell = swell(quick, work.final, wave, work.pieces)
+
+
+def _by_innovations(full: Records, candidates: Sequence[Effect], ahead: _Work, report: Report) -> _Work | None:
+    """Search by the likelihood of each next reading, over some of the readings, from what ``ahead`` found on.
+
+    None where that does not explain all: each next reading would then not tell what is missing.
+    """
+    report("Looking at each next reading …")
+    quick = replace(full, interval=_interval(full.runs, full.start, full.rate))
+    likelihood, x, _ = fit_base(quick, free_run_r2(full.runs, full.start))
+    base = Fitted(likelihood, x, likelihood.cost(x))
+    begun = _begun(base, ahead)
+    # Waves take long, and are found without such a search.
+    wavy = any(effect.wave for effect in begun.effects)
+    listed = [effect for effect in candidates if wavy or not effect.wave]
+    search = Search(listed, report, hopeless=_is_hopeless)
+    pieces = [Piece(number, -math.inf, math.inf, run) for number, run in enumerate(full.runs)]
+    work = _Work(search, full, base, search.run(begun), pieces)
+    return None if search.given_up or not work.explains else work
+
+
+def _begun(base: Fitted, ahead: _Work) -> Fitted:
+    """``base`` with the effects that predictions found, and with the waves beside them."""
+    found, waves = ahead.final, ahead.swell
+    effects, own = found.effects, found.x[found.likelihood.base :]
+    if waves is not None and waves.fitted is not None and waves.confidence >= ESTABLISHED:
+        effects, own = waves.fitted.effects, waves.fitted.x[waves.fitted.likelihood.base :]
+    if not effects:
+        return base
+    x = np.concatenate((base.x, own))
+    x[:DISTURBANCE] = found.x[:DISTURBANCE]
+    likelihood = base.likelihood.like(effects)
+    x, _ = likelihood.climb(np.clip(x, likelihood.low, likelihood.high))
+    likelihood, x = loosened(likelihood, x)
     return Fitted(likelihood, x, likelihood.cost(x))
+
+
+def _is_hopeless(current: Fitted, promises: Sequence[Promise]) -> bool:
+    """Whether no causes more can leave white innovations and a disturbance within its limit.
+
+    They would have to gain what whitening the innovations does, and what a larger disturbance does, or some share of
+    it, for slopes may mislead. Where a disturbance above its limit gains nothing it is real: no cause takes it away.
+    """
+    likelihood, x = current.likelihood, current.x
+    lacking = 0.0
+    if likelihood.at_limit(x):
+        likelihood = Likelihood(likelihood.records, _UNLIMITED, likelihood.effects, likelihood.counted)
+        x, cost = likelihood.climb(x)
+        lacking = current.cost - cost
+        if lacking < MARGIN:
+            return True
+    if not likelihood_is_white(likelihood, x):
+        lacking += colour(likelihood, x)
+    best: dict[str, float] = {}
+    for promise in promises:
+        best[promise.effect.id] = max(promise.gain, best.get(promise.effect.id, 0.0))
+    return sum(sorted(best.values())[-_TOGETHER:]) < _SHARE * lacking
 
 
 def _ahead(effects: tuple[Effect, ...], records: HorizonRecords, x: FloatArray) -> Fitted:
@@ -331,7 +358,8 @@ def _ahead(effects: tuple[Effect, ...], records: HorizonRecords, x: FloatArray) 
 
 
 def _is_far_off(fitted: Fitted) -> bool:
-    return simulated_r2(fitted.likelihood, fitted.x) < TRUSTED_R2
+    """Whether the plain model misses so much that slopes do not tell what would help."""
+    return not fitted.effects and simulated_r2(fitted.likelihood, fitted.x) < TRUSTED_R2
 
 
 @dataclass(eq=False)
@@ -344,6 +372,7 @@ class _Work:
     final: Fitted
     pieces: Sequence[Piece]
     swell: Swell | None = None
+    shrunk: list[Effect] = field(default_factory=list)
     _folds: dict[Key, list[Fold]] = field(default_factory=dict)
     _refined: dict[Key, Fitted] = field(default_factory=dict)
 
@@ -440,6 +469,8 @@ class _Work:
         gain, size = self.held_out_gain(effect), _significance(self.final, effect)
         if gain <= 0.0:
             return f"fits these trials but predicts trials not fitted worse (log-likelihood {gain:.1f})"
+        if self.final.beyond(effect):
+            return "would be larger here than there is"
         if size < (_SIGNIFICANT_AHEAD if self.by_horizons else _SIGNIFICANT):
             return f"is only {size:.1f} standard errors away from nothing"
         sure = self.confidence(self.found(effect), gain)
@@ -452,7 +483,7 @@ class _Work:
         worths[found.effect.id] = found.worth
         alike = (found.effect.id, *(effect.id for effect in undecided(found, self.margin(found.worth))))
         less = max(found.worth - held_out_gain, 0.0)
-        return confidence({name: worth - less for name, worth in worths.items()}, alike)
+        return confidence({name: worth - less for name, worth in worths.items()}, alike, self.search.tried)
 
     def margin(self, worth: float) -> float:
         """By so much a rival is beaten of a cause that is worth so much.
@@ -469,8 +500,8 @@ class _Work:
         """
         beside = self.search.candidates_beside(self.final)
         named = [rival for rival in beside if rival.fitted.plausible and not is_driver(rival.effect)]
-        passed = () if self.swell is None else self.swell.passed_for
-        rivals = [rival for rival in named if rival.effect.id not in passed]
+        passed = {effect.id for effect in self.shrunk} | set(() if self.swell is None else self.swell.passed_for)
+        rivals = [rival for rival in named if rival.gain > 0.0 and rival.effect.id not in passed and self._acts(rival)]
         white = likelihood_is_white(self.final.likelihood, self.final.x)
         doubt = self.search.form_doubt(self.final, white=white)
         worths = {rival.effect.id: rival.gain - doubt for rival in rivals}
@@ -480,14 +511,20 @@ class _Work:
             near = (other for other in rivals if other is not rival and other.gain > least)
             alike = () if found else tuple(near)
             names = (rival.effect.id, *(other.effect.id for other in alike))
-            if confidence(worths, names) < POSSIBLE:
+            if confidence(worths, names, self.search.tried) < POSSIBLE:
                 break
             gain = log_likelihood(self.folds(rival.fitted)) - log_likelihood(self.folds(self.final))
             less = max(rival.gain - gain, 0.0)
-            sure = confidence({name: worth - less for name, worth in worths.items()}, names)
+            sure = confidence({name: worth - less for name, worth in worths.items()}, names, self.search.tried)
             if sure >= POSSIBLE:
                 found.append(Suspected(rival, sure, gain, alike))
         return sorted(found, key=lambda one: -one.confidence)
+
+    def _acts(self, rival: Rival) -> bool:
+        """Whether ``rival`` has a size, and where predictions are looked at, each next reading shows as much of it."""
+        if _significance(rival.fitted, rival.effect) < _SUSPECTED_SIZE:
+            return False
+        return self.swell is None or one_size(rival.fitted, self.swell.likelier, rival.effect)
 
 
 @dataclass(frozen=True, eq=False)
@@ -578,7 +615,8 @@ def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diag
         )
     suspects = tuple(_suspect(work, one) for one in work.suspects())
     extended = _side(work, work.final, final, estimate, work.final)
-    if work.swell is not None and (waves := _waves(work.swell)).confidence >= POSSIBLE:
+    if work.swell is not None and work.swell.fitted is not None and work.swell.confidence >= POSSIBLE:
+        waves = _waves(work.swell, work.swell.fitted)
         if waves.confidence >= ESTABLISHED:
             findings, extended = [*findings, waves], _with_waves(extended, waves)
         else:
@@ -624,28 +662,54 @@ def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
 
 
 def _across_forms(work: _Work, estimate: Estimate) -> Estimate:
-    """``estimate`` with what models nearly as likely, of another form or cause each, say of inertia and drag besides.
+    """``estimate`` with what models nearly as good, of another form or cause each, say of its parameters besides.
 
-    To the variance comes that between the models, each by its weight (Hoeting et al. 1999).
+    To the variance comes that between the models (Hoeting et al. 1999). Each has its weight by the likelihood where the
+    innovations are white; else none is nature's form, and all that explain nearly as much have the same weight.
     """
-    final, search, mine = work.final, work.search, worth(work.final)
-    others = [
-        fit
-        for effect in final.effects
-        for fit in search.extensions(search.without(final, effect))
-        if fit.plausible and not is_driver(fit.effects[-1]) and fit.key != final.key
-    ]
-    odds = np.exp([min(worth(fit) - mine, 0.0) for fit in others])
-    common = len(base_names(estimate.axis))
-    here = physical(final.likelihood, final.x)[:common]
-    off = np.array([physical(fit.likelihood, fit.x)[:common] - here for fit in others]).reshape(-1, common)
-    wider = estimate.covariance.copy()
-    wider[:common, :common] += off.T @ (off * (odds / (1.0 + odds.sum()))[:, np.newaxis])
-    return replace(estimate, covariance=wider)
+    final, search = work.final, work.search
+    white = likelihood_is_white(final.likelihood, final.x)
+    moved, weights = [], []
+    for effect in final.effects:
+        rest = search.without(final, effect)
+        earned = worth(final) - worth(rest)
+        for fit in search.extensions(rest):
+            if not fit.plausible or is_driver(fit.effects[-1]) or fit.key == final.key:
+                continue
+            alike = not white and worth(fit) - worth(rest) >= _NEARLY * earned
+            weights.append(1.0 if alike else math.exp(min(worth(fit) - worth(final), 0.0)))
+            moved.append(_moved(estimate, fit))
+    share = np.array(weights) / (1.0 + sum(weights))
+    off = np.array(moved).reshape(-1, len(estimate.names))
+    return replace(estimate, covariance=estimate.covariance + off.T @ (off * share[:, np.newaxis]))
+
+
+def _moved(estimate: Estimate, fit: Fitted) -> FloatArray:
+    """(p,) how far each parameter of ``estimate`` is elsewhere in ``fit``; zero where that has none like it."""
+    model = fit.likelihood.model(fit.x)
+    there = dict(zip(_alike(model.names, fit.effects), model.values.tolist(), strict=True))
+    here = zip(_alike(estimate.names, fit.effects), estimate.values.tolist(), strict=True)
+    return np.array([there.get(name, value) - value for name, value in here])
+
+
+def _alike(names: Sequence[str], effects: Sequence[Effect]) -> list[str]:
+    """``names`` of parameters, those of forms that share an effect's parameters without the form."""
+    ids = {effect.id for effect in effects if not effect.each_thruster}
+    parts = [name.rpartition(".") for name in names]
+    plain = [(key.partition(":")[0], parameter) for key, _, parameter in parts]
+    return [f"{key}.{parameter}" if key in ids else name for (key, parameter), name in zip(plain, names, strict=True)]
 
 
 def _uncertainty(estimate: Estimate) -> float:
     return estimate.standard_error("inertia") / estimate.value("inertia")
+
+
+def _untried(work: _Work, effect: Effect) -> tuple[Effect, ...]:
+    """Causes that pass for ``effect`` and that no log tells of, where not all is explained."""
+    tried = {candidate.id for candidate in work.search.candidates}
+    axis = work.full.axis.name
+    passing = (other for other in CATALOGUE if effect.id in other.rivals and other.needs and other.id not in tried)
+    return tuple(other for other in passing if work.by_horizons and (not other.axes or axis in other.axes))
 
 
 def _finding(work: _Work, found: Found, estimate: Estimate) -> Finding:
@@ -658,7 +722,7 @@ def _finding(work: _Work, found: Found, estimate: Estimate) -> Finding:
         held_out_gain=held_out_gain,
         confidence=work.confidence(found, held_out_gain),
         rivals=found.rivals,
-        undecided=undecided(found, work.margin(found.worth)),
+        undecided=(*undecided(found, work.margin(found.worth)), *_untried(work, effect)),
     )
 
 
@@ -674,12 +738,12 @@ def _suspect(work: _Work, suspected: Suspected) -> Finding:
         held_out_gain=suspected.held_out_gain,
         confidence=suspected.confidence,
         rivals=tuple(one for one in work.search.candidates_beside(work.final) if one.effect is not rival.effect),
-        undecided=tuple(other.effect for other in suspected.others),
+        undecided=(*(other.effect for other in suspected.others), *_untried(work, rival.effect)),
     )
 
 
-def _waves(swell: Swell) -> Finding:
-    effect, estimate = swell.fitted.effects[-1], _estimate(swell.fitted, white=False)
+def _waves(swell: Swell, fitted: Fitted) -> Finding:
+    effect, estimate = fitted.effects[-1], _estimate(fitted, white=False)
     return Finding(
         effect=effect,
         estimate=_own(estimate, effect),
@@ -728,7 +792,9 @@ def _ahead_of(work: _Work) -> tuple[Ahead, ...]:
 
 def _telling(work: _Work, finding: Finding) -> Plan | None:
     """Runs that would tell ``finding`` from its nearest rival; None where there is no such run."""
-    rival = next(one for one in finding.rivals if one.effect is finding.undecided[0])
+    rival = next((one for one in finding.rivals if one.effect is finding.undecided[0]), None)
+    if rival is None:
+        return None  # it could not be tried: no run tells without its signal
     models = {finding.effect.title: work.final, rival.effect.title: rival.fitted}
     if any(is_driver(effect) for fitted in models.values() for effect in fitted.effects):
         return None  # nobody knows what the signal will be

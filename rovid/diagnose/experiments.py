@@ -35,7 +35,8 @@ def deciding_experiment(finding: Finding) -> dict[str, Any] | None:
     """
     if not finding.undecided:
         return None
-    told = _separating(finding.effect, finding.undecided[0])
+    other = finding.undecided[0]
+    told = _separating(finding.effect, other, untried=all(rival.effect is not other for rival in finding.rivals))
     plan = finding.plan
     if plan is None or not plan.decides:
         return told
@@ -48,7 +49,9 @@ def deciding_experiment(finding: Finding) -> dict[str, Any] | None:
     }
 
 
-def _separating(one: Effect, other: Effect) -> dict[str, Any]:
+def _separating(one: Effect, other: Effect, *, untried: bool = False) -> dict[str, Any]:
+    if untried:
+        return {"run": other.experiment, "separates": [one.id, other.id]}
     return {"run": _PAIRS.get(frozenset({one.id, other.id}), one.experiment), "separates": [one.id, other.id]}
 
 

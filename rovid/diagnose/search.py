@@ -91,6 +91,11 @@ class Fitted:
             for value, parameter in zip(self.own(effect), effect.parameters, strict=True)
         )
 
+    def beyond(self, effect: Effect) -> bool:
+        """Whether ``effect`` would be larger than there is: its size is at the edge."""
+        size, value = effect.parameters[0], float(self.own(effect)[0])
+        return (value >= size.high != size.null) or (value <= size.low != size.null)
+
     def without(self, effect: Effect) -> tuple[tuple[Effect, ...], FloatArray]:
         """The other effects, and the coordinates that are left."""
         rest = tuple(other for other in self.effects if other is not effect)
@@ -159,6 +164,8 @@ class Search:
         Every form that may be tried.
     report
         Called with a line of text as the search goes on.
+    hopeless
+        Whether no causes more, of what they promise, can explain what a model misses: then the search is given up.
     thorough
         Whether a model is so far from the truth that slopes do not tell what would help: then every cause is fitted.
     margin
@@ -169,15 +176,19 @@ class Search:
         Key of a model -> what each further form promised there.
     cut_short
         Whether so many models were looked at that the search ended before it was done.
+    given_up
+        Whether it ended because it was hopeless.
     """
 
     candidates: Sequence[Effect]
     report: Report = field(default=lambda _: None)
+    hopeless: Callable[[Fitted, Sequence[Promise]], bool] = field(default=lambda *_: False)
     thorough: Callable[[Fitted], bool] = field(default=lambda _: False)
     margin: float = MARGIN
     least: float = _NEGLIGIBLE
     promises: dict[Key, list[Promise]] = field(default_factory=dict)
     cut_short: bool = False
+    given_up: bool = False
     _barred: set[str] = field(default_factory=set)
     _left: set[Key] = field(default_factory=set)
     _extensions: dict[Key, list[Fitted]] = field(default_factory=dict)
@@ -186,12 +197,17 @@ class Search:
     def _ends(self) -> bool:
         """Whether to look at no more models."""
         self.cut_short = self.cut_short or len(self._extensions) >= _MOST_LOOKS
-        return self.cut_short
+        return self.cut_short or self.given_up
 
     @property
     def threshold(self) -> float:
         """Worth that an effect has to add: the more causes were tried, the more."""
-        return self.margin + math.log(max(len({effect.id for effect in self.candidates}), 1))
+        return self.margin + math.log(max(self.tried, 1))
+
+    @property
+    def tried(self) -> int:
+        """How many causes are looked at."""
+        return len({effect.id for effect in self.candidates})
 
     def pays(self, better: Fitted, current: Fitted) -> bool:
         """Whether ``better``, with one more effect than ``current``, adds enough: the more, the more was explained.
@@ -228,9 +244,10 @@ class Search:
         self._fits[base.key] = base
         current = self._pruned(base)
         for _ in range(_MAX_EFFECTS):
+            self._may_give_up(current)
             changed = self._grown(self._exchanged(current))
-            if changed is current:
-                return current
+            if changed is current or self.given_up:
+                return changed
             current = changed
         self.cut_short = True
         return current
@@ -248,9 +265,13 @@ class Search:
                 # What was dropped for it was worth more: adding and dropping would go round in a circle.
                 break
             current = self._opened(added)
+            self._may_give_up(current)
             if current is not added:
                 break
         return current
+
+    def _may_give_up(self, current: Fitted) -> None:
+        self.given_up = self.given_up or self.hopeless(current, self._promised(current))
 
     def _best_pair(self, current: Fitted) -> Fitted:
         """With two effects that gain little alone and much together, as where each hides the other.
@@ -328,10 +349,7 @@ class Search:
     def extensions(self, current: Fitted, *, growing: bool = False) -> list[Fitted]:
         """The model with each promising effect more, in each promising form."""
         if current.key not in self._extensions:
-            taken = {effect.id for effect in current.effects}
-            self.report(f"{_named(current.effects)}: trying {len(self.candidates)} forms of what else there may be …")
-            promises = screen(current, [effect for effect in self.candidates if effect.id not in taken])
-            self.promises[current.key] = promises
+            promises = self._promised(current)
             ahead, behind = _fit_all(
                 current,
                 _best_forms(promises)
@@ -342,6 +360,14 @@ class Search:
             for fit in ahead:
                 self._fits.setdefault(fit.key, fit)
         return self._extensions[current.key]
+
+    def _promised(self, current: Fitted) -> list[Promise]:
+        """What each effect that ``current`` lacks promises, worked out once."""
+        if current.key not in self.promises:
+            taken = {effect.id for effect in current.effects}
+            self.report(f"{_named(current.effects)}: trying {len(self.candidates)} forms of what else there may be …")
+            self.promises[current.key] = screen(current, [one for one in self.candidates if one.id not in taken])
+        return self.promises[current.key]
 
     def found(self, current: Fitted, effect: Effect) -> Found:
         """What ``effect`` gains, and what each other cause would gain in its place."""
@@ -390,7 +416,9 @@ class Search:
 
 def worth(fitted: Fitted) -> float:
     """Log-likelihood less the price of the effects' parameters: half the logarithm of the samples (Schwarz 1978)."""
-    return -fitted.cost - 0.5 * math.log(fitted.likelihood.count) * len(fitted.likelihood.parameters)
+    # Logs too short for any prediction count none.
+    count = max(fitted.likelihood.count, 1.0)
+    return -fitted.cost - 0.5 * math.log(count) * len(fitted.likelihood.parameters)
 
 
 def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:

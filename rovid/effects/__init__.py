@@ -98,7 +98,7 @@ def restoring_of(axis: Axis) -> Effect | None:
 def forms_for(vehicle: Vehicle, channels: Collection[str] = ()) -> tuple[Effect, ...]:
     """Every form that can be tried on ``vehicle`` with these further ``channels`` in its logs."""
     found: list[Effect] = []
-    ahead = any(thruster.ahead for thruster in vehicle.thrusters)
+    ahead = bool(vehicle.ahead.any())
     for effect in FORMS:
         if effect.axes and vehicle.axis.name not in effect.axes:
             continue

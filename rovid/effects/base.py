@@ -66,8 +66,9 @@ class EffectParameter:
         Where to begin a fit, in units of the scale.
     scale
         What one unit of the search is: ``one``, ``command`` (a hundredth of the largest command in use), or what is in
-        use of ``torque``, ``rate``, ``race``, ``surge`` or ``sway`` speed and of ``root``, that of a thrust; or one of
-        them over others, as ``torque/surge/rate``.
+        use of ``torque``, ``rate``, ``race``, ``surge`` or ``sway`` speed and of ``root``, that of a thrust, the
+        heaviest ``load`` as a share of full thrust, the hours of the ``longest`` log or of the ``day`` from the first
+        log's beginning to the last one's end; or one of them over others, as ``torque/surge/rate``.
     step
         Share of its size over which slopes are taken. A threshold between samples makes stairs of the likelihood: over
         less than a step of them it has no slope, or far too much.
@@ -110,7 +111,7 @@ class Actuation:
     names
         (k,) of the thrusters.
     ahead
-        (k,) share of each thrust that drives the vehicle ahead; 0 where that is not told.
+        (k,) share of each thrust that drives the vehicle ahead; 0 where that is not known.
     ends
         (k, 2) the least and the largest command of the bench curve.
     dead_zone
@@ -285,6 +286,9 @@ class Scales:
     root: float = 1.0
     surge: float = 1.0
     sway: float = 1.0
+    load: float = 1.0
+    longest: float = 1.0
+    day: float = 1.0
 
     def of(self, parameter: EffectParameter) -> float:
         """Size of one unit of ``parameter``."""
@@ -318,7 +322,7 @@ def actuation(vehicle: Vehicle, trial: Trial, parts: int = 1) -> Actuation:
     return Actuation(
         time=trial.time if parts == 1 else _instants(trial.time, parts),
         names=tuple(thruster.name for thruster in vehicle.thrusters),
-        ahead=np.array([thruster.ahead for thruster in vehicle.thrusters]),
+        ahead=vehicle.ahead,
         ends=np.array([(-t.most, t.most) if t.curve is None else t.curve.command[[0, -1]] for t in vehicle.thrusters]),
         dead_zone=np.array([(0.0, 0.0) if c is None else _dead_zone(c) for c in curves]),
         extras={name: finer(values, parts) for name, values in trial.extras.items()},

@@ -14,6 +14,9 @@ _CHANNEL = "supply_voltage"
 _HOUR = 3600.0
 # A reading so far from the reference, as a ratio, is a fault of the log.
 _RATIOS = (0.3, 3.0)
+# Of the logs' heaviest load, or over all their time: a supply that takes more than so much of the thrust would trip
+# before it sagged so far, and one that recovers, as a battery that warms, gives little.
+_MOST, _LEAST = 0.6, -0.2
 
 
 def _with_load(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
@@ -44,18 +47,22 @@ def _with_voltage(where: Actuation, thrust: FloatArray, values: Values) -> Float
     return np.asarray(thrust * (ratio ** values["exponent"])[:, None])
 
 
+_DRIFT = EffectParameter(
+    name="drift", unit="1/h", null=0.0, low=_LEAST, high=_MOST, starts=(0.05,), scale="one/longest"
+)
+
 EFFECT: Effect = Effect(
     id="supply_sag",
     title="supply sag",
     parameters=(
         # 1: at a load of 15 % of full thrust 15 % of it are gone.
-        EffectParameter(name="sag", unit="1", null=0.0, low=0.0, high=6.0, starts=(0.3,)),
+        EffectParameter(name="sag", unit="1", null=0.0, low=0.0, high=_MOST, starts=(0.1,), scale="one/load"),
         EffectParameter(name="time_constant", unit="s", null=0.0, low=0.0, high=200.0, starts=(1.0, 20.0)),
     ),
     equation="T' = T·(1 − s·load), the load as a share of full thrust, behind a first-order lag",
     fingerprint="residual torque as −T·|T|, growing during long hard runs",
     experiment="the supply's voltage in the log; one level with other thrusters loaded and idle",
-    rivals=("drag_curvature", "thrust_curve_shape", "thruster_deadband"),
+    rivals=("drag_curvature", "thrust_curve_shape", "thruster_deadband", "speed_dependent_damping"),
     on_thrust=_with_load,
 )
 FORMS: tuple[Effect, ...] = (
@@ -63,7 +70,7 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="drift",
-        parameters=(EffectParameter(name="drift", unit="1/h", null=0.0, low=-20.0, high=20.0, starts=(0.5,)),),
+        parameters=(_DRIFT,),
         equation="T' = T·(1 − d·t), t since the log began",
         fingerprint="residual torque as −t·T: the same command does less at the end than at the start",
         experiment="the same run first, in the middle and last; the supply's voltage in the log",
@@ -72,7 +79,7 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="day",
-        parameters=(EffectParameter(name="drift", unit="1/h", null=0.0, low=-20.0, high=20.0, starts=(0.1, 1.0)),),
+        parameters=(replace(_DRIFT, scale="one/day"),),
         equation="T' = T·(1 − d·t), t since the first log began",
         fingerprint="residual torque as −t·T: the same command does less in the last run than in the first",
         experiment="the same run first, in the middle and last; the supply's voltage in the log",

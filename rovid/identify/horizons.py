@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rovid.effects import Effect
+from rovid.effects.base import TERM_STATES
 from rovid.identify.innovations import DISTURBANCE, NOISE, Likelihood, Records, Slopes
 from rovid.model import Drive, Model
 from rovid.rates import body_position, on_grid
@@ -49,6 +50,13 @@ class Course:
         (n,) s.
     angle, rate
         (n,) about the body's axis, as measured; NaN where not known.
+    turned, moving
+        (n,) the angle since the first known, and the rate, bridged where the filter has none: at the ends of a trial,
+        where the water already moves.
+    torque
+        (n,) N m, mean from each instant to the next, of the thrusters by their bench curves.
+    held, since
+        (n,) which of the log's samples is held at each instant, and for how many s it has been.
     starts, horizon, ends
         (N,) indices of the restart, of the horizon and of the end of each prediction.
     restarts, reach, number
@@ -60,6 +68,11 @@ class Course:
     time: FloatArray
     angle: FloatArray
     rate: FloatArray
+    turned: FloatArray
+    moving: FloatArray
+    torque: FloatArray
+    held: IntArray
+    since: FloatArray
     starts: IntArray
     horizon: IntArray
     ends: IntArray
@@ -180,11 +193,19 @@ def _course(run: Run, constant: float, between: float) -> Course:
     first, number = np.unique(start, return_inverse=True)
     reach = np.zeros(len(first), dtype=np.intp)
     np.maximum.at(reach, number, end - start)
+    turned, moving = _motion(time, angle, rate)
+    held = np.clip(np.searchsorted(trial.time, time, side="right") - 1, 0, len(trial.time) - 1)
+    since = time - trial.time[held]
     return Course(
         run=run,
         time=time,
         angle=angle,
         rate=rate,
+        turned=turned,
+        moving=moving,
+        torque=_means(trial.time, run.torque, time, held, since),
+        held=held,
+        since=since,
         starts=start,
         horizon=np.concatenate(horizons),
         ends=end,
@@ -206,37 +227,47 @@ def _errors(course: Course, model: Model, drive: Drive) -> FloatArray:
     if not course.starts.size:
         return np.empty(0)
     trial, time = course.run.trial, course.time
-    true, gain = model.true_angle(trial, trial.position, np.arange(len(trial.time)))
+    turned, moving, rate, slope = course.turned, course.moving, course.rate, np.ones(len(time))
     if model.deviates:
+        true, gain = model.true_angle(trial, trial.position, np.arange(len(trial.time)))
         off = on_grid(trial, true - trial.position, course.run.rates.time)
         every = round((time[1] - time[0]) / course.run.rates.kernel.period)
         slope = np.interp(time, trial.time, gain)
-        angle, rate = course.angle + off[::every], course.rate / slope
-    else:
-        slope = np.ones(len(time))
-        angle, rate = course.angle, course.rate
-    held = drive.mapped(lambda series: _means(trial.time, series, time))
-    known = angle[np.isfinite(angle)]
-    turned = angle - known[0]
+        rate = course.rate / slope
+        turned, moving = _motion(time, course.angle + off[::every], rate)
+    torque, beside = course.torque, np.zeros((len(time), drive.beside.shape[1]))
+    if model.acts_on_drive:
+        torque = _means(trial.time, drive.torque, time, course.held, course.since)
+    for column, series in zip(beside.T, drive.beside.T, strict=True):
+        if series.any():
+            column[:] = _means(trial.time, series, time, course.held, course.since)
     period = float(time[1] - time[0])
-    # The filter has no rate at the ends of a trial, where the water already moves.
-    moving = np.where(np.isfinite(rate), rate, np.gradient(turned, period))
-    _, states = model.along(trial, period, (moving, turned, held.torque), held.beside)
     motion = (model.base(trial), *model.terms())
-    here = (held.torque, held.beside, rate, np.nan_to_num(turned), states)
+    states = np.zeros((len(time), len(motion[1]), TERM_STATES))
+    if model.remembers:
+        _, states = model.along(trial, period, (moving, turned, torque), beside)
+    here = (torque, beside, rate, np.nan_to_num(turned), states)
     moved = predict(period, *here, course.restarts, course.reach, *motion)
     ahead = moved[course.number, course.ends - course.starts]
     # What is predicted is the position as it is measured, whatever that deviates by.
     return np.asarray((ahead - (turned[course.ends] - turned[course.starts])) * slope[course.ends])
 
 
-def _means(time: FloatArray, held: FloatArray, grid: FloatArray) -> FloatArray:
-    """(n,) means from each instant of ``grid`` to the next of what is ``held`` between those of ``time``."""
-    if not held.any():
-        return np.zeros(len(grid))
-    area = np.concatenate(([0.0], np.cumsum(held[:-1] * np.diff(time))))
-    means = np.diff(np.interp(grid, time, area)) / np.diff(grid)
-    return np.append(means, held[-1])
+def _motion(time: FloatArray, angle: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n,) angle since the first known one, and the rate, bridged by the angle's slope."""
+    turned = angle - angle[int(np.argmax(np.isfinite(angle)))]
+    if len(time) < 2:
+        return turned, rate
+    return turned, np.where(np.isfinite(rate), rate, np.gradient(turned, time[1] - time[0]))
+
+
+def _means(time: FloatArray, series: FloatArray, grid: FloatArray, held: IntArray, since: FloatArray) -> FloatArray:
+    """(n,) means from each instant of ``grid`` to the next of a ``series`` that is held between the instants ``time``.
+
+    At each instant of the grid the sample ``held`` has been so for ``since`` seconds.
+    """
+    area = np.concatenate(([0.0], np.cumsum(series[:-1] * np.diff(time))))[held] + series[held] * since
+    return np.append(np.diff(area) / np.diff(grid), series[-1])
 
 
 def _shares(records: HorizonRecords, errors: FloatArray) -> FloatArray:

@@ -29,6 +29,7 @@ DISTURBANCE, MEMORY, NOISE = 3, 4, 5
 _RATE_ERROR = 0.2  # of the rate's root mean square: how well the first rate of a trial is known
 _ANGLE_NOISE_FLOOR = 1e-5  # rad; no heading is better, and one from an autopilot's filter would claim to be
 _RATE_NOISE_FLOOR = 1e-5  # rad/s; likewise
+_HOUR = 3600.0
 _BLOCK_SECONDS, _BLOCKS = 40.0, 12
 # Share of the position's noise.
 _LOST = 0.1
@@ -237,9 +238,28 @@ class Records:
         """Of the effects' parameters."""
         neutral = 0.0 if self.vehicle is None else neutral_commands(self.vehicle)
         command = max(float(np.max(np.abs(run.trial.commands - neutral), initial=0.0)) for run in self.runs)
-        speeds = (self._speed(name) for name in SPEEDS)
+        surge, sway = (self._speed(name) for name in SPEEDS)
         race, root = self._races
-        return Scales(command, self.torque, self.rate, race, root, *speeds)
+        longest, day = self._hours
+        return Scales(
+            command, self.torque, self.rate, race, root, surge, sway, load=self._load, longest=longest, day=day
+        )
+
+    @property
+    def _load(self) -> float:
+        """Heaviest load of all thrusters together, as a share of their full thrust; 1 where there is none."""
+        if self.vehicle is None or not self.driven:
+            return 1.0
+        full = sum(thruster.full_thrust for thruster in self.vehicle.thrusters)
+        loads = (np.abs(self.vehicle.thrust(run.trial.commands)).sum(axis=1) for run in self.runs)
+        return max(float(load.max(initial=0.0)) for load in loads) / full or 1.0
+
+    @property
+    def _hours(self) -> tuple[float, float]:
+        """Of the longest log, and of all from the beginning of the first to the end of the last."""
+        spans = [float(np.ptp(run.trial.time)) for run in self.runs]
+        day = max(run.trial.since + span for run, span in zip(self.runs, spans, strict=True))
+        return max(spans) / _HOUR, day / _HOUR
 
     def _speed(self, name: str) -> float:
         """Root mean square of a logged speed, m/s; 1 where there is none."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
+from scipy import optimize, special
 
 from rovid.axis import YAW, Axis
 from rovid.effects import restoring_of
@@ -31,6 +31,8 @@ _MIN_BLOCKS = 6
 # rate: heading is so precise that a drift of no consequence is often significant.
 _TREND_SIGMAS = 3.0
 _TREND_SHARE = 0.005
+# A hold at a smaller share of the largest torque is one at rest, and its rate is that of a drift.
+_AT_REST = 0.02
 # Rates this close together cannot tell a quadratic from a linear drag.
 _MIN_RATE_RATIO = 1.25
 # Nor can unknowns be told apart whose columns, each of length one, differ by no more than this.
@@ -245,7 +247,9 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
         No steady turning, or turning against the torque.
     """
     points = [point for point in points if abs(point.rate) > SMALLEST]
-    fitted = tuple(point for point in points if point.steady)
+    steady = [point for point in points if point.steady]
+    least = _AT_REST * max((abs(point.torque) for point in steady), default=0.0)
+    fitted = tuple(point for point in steady if abs(point.torque) >= least or _from_table([point]))
     if not fitted:
         raise _no_steady(points, axis)
     refused = _undetermined(fitted, axis)
@@ -257,7 +261,7 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
         raise _outweighed(fitted, [name for name in names if name not in refused], axis)
     error = _torque_error(fitted, design, torque, free)
     values, covariance, dof = _least_squares(design, torque, error, free)
-    warnings = []
+    warnings = _left_at_rest(steady, len(fitted), axis)
     negative = free & (values < 0.0) & np.isin(names, NAMES)
     if negative.any() and free.all():
         name = names[int(np.argmax(negative))]
@@ -331,6 +335,18 @@ def _no_steady(points: Sequence[SteadyPoint], axis: Axis) -> DataError:
     )
 
 
+def _left_at_rest(steady: Sequence[SteadyPoint], fitted: int, axis: Axis) -> list[str]:
+    """What is said of holds that are not ``fitted`` because next to nothing drives the vehicle there."""
+    left = len(steady) - fitted
+    if not left:
+        return []
+    text = (
+        f"{left} of {len(steady)} holds have less than {100.0 * _AT_REST:.0f} % of the largest {axis.push}: what moves "
+        "the vehicle there is a current or a tether, and they are left out."
+    )
+    return [text]
+
+
 def _told_apart(design: FloatArray) -> bool:
     """Whether the (k, p) ``design`` determines every one of its unknowns."""
     values = np.linalg.svd(design / np.linalg.norm(design, axis=0), compute_uv=False)
@@ -373,7 +389,27 @@ def _torque_error(
     values, _, _ = _least_squares(design, torque, 1.0 / np.sqrt(duration), free)
     slope = 2.0 * values[0] * np.abs(design[:, 1]) + values[1]
     density = float(np.mean((slope * rate_error) ** 2 * duration))
-    return np.asarray(np.sqrt(density / duration))
+    within = density / duration
+    return np.asarray(np.sqrt(within + _between(design, torque, within, free)))
+
+
+def _between(design: FloatArray, torque: FloatArray, within: FloatArray, free: NDArray[np.bool_]) -> float:
+    """Variance of the torque balance from hold to hold, N^2 m^2, that the (k,) variances ``within`` holds leave open.
+
+    What a current or a trim does to a hold averages out over no length of it: without this a long rest would outweigh
+    all turns. It is as large as the scatter about the line asks for (Paule & Mandel 1982).
+    """
+    dof = len(torque) - int(free.sum())
+
+    def excess(variance: float) -> float:
+        error = np.sqrt(within + variance)
+        values, _, _ = _least_squares(design, torque, error, free)
+        return float(np.sum(((torque - design @ values) / error) ** 2)) - dof
+
+    if dof < 1 or excess(0.0) <= 0.0:
+        return 0.0
+    most = float(np.mean(torque**2))
+    return float(optimize.brentq(excess, 0.0, most)) if excess(most) < 0.0 else most
 
 
 def _least_squares(

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
+from rovid.agreement import disagreement
 from rovid.axis import YAW
 from rovid.control.design import Control, Options, control_of, setting_of
 from rovid.diagnose.diagnosis import Diagnosis
@@ -68,7 +70,7 @@ def build_report(
     found["inertia"] = None if inertia is None else inertia.estimate
     if _completed(stored, study, found) is not stored or not stored.path.exists():
         stored = stored.update(parameters, lambda now: _completed(now, study, found))
-    diagnosis, diagnosis_refusal = _diagnosis(study, stored.drag(), report) if diagnosed else (None, "")
+    diagnosis, diagnosis_refusal = _diagnosis(study, stored, report) if diagnosed else (None, "")
     yaw = study.vehicle.axis is YAW
     control, control_refusal = designed_control(study, stored, report) if controlled and yaw else (None, "")
     exports, export_refusal = every_export(study, stored, report) if exported and yaw else (None, "")
@@ -158,9 +160,15 @@ def every_export(
     return _or_refusal(every)
 
 
-def _diagnosis(study: Study, drag: Estimate | None, report: Callable[[str], None]) -> tuple[Diagnosis | None, str]:
+def _diagnosis(study: Study, stored: Parameters, report: Callable[[str], None]) -> tuple[Diagnosis | None, str]:
     report(_PATIENCE)
-    return _or_refusal(lambda: study.diagnosis(lambda text: report(f"{_PATIENCE} {text}"), drag=drag))
+    found, refusal = _or_refusal(
+        lambda: study.diagnosis(lambda text: report(f"{_PATIENCE} {text}"), drag=stored.drag())
+    )
+    if found is None or found.extended is None:
+        return found, refusal
+    apart = disagreement(stored.entries, found.extended.estimate)
+    return replace(found, warnings=(*found.warnings, *apart)), refusal
 
 
 def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...]:
