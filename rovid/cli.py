@@ -243,7 +243,7 @@ def fit_drag(
         return
     with _busy("Fitting drag …"):
         result = study.drag()
-    result = replace(result, estimate=_compared(stored, study, result.estimate, logs))
+    result = replace(result, estimate=_compared(stored, study, result.estimate))
     stored = _put(stored, claim, study, result.estimate, new_logs=True)
     if json:
         _print_json(drag_document(result, study))
@@ -303,7 +303,7 @@ def fit(
     study = _open(paths, cutoff, stored.axis)
     with _busy("Maximising the likelihood …"):
         result = study.likelihood(effects, gyro=gyro)
-    result = replace(result, estimate=_compared(stored, study, result.estimate, logs))
+    result = replace(result, estimate=_compared(stored, study, result.estimate))
     stored = _put(stored, claim, study, result.estimate, new_logs=bool(logs))
     if json:
         _print_json(likelihood_document(result, study))
@@ -323,6 +323,7 @@ def diagnose(
 ) -> None:
     """Say what the simulation gets wrong, and why."""
     from rovid.account import show_diagnosis
+    from rovid.agreement import disagreement
     from rovid.documents import diagnosis_document
     from rovid.terminal import show_warnings
 
@@ -333,8 +334,8 @@ def diagnose(
     with _working("Diagnosing …") as report:
         diagnosis = study.diagnosis(report, drag=stored.drag())
     if (side := diagnosis.extended) is not None:
-        compared = _compared(stored, study, replace(side.estimate, warnings=()), logs).warnings
-        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *compared))
+        apart = disagreement(stored.entries_of(study.paths), side.estimate)
+        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *apart))
         _put(stored, claim, study, side.estimate, new_logs=bool(logs))
     if json:
         _print_json(diagnosis_document(diagnosis, study))
@@ -752,13 +753,12 @@ def _claim(outputs: Sequence[Output], logs: Sequence[Path], *read: Path, force: 
     return Claim(outputs, force=force, protected=[*files_at_hand(logs), *read])
 
 
-def _compared(stored: Parameters, study: Study, estimate: Estimate, logs: Sequence[Path] | None) -> Estimate:
+def _compared(stored: Parameters, study: Study, estimate: Estimate) -> Estimate:
     """``estimate``, with a warning where another method said another thing of the same logs."""
     from rovid.agreement import disagreement
 
-    if logs and stored.logs != tuple(path.resolve() for path in study.paths):
-        return estimate
-    return replace(estimate, warnings=(*estimate.warnings, *disagreement(stored.entries, estimate)))
+    apart = disagreement(stored.entries_of(study.paths), estimate)
+    return replace(estimate, warnings=(*estimate.warnings, *apart))
 
 
 def _put(stored: Parameters, claim: Claim, study: Study, estimate: Estimate, *, new_logs: bool) -> Parameters:
@@ -778,8 +778,7 @@ def _fit_inertia(study: Study, stored: Parameters, claim: Claim, *, new_logs: bo
 
     with _busy("Fitting inertia …"):
         result = study.inertia(stored.drag())
-    logs = study.paths if new_logs else None
-    result = replace(result, estimate=_compared(stored, study, result.estimate, logs))
+    result = replace(result, estimate=_compared(stored, study, result.estimate))
     stored = _put(stored, claim, study, result.estimate, new_logs=new_logs)
     if json:
         _print_json(inertia_document(result, study))

@@ -26,7 +26,7 @@ from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.identify.likelihood import LikelihoodFit
 from rovid.identify.sine import Inertia
 from rovid.identify.steady import DragFit, SteadyPoint
-from rovid.model import effect_ids, unit_of
+from rovid.model import effect_ids, unit_of, without_form
 from rovid.parameters import Parameters
 from rovid.plan.design import Plan, command_rows
 from rovid.runs import Runs
@@ -254,7 +254,7 @@ def _side(side: Side | None, axis: Axis) -> Document | None:
     return {
         "parameters": {
             # A form of an effect goes by the effect's name: which form fits best is said with the finding.
-            _plain(name): value
+            without_form(name): value
             for name, value in parameter_document(side.estimate).items()
         },
         "held_out": {
@@ -282,17 +282,12 @@ def _units(axis: Axis) -> Document:
     return {f"{axis.rate}_rmse": axis.rate_unit, **angles}
 
 
-def _plain(name: str) -> str:
-    key, dot, parameter = name.rpartition(".")
-    return key.partition(":")[0] + dot + parameter
-
-
 def _finding(finding: Finding) -> Document:
     effect, rivals = finding.effect, [rival for rival in finding.rivals if not is_driver(rival.effect)]
     return {
         "effect": effect.id,
         "form": effect.form or None,
-        "parameters": {_plain(n).rpartition(".")[2]: v for n, v in parameter_document(finding.estimate).items()},
+        "parameters": {without_form(n).rpartition(".")[2]: v for n, v in parameter_document(finding.estimate).items()},
         "log_likelihood_gain": finding.gain,
         "held_out_log_likelihood_gain": finding.held_out_gain,
         "runner_up": {"effect": rivals[0].effect.id, "gain": rivals[0].gain} if rivals else None,

@@ -69,6 +69,12 @@ def effect_ids(names: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(name.rpartition(".")[0] for name in names if "." in name))
 
 
+def without_form(name: str) -> str:
+    """A parameter's name without the form of its effect."""
+    key, dot, parameter = name.rpartition(".")
+    return key.partition(":")[0] + dot + parameter
+
+
 @dataclass(frozen=True, eq=False)
 class Drive:
     """What drives one trial, from each instant to the next.

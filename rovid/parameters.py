@@ -114,9 +114,11 @@ class Parameters:
             if campaign is None
             else tuple(_source(trial.name, trial.path, int(trial.measured.sum())) for trial in campaign.trials)
         )
-        return replace(
-            self, vehicle=vehicle, logs=tuple(Path(encodable(str(path.resolve()))) for path in paths), sources=sources
-        )
+        return replace(self, vehicle=vehicle, logs=_absolute(paths), sources=sources)
+
+    def entries_of(self, paths: Sequence[Path]) -> Mapping[str, Entry]:
+        """What methods said of the logs at ``paths``; nothing where the file rests on others."""
+        return self.entries if self.logs == _absolute(paths) else {}
 
     def drag(self) -> Estimate | None:
         """Quadratic and linear drag from elsewhere than the inertia; a refused linear drag is zero.
@@ -399,6 +401,10 @@ def _covariance(
     ):
         raise ValueError("the covariance is none: a variance is negative, or parameters go together more than wholly")
     return {(a, b): float(written[i, j]) for i, a in enumerate(names) for j, b in enumerate(names) if i <= j}
+
+
+def _absolute(paths: Sequence[Path]) -> tuple[Path, ...]:
+    return tuple(Path(encodable(str(path.resolve()))) for path in paths)
 
 
 def sha256(path: Path) -> str:

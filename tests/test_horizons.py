@@ -14,7 +14,7 @@ from rovid.diagnose.heldout import cross_validate, errors_ahead, log_likelihood
 from rovid.diagnose.odds import confidence
 from rovid.diagnose.parts import Piece, pieces_of
 from rovid.diagnose.search import Fitted
-from rovid.diagnose.swell import one_size
+from rovid.diagnose.size import one_size
 from rovid.effects import effect_named
 from rovid.identify.horizons import HORIZONS, HorizonLikelihood, HorizonRecords, predictions, time_constant
 from rovid.identify.innovations import Likelihood, Records

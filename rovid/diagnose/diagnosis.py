@@ -13,9 +13,10 @@ from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, errors_ahead, log_likelihood, simulate_folds
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, PRIOR_ODDS, confidence
 from rovid.diagnose.parts import FEWEST_TRIALS, Piece, parts_of, pieces_of, recorded, shortest_part
-from rovid.diagnose.search import MARGIN, Fitted, Found, Key, Promise, Rival, Search, worth
+from rovid.diagnose.search import MARGIN, Fitted, Found, Key, Promise, Rival, Search, by_cause, worth
 from rovid.diagnose.signals import PREFIX, drivers, is_driver
-from rovid.diagnose.swell import Swell, one_size, swell
+from rovid.diagnose.size import one_size, size_of
+from rovid.diagnose.swell import Swell, swell
 from rovid.effects import CATALOGUE, Effect, forms_for
 from rovid.errors import DataError
 from rovid.identify.estimate import Estimate
@@ -24,6 +25,7 @@ from rovid.identify.horizons import HORIZONS, HorizonLikelihood, HorizonRecords,
 from rovid.identify.innovations import DISTURBANCE, Likelihood, Records
 from rovid.identify.likelihood import (
     TRUSTED_R2,
+    UNLIMITED,
     canonical,
     colour,
     covariance,
@@ -35,7 +37,7 @@ from rovid.identify.likelihood import (
     simulated_r2,
 )
 from rovid.identify.regression import require_inertia
-from rovid.model import Model
+from rovid.model import Model, without_form
 from rovid.plan.design import Plan, plan
 from rovid.plan.programme import Limits
 from rovid.plan.worth import Belief
@@ -67,8 +69,6 @@ _FEWEST_READINGS = 2.0
 _REFUSALS = 6
 # The best of so many more causes may be missing together from what predictions found; slopes promise such a share.
 _TOGETHER, _SHARE = 3, 0.25
-# A disturbance may be as large as the torque in use.
-_UNLIMITED = 1.0
 # A search after which no more predictions count than so many times those before is the last.
 _MORE = 1.2
 # So many of the likeliest models tell how many predictions count.
@@ -252,10 +252,10 @@ def _by_horizons(full: Records, pieces: Sequence[Piece], candidates: Sequence[Ef
     """
     records = HorizonRecords.of(full, full.start)
     base = final = _ahead((), records, HorizonLikelihood(records).first())
-    # No phase of a wave is known to a prediction.
-    listed = [effect for effect in candidates if not effect.wave]
     if records.readings < _FEWEST_READINGS:
         return _Work(Search([], report), records, base, base, pieces)
+    # No phase of a wave is known to a prediction.
+    listed = [effect for effect in candidates if not effect.wave]
     while True:
         search = Search(listed, report, thorough=_is_far_off, margin=_MARGIN_AHEAD, least=0.0)
         final = search.run(final)
@@ -339,17 +339,15 @@ def _is_hopeless(current: Fitted, promises: Sequence[Promise]) -> bool:
     likelihood, x = current.likelihood, current.x
     lacking = 0.0
     if likelihood.at_limit(x):
-        likelihood = Likelihood(likelihood.records, _UNLIMITED, likelihood.effects, likelihood.counted)
+        likelihood = Likelihood(likelihood.records, UNLIMITED, likelihood.effects, likelihood.counted)
         x, cost = likelihood.climb(x)
         lacking = current.cost - cost
         if lacking < MARGIN:
             return True
     if not likelihood_is_white(likelihood, x):
         lacking += colour(likelihood, x)
-    best: dict[str, float] = {}
-    for promise in promises:
-        best[promise.effect.id] = max(promise.gain, best.get(promise.effect.id, 0.0))
-    return sum(sorted(best.values())[-_TOGETHER:]) < _SHARE * lacking
+    best = [forms[0].gain for forms in by_cause(promises)]
+    return sum(best[:_TOGETHER]) < _SHARE * lacking
 
 
 def _ahead(effects: tuple[Effect, ...], records: HorizonRecords, x: FloatArray) -> Fitted:
@@ -573,10 +571,7 @@ def _moves(run: Run) -> bool:
 
 
 def _interval(runs: Sequence[Run], start: Model, rate: float) -> float:
-    constant = start.inertia / max(2.0 * start.quadratic_drag * rate + start.linear_drag, 1e-12)
-    if start.stiffness > 0.0:
-        # A third of a swing to and fro.
-        constant = min(constant, 2.0 * math.sqrt(start.inertia / start.stiffness))
+    constant = time_constant(start, rate)
     wanted = min(_THINNED * constant, _THINNED_SECONDS)
     period = float(np.median([run.trial.period for run in runs]))
     return wanted if wanted >= 2.0 * period else 0.0
@@ -584,15 +579,8 @@ def _interval(runs: Sequence[Run], start: Model, rate: float) -> float:
 
 def _significance(fitted: Fitted, effect: Effect) -> float:
     """Distance of the effect's size from nothing, in standard errors."""
-    size = effect.parameters[0]
-    names = fitted.likelihood.model(fitted.x).names
-    at = names.index(f"{effect.key}.{size.name}")
-    spread = covariance(fitted.likelihood, fitted.x, sandwich=not likelihood_is_white(fitted.likelihood, fitted.x))
-    value = physical(fitted.likelihood, fitted.x)[at]
-    null = size.null * fitted.likelihood.records.scales.of(size)
-    # The inverse of an endless null is the quantity that is nothing at nothing.
-    error = math.sqrt(spread[at, at])
-    return float(abs(value if size.endless else value - null) / error)
+    away, error = size_of(fitted, effect, sandwich=not likelihood_is_white(fitted.likelihood, fitted.x))
+    return abs(away) / error
 
 
 def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diagnosis:
@@ -694,10 +682,8 @@ def _moved(estimate: Estimate, fit: Fitted) -> FloatArray:
 
 def _alike(names: Sequence[str], effects: Sequence[Effect]) -> list[str]:
     """``names`` of parameters, those of forms that share an effect's parameters without the form."""
-    ids = {effect.id for effect in effects if not effect.each_thruster}
-    parts = [name.rpartition(".") for name in names]
-    plain = [(key.partition(":")[0], parameter) for key, _, parameter in parts]
-    return [f"{key}.{parameter}" if key in ids else name for (key, parameter), name in zip(plain, names, strict=True)]
+    apart = {effect.key for effect in effects if effect.each_thruster}
+    return [name if name.rpartition(".")[0] in apart else without_form(name) for name in names]
 
 
 def _uncertainty(estimate: Estimate) -> float:

@@ -166,6 +166,7 @@ class Search:
         Called with a line of text as the search goes on.
     hopeless
         Whether no causes more, of what they promise, can explain what a model misses: then the search is given up.
+        None goes on in any case.
     thorough
         Whether a model is so far from the truth that slopes do not tell what would help: then every cause is fitted.
     margin
@@ -182,7 +183,7 @@ class Search:
 
     candidates: Sequence[Effect]
     report: Report = field(default=lambda _: None)
-    hopeless: Callable[[Fitted, Sequence[Promise]], bool] = field(default=lambda *_: False)
+    hopeless: Callable[[Fitted, Sequence[Promise]], bool] | None = None
     thorough: Callable[[Fitted], bool] = field(default=lambda _: False)
     margin: float = MARGIN
     least: float = _NEGLIGIBLE
@@ -271,7 +272,8 @@ class Search:
         return current
 
     def _may_give_up(self, current: Fitted) -> None:
-        self.given_up = self.given_up or self.hopeless(current, self._promised(current))
+        if self.hopeless is not None and not self.given_up:
+            self.given_up = self.hopeless(current, self._promised(current))
 
     def _best_pair(self, current: Fitted) -> Fitted:
         """With two effects that gain little alone and much together, as where each hides the other.
@@ -516,7 +518,7 @@ def _sized(form: Effect, begin: FloatArray, share: float) -> FloatArray:
     return sized
 
 
-def _ranked(promises: Sequence[Promise]) -> list[list[Promise]]:
+def by_cause(promises: Sequence[Promise]) -> list[list[Promise]]:
     """The forms of each cause, best first in both."""
     groups: dict[str, list[Promise]] = {}
     for promise in sorted(promises, key=lambda promise: -promise.gain):
@@ -526,7 +528,7 @@ def _ranked(promises: Sequence[Promise]) -> list[list[Promise]]:
 
 def _best_forms(promises: Sequence[Promise]) -> list[Promise]:
     """The most promising form of every cause that shows at all, and more forms of those that show most."""
-    counts = ((group, _FORMS_FITTED if place < _FITTED else 1) for place, group in enumerate(_ranked(promises)))
+    counts = ((group, _FORMS_FITTED if place < _FITTED else 1) for place, group in enumerate(by_cause(promises)))
     return [promise for group, count in counts for promise in group[:count] if promise.gain > 0.0]
 
 
@@ -535,7 +537,7 @@ def shortlist(current: Fitted, promises: Sequence[Promise], least: float) -> lis
 
     Slopes promise too much of some forms, and one with fewer parameters may gain as much.
     """
-    ranked = [group for group in _ranked(promises)[:_FITTED] if group[0].gain >= least]
+    ranked = [group for group in by_cause(promises)[:_FITTED] if group[0].gain >= least]
     top = max(spread(lambda group: min(group[0].gain, _outright(current, group[0])), ranked), default=0.0)
     return [
         promise

@@ -1,4 +1,4 @@
-"""Each next reading beside what predictions show: it knows the phase of waves, and is right under feedback."""
+"""Waves beside what predictions found: each next reading, which knows their phase, is asked for them."""
 
 from __future__ import annotations
 
@@ -15,15 +15,11 @@ from rovid.diagnose.parts import Piece
 from rovid.diagnose.search import Fitted, worth
 from rovid.effects import Effect
 from rovid.identify.innovations import BASE, DISTURBANCE, Likelihood, Records
-from rovid.identify.likelihood import covariance, physical, starts
+from rovid.identify.likelihood import UNLIMITED, starts
 from rovid.trial import FloatArray
 
-# The plain disturbance may be as large as it likes: waves have to be more than that.
-_UNLIMITED = 1.0
 _FIRST_ITERATIONS, _ITERATIONS, _TOLERANCE = 3, 20, 0.1
 _BEGUN = 3
-# What shrinks to less than this share, by more than so many standard errors, is no longer the same cause.
-_SHRUNK, _APART = 0.7, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +69,8 @@ def swell(records: Records, beside: Fitted, wave: Effect | None, pieces: Sequenc
 
     Two kinds of disturbance are compared: one that fades, of any size, and that with waves besides.
     """
-    likelihood = Likelihood(records, _UNLIMITED, beside.effects)
+    # The plain disturbance may be as large as it likes: waves have to be more than that.
+    likelihood = Likelihood(records, UNLIMITED, beside.effects)
     begin = likelihood.first()
     other = np.r_[0:DISTURBANCE, BASE : len(begin)]
     begin[other] = beside.x[other]
@@ -89,36 +86,6 @@ def swell(records: Records, beside: Fitted, wave: Effect | None, pieces: Sequenc
     # Readings whose misfits are not white tell less than they seem to: no more than the stretches of time bear out.
     borne_out = min(worth(found) - worth(plain), _borne_out(found, plain))
     return Swell(plain, pieces, found, plain.cost - found.cost, borne_out)
-
-
-def one_size(found: Fitted, near: Fitted, effect: Effect) -> bool:
-    """Whether ``effect`` of ``found``, by predictions, is as large in ``near``, by each next reading beside waves.
-
-    A cause that acts has one size. Under feedback a model may predict better some time ahead with what does not act:
-    commands that answer waves go against what the waves do. The next reading is free of that (Ljung 1999, section 13.4)
-    and finds less.
-    """
-    if effect not in near.effects:
-        likelihood = near.likelihood.like((*near.effects, effect))
-        near = _climbed(likelihood, np.concatenate((near.x, found.own(effect))), _ITERATIONS)
-    (ahead, error), (here, other) = (_size(fitted, effect) for fitted in (found, near))
-    if effect.canonical is not None:
-        # Turned by half a cycle a negative amplitude is a positive one.
-        ahead, here = abs(ahead), abs(here)
-    here = math.copysign(1.0, ahead) * here
-    return here >= _SHRUNK * abs(ahead) or abs(ahead) - here <= _APART * math.hypot(error, other)
-
-
-def _size(fitted: Fitted, effect: Effect) -> tuple[float, float]:
-    """How far the first parameter of ``effect`` is from nothing, and its standard error."""
-    size = effect.parameters[0]
-    at = fitted.likelihood.model(fitted.x).names.index(f"{effect.key}.{size.name}")
-    error = math.sqrt(covariance(fitted.likelihood, fitted.x, sandwich=True)[at, at])
-    value = float(physical(fitted.likelihood, fitted.x)[at])
-    # The inverse of an endless null is the quantity that is nothing at nothing.
-    if size.endless:
-        return 1.0 / value, error / value**2
-    return value - size.null * fitted.likelihood.records.scales.of(size), error
 
 
 def _climbed(likelihood: Likelihood, x: FloatArray, iterations: int) -> Fitted:

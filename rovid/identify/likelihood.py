@@ -25,6 +25,8 @@ from rovid.vehicle import Vehicle
 # Upper limits of the disturbance, as shares of the torque in use. Without a limit the disturbance explains whatever
 # the model does not, and the parameters go where they like.
 LIMITS = (0.05, 0.02, 0.01, 0.005)
+# As large as the torque in use: no limit at all.
+UNLIMITED = 1.0
 # Where the free-running simulation of the plain model is worse than this, the model misses so much that no limit of
 # the disturbance is right: the simulation itself is then what is fitted.
 TRUSTED_R2 = 0.93

@@ -248,8 +248,7 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     """
     points = [point for point in points if abs(point.rate) > SMALLEST]
     steady = [point for point in points if point.steady]
-    least = _AT_REST * max((abs(point.torque) for point in steady), default=0.0)
-    fitted = tuple(point for point in steady if abs(point.torque) >= least or _from_table([point]))
+    fitted = _under_load(steady)
     if not fitted:
         raise _no_steady(points, axis)
     refused = _undetermined(fitted, axis)
@@ -262,15 +261,10 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     error = _torque_error(fitted, design, torque, free)
     values, covariance, dof = _least_squares(design, torque, error, free)
     warnings = _left_at_rest(steady, len(fitted), axis)
-    negative = free & (values < 0.0) & np.isin(names, NAMES)
-    if negative.any() and free.all():
-        name = names[int(np.argmax(negative))]
-        warnings.append(
-            f"{name} came out negative ({values[negative][0]:.3g} ± {np.sqrt(np.diag(covariance))[negative][0]:.2g}), "
-            "which no drag is; it is held at zero."
-        )
+    if (text := _below_zero(names, values, covariance, free)) is not None:
+        warnings.append(text)
         # The covariance stays that of the free fit: it would take the zero for certain, and the other drag with it.
-        values, _, _ = _least_squares(design, torque, error, ~negative)
+        values, _, _ = _least_squares(design, torque, error, (values >= 0.0) | ~np.isin(names, NAMES))
     if not (values[:2] > 0.0).any():
         raise DataError(
             f"the vehicle moves against its {axis.push} in these holds, which no drag does.",
@@ -301,6 +295,25 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
         left_out=_leave_one_out(design, torque, error, free),
         directions=directions,
         r_squared=explained(torque, residuals),
+    )
+
+
+def _under_load(steady: Sequence[SteadyPoint]) -> tuple[SteadyPoint, ...]:
+    """Those that show drag: not logs of a vehicle nearly at rest, which turns as the water does."""
+    least = 0.0 if _from_table(steady) else _AT_REST * max((abs(point.torque) for point in steady), default=0.0)
+    return tuple(point for point in steady if abs(point.torque) >= least)
+
+
+def _below_zero(
+    names: Sequence[str], values: FloatArray, covariance: FloatArray, free: NDArray[np.bool_]
+) -> str | None:
+    """What is said of a drag that came out negative; None where both are free and neither did, or one is held."""
+    negative = free & (values < 0.0) & np.isin(names, NAMES)
+    if not negative.any() or not free.all():
+        return None
+    return (
+        f"{names[int(np.argmax(negative))]} came out negative ({values[negative][0]:.3g} ± "
+        f"{np.sqrt(np.diag(covariance))[negative][0]:.2g}), which no drag is; it is held at zero."
     )
 
 

@@ -167,7 +167,7 @@ def _diagnosis(study: Study, stored: Parameters, report: Callable[[str], None]) 
     )
     if found is None or found.extended is None:
         return found, refusal
-    apart = disagreement(stored.entries, found.extended.estimate)
+    apart = disagreement(stored.entries_of(study.paths), found.extended.estimate)
     return replace(found, warnings=(*found.warnings, *apart)), refusal
 
 
