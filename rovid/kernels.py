@@ -35,6 +35,8 @@ _SETTLED = 1e-9
 _TINY = 1e-12
 # So many times the largest rate that was measured is none of the vehicle's.
 _RUNAWAY = 30.0
+# Predictions are of a vehicle whose time constant is ten steps of their grid or more.
+_MAX_SUBSTEPS_AHEAD = 200
 # With effects a gap is stepped through to its end, however long.
 _MAX_GAP_SUBSTEPS = 1_000_000
 
@@ -127,6 +129,24 @@ def _any_term() -> Any:
 
 
 _term = _any_term()
+
+
+def _any_term_of_lanes() -> Any:
+    """Compiled; adds the term of a ``kind`` to the ``total`` of each lane that is ``live``.
+
+    A call for each lane would cost more than most terms do.
+    """
+    takes = "kind, live, rate, angle, push, base, p, x, dx, j, total"
+    lane = "rate[i], angle[i], push[i], base[i], p, x[i], dx[i], j"
+    lines = [f"def term(\n    {takes}\n):"]
+    for kind in range(len(TERMS)):
+        lines += [f"    if kind == {kind}:", "        for i in live:", f"            total[i] += term_{kind}({lane})"]
+    namespace: dict[str, Any] = {f"term_{kind}": term for kind, term in enumerate(TERMS)}
+    exec("\n".join(lines), namespace)  # noqa: S102 - all of it is above
+    return numba.njit(error_model="numpy", nogil=True)(namespace["term"])
+
+
+_term_of_lanes = _any_term_of_lanes()
 
 
 @_inlined
@@ -227,6 +247,17 @@ def _rows(kinds: Any) -> int:
     return rows
 
 
+@_inlined
+def _substeps(r: float, torque: float, stiffness: float, interval: float, base: Any) -> int:
+    """How many Runge-Kutta steps an interval takes, ``stiffness`` in 1/s having been that of the one before."""
+    balance = math.sqrt(abs(torque) / base[1]) if base[1] > 0.0 else 0.0
+    if base[2] > 0.0:
+        balance = min(balance, abs(torque) / base[2]) if base[1] > 0.0 else 0.0
+    stiffness = max(stiffness, base[4], (2.0 * base[1] * max(abs(r), balance) + base[2]) / base[0])
+    wanted = interval * stiffness / _EFFECTS_STEP_SHARE
+    return 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
+
+
 @_compiled
 def advance(
     r: float,
@@ -262,13 +293,7 @@ def advance(
         At the interval's end.
     """
     _tell(base, beside)
-    total = abs(push + other)
-    balance = math.sqrt(total / base[1]) if base[1] > 0.0 else 0.0
-    if base[2] > 0.0:
-        balance = min(balance, total / base[2]) if base[1] > 0.0 else 0.0
-    stiffness = max(stiffness, base[4], (2.0 * base[1] * max(abs(r), balance) + base[2]) / base[0])
-    wanted = interval * stiffness / _EFFECTS_STEP_SHARE
-    steps = 1 if not wanted > 1.0 else min(int(wanted) + 1, _MAX_GAP_SUBSTEPS)
+    steps = _substeps(r, push + other, stiffness, interval, base)
     h = interval / steps
     stiffness = base[4]
     for _ in range(steps):
@@ -339,7 +364,7 @@ def simulate_effects(
 
 @_compiled
 def predict(
-    period: float,
+    period: FloatArray,
     torque: FloatArray,
     beside: FloatArray,
     rate: FloatArray,
@@ -355,35 +380,135 @@ def predict(
 
     Parameters
     ----------
+    period
+        (m,) s.
     torque, beside
         (n,) N m and (n, 3), see `rovid.model.Drive`; means over each interval of a grid.
     rate, angle, states
         (n,), (n,) and (n, k, TERM_STATES) on the measured course.
     starts, reach
         (m,) indices on the grid, and numbers of steps.
+    base
+        (m, BASE_SIZE), see ``simulate_effects``.
 
     Returns
     -------
     turned
-        (m, 1 + the largest reach) rad; NaN beyond the reach, and where the model runs away.
+        (m, 1 + the largest reach) rad; NaN beyond the reach, and where the model runs away or asks for endless steps.
     """
-    turned = np.full((len(starts), reach.max() + 1), np.nan)
-    state, work = np.zeros((len(terms), TERM_STATES)), np.zeros((3, len(terms), TERM_STATES))
+    count, rows = len(starts), _rows(kinds)
+    turned = np.full((count, reach.max() + 1), np.nan)
+    turned[:, 0] = 0.0
+    # All restarts go on together, a lane each: those that reach farthest first, so that the others end behind them.
+    order = np.argsort(-reach)
+    begin = starts[order]
+    r, a = rate[begin], angle[begin]
+    state = np.zeros((count, rows, TERM_STATES))
+    told = base[order]
+    for i in range(count):
+        state[i] = states[begin[i], :rows]
+    push, h, stiffness = np.zeros((3, count))
+    steps, live = np.zeros(count, dtype=np.int64), np.arange(count)
+    rooms, work = np.zeros((8, count)), np.zeros((3, count, rows, TERM_STATES))
     most = _RUNAWAY * np.nanmax(np.abs(rate))
-    for j in range(len(starts)):
-        at = starts[j]
-        r, a, stiffness = rate[at], angle[at], 0.0
-        state[:] = states[at]
-        turned[j, 0] = 0.0
-        for k in range(reach[j]):
-            r, a, stiffness = advance(
-                r, a, torque[at + k], 0.0, 0.0, beside[at + k], period, base, terms, kinds, state, work, stiffness
-            )
-            if not abs(r) < most:
-                # It runs away, and would take ever shorter steps.
-                break
-            turned[j, k + 1] = a - angle[at]
+    for k in range(reach.max()):
+        while reach[order[count - 1]] <= k:
+            count -= 1
+        for i in range(count):
+            at = begin[i] + k
+            push[i] = torque[at]
+            _tell(told[i], beside[at])
+            steps[i] = _substeps(r[i], push[i], stiffness[i], period[order[i]], told[i])
+            if steps[i] > _MAX_SUBSTEPS_AHEAD:
+                r[i], steps[i] = np.nan, 1
+            h[i] = period[order[i]] / steps[i]
+            stiffness[i] = told[i, 4]
+        moving = live[:count]
+        for step in range(steps[:count].max()):
+            if step > 0:
+                moving = moving[steps[moving] > step]
+            _substep_of_lanes(moving, r, a, push, told, terms, kinds, state, h, stiffness, rooms, work)
+        for i in range(count):
+            if not abs(r[i]) < most:
+                # It runs away.
+                r[i] = a[i] = np.nan
+            turned[order[i], k + 1] = a[i] - angle[begin[i]]
     return turned
+
+
+@_inlined
+def _substep_of_lanes(
+    live: Any,
+    r: Any,
+    a: Any,
+    push: Any,
+    told: Any,
+    terms: Any,
+    kinds: Any,
+    state: Any,
+    h: Any,
+    stiffness: Any,
+    rooms: Any,
+    work: Any,
+) -> None:
+    """As `_substep` for each lane that is ``live``, in place; ``told`` is the ``base`` of each.
+
+    ``stiffness`` is raised to the damping, ``rooms`` (8, lanes) and ``work`` (3, lanes, m, TERM_STATES) are room.
+    """
+    # The same for all.
+    inertia, quadratic, linear = told[0, 0], told[0, 1], told[0, 2]
+    r_here, a_here, extra, given, k1, k2, r2, r3 = rooms
+    change, there, reached = work
+    for i in live:
+        r_here[i], a_here[i] = r[i] + 1e-6 + 1e-4 * abs(r[i]), a[i]
+    _sum_terms_of_lanes(live, r_here, a_here, push, told, terms, kinds, state, there, given)
+    _sum_terms_of_lanes(live, r, a, push, told, terms, kinds, state, change, extra)
+    _advance_lanes(live, state, change, h, 1.0 / 6.0, reached)
+    _advance_lanes(live, state, change, h, 0.5, there)
+    for i in live:
+        given[i] = (given[i] - extra[i]) / ((r_here[i] - r[i]) * inertia)
+        k1[i] = _acceleration(r[i], push[i] + extra[i], inertia, quadratic, linear)
+        r2[i], a_here[i] = r[i] + 0.5 * h[i] * k1[i], a[i] + 0.5 * h[i] * r[i]
+    _sum_terms_of_lanes(live, r2, a_here, push, told, terms, kinds, there, change, extra)
+    _advance_lanes(live, reached, change, h, 1.0 / 3.0, reached)
+    _advance_lanes(live, state, change, h, 0.5, there)
+    for i in live:
+        k2[i] = _acceleration(r2[i], push[i] + extra[i], inertia, quadratic, linear)
+        r3[i], a_here[i] = r[i] + 0.5 * h[i] * k2[i], a[i] + 0.5 * h[i] * r2[i]
+        stiffness[i] = max(stiffness[i], (2.0 * quadratic * abs(r2[i]) + linear) / inertia - given[i])
+    _sum_terms_of_lanes(live, r3, a_here, push, told, terms, kinds, there, change, extra)
+    _advance_lanes(live, reached, change, h, 1.0 / 3.0, reached)
+    _advance_lanes(live, state, change, h, 1.0, there)
+    k3 = given
+    for i in live:
+        k3[i] = _acceleration(r3[i], push[i] + extra[i], inertia, quadratic, linear)
+        r_here[i], a_here[i] = r[i] + h[i] * k3[i], a[i] + h[i] * r3[i]
+    _sum_terms_of_lanes(live, r_here, a_here, push, told, terms, kinds, there, change, extra)
+    _advance_lanes(live, reached, change, h, 1.0 / 6.0, state)
+    for i in live:
+        k4 = _acceleration(r_here[i], push[i] + extra[i], inertia, quadratic, linear)
+        a[i] += h[i] * (r[i] + 2.0 * r2[i] + 2.0 * r3[i] + r_here[i]) / 6.0
+        r[i] += h[i] * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4) / 6.0
+
+
+@_compiled
+def _sum_terms_of_lanes(
+    live: Any, rate: Any, angle: Any, push: Any, told: Any, terms: Any, kinds: Any, state: Any, change: Any, total: Any
+) -> None:
+    """Fill in the torque of all effects of each lane, and the rates of change of its states."""
+    for i in live:
+        total[i] = 0.0
+    for j in range(len(kinds)):
+        _term_of_lanes(kinds[j], live, rate, angle, push, told, terms, state, change, j, total)
+
+
+@_compiled
+def _advance_lanes(live: Any, state: Any, change: Any, h: Any, share: float, out: Any) -> None:
+    """Write state + share*h*change of each lane into ``out``."""
+    for i in live:
+        for j in range(state.shape[1]):
+            for c in range(state.shape[2]):
+                out[i, j, c] = state[i, j, c] + share * h[i] * change[i, j, c]
 
 
 @_compiled

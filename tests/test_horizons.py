@@ -15,10 +15,12 @@ from rovid.diagnose.odds import confidence
 from rovid.diagnose.parts import Piece, pieces_of
 from rovid.diagnose.search import Fitted
 from rovid.diagnose.size import one_size
-from rovid.effects import effect_named
+from rovid.effects import MOTION, Effect, effect_named
+from rovid.effects.base import STIFFNESS, TERM_PARAMETERS, TERM_STATES, TRIM
 from rovid.identify.horizons import HORIZONS, HorizonLikelihood, HorizonRecords, predictions, time_constant
 from rovid.identify.innovations import Likelihood, Records
 from rovid.identify.likelihood import starts, whitening_gain
+from rovid.kernels import predict, simulate_effects
 from rovid.model import Model
 from rovid.rates import rates_of
 from tests import synthetic
@@ -82,7 +84,7 @@ def test_errors_that_are_alike_count_as_few() -> None:
 
 def test_a_long_log_costs_no_more_predictions() -> None:
     few, many = records(), records(runs=6)
-    assert sum(len(course.restarts) for course in many.courses) <= 700
+    assert sum(len(course.grid.restarts) for course in many.courses) <= 700
     assert len(many.horizon) < 3 * len(few.horizon)
 
 
@@ -188,3 +190,39 @@ def test_whitening_gains_what_an_autoregression_does() -> None:
     assert whitening_gain([rng.normal(size=count)]) < 30.0
     assert whitening_gain([np.zeros(50)]) == 0.0
     assert math.isfinite(whitening_gain([np.ones(50)]))
+
+
+@pytest.mark.parametrize("effect", MOTION, ids=lambda effect: effect.key)
+def test_all_restarts_together_go_where_each_would_alone(effect: Effect) -> None:
+    count, period = 120, 0.4
+    rate, angle = 0.1 * np.sin(0.05 * np.arange(count)), 0.02 * np.arange(count)
+    torque = np.where(np.arange(count) % 40 < 20, 150.0, -90.0)
+    beside = np.column_stack((0.2 * np.ones(count), 0.8 + 0.1 * np.sin(np.arange(count)), 0.05 * np.ones(count)))
+    scales = records().scales
+    begin = zip(starts(effect)[0], effect.parameters, strict=True)
+    own = np.array([value * scales.of(parameter) for value, parameter in begin])
+    terms, kinds = np.zeros((1, TERM_PARAMETERS)), np.array([MOTION.index(effect)])
+    terms[0, : len(own)] = own
+    base = synthetic.ROSUB.base_from(0.4)
+    base[STIFFNESS - 1 : TRIM + 1] = effect.fastest(effect.values(own)) if effect.fastest else 0.0, 50.0, 0.02
+    first = np.array([3, 50, 20, 64])
+    reach, states = np.array([40, 12, 0, 55]), 0.01 * RNG.normal(size=(count, len(terms), TERM_STATES))
+    course = (torque, beside, rate, angle, states)
+    moved = predict(np.full(4, period), *course, first, reach, np.tile(base, (4, 1)), terms, kinds)
+    for lane, (at, steps) in enumerate(zip(first, reach, strict=True)):
+        held = slice(at, at + steps + 1)
+        here = (np.arange(steps + 1) * period, torque[held], np.zeros(steps + 1), beside[held])
+        _, alone = simulate_effects(*here, base, terms, kinds, (rate[at], angle[at]), states[at])
+        assert moved[lane, : steps + 1] == pytest.approx(alone - angle[at], rel=1e-9, abs=1e-12)
+        assert np.isnan(moved[lane, steps + 1 :]).all()
+
+
+def test_a_model_that_runs_away_predicts_nothing() -> None:
+    curvature = effect_named("drag_curvature")
+    wild = replace(synthetic.ROSUB, quadratic_drag=0.0, effects=(curvature,), effect_values=(-0.99,))
+    count = 200
+    terms, kinds = wild.terms()
+    states = np.zeros((count, len(terms), TERM_STATES))
+    flat = (np.full(1, 2.0), np.full(count, 1e6), np.zeros((count, 3)), np.full(count, 0.1), np.zeros(count), states)
+    moved = predict(*flat, np.array([0]), np.array([count - 1]), wild.base_from(0.0)[np.newaxis], terms, kinds)
+    assert np.isnan(moved[0, -1])

@@ -13,7 +13,7 @@ from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, errors_ahead, log_likelihood, simulate_folds
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, PRIOR_ODDS, confidence
 from rovid.diagnose.parts import FEWEST_TRIALS, Piece, parts_of, pieces_of, recorded, shortest_part
-from rovid.diagnose.search import MARGIN, Fitted, Found, Key, Promise, Rival, Search, by_cause, worth
+from rovid.diagnose.search import MARGIN, Fitted, Found, Key, Promise, Rival, Search, by_cause, screen, worth
 from rovid.diagnose.signals import PREFIX, drivers, is_driver
 from rovid.diagnose.size import one_size, size_of
 from rovid.diagnose.swell import Swell, swell
@@ -302,16 +302,34 @@ def _by_innovations(full: Records, candidates: Sequence[Effect], ahead: _Work, r
     """
     report("Looking at each next reading …")
     quick = replace(full, interval=_interval(full.runs, full.start, full.rate))
-    likelihood, x, _ = fit_base(quick, free_run_r2(full.runs, full.start))
-    base = Fitted(likelihood, x, likelihood.cost(x))
+    few = quick if ahead.swell is None else ahead.swell.plain.likelihood.records
+    # Where it is hopeless over few readings it is so over more, which would take long to say.
+    if few.interval > quick.interval and _is_hopeless_over(few, candidates, ahead):
+        return None
+    base = _base_of(quick)
     begun = _begun(base, ahead)
-    # Waves take long, and are found without such a search.
-    wavy = any(effect.wave for effect in begun.effects)
-    listed = [effect for effect in candidates if wavy or not effect.wave]
-    search = Search(listed, report, hopeless=_is_hopeless)
+    search = Search(_beside(begun, candidates), report, hopeless=_is_hopeless)
     pieces = [Piece(number, -math.inf, math.inf, run) for number, run in enumerate(full.runs)]
     work = _Work(search, full, base, search.run(begun), pieces)
     return None if search.given_up or not work.explains else work
+
+
+def _base_of(records: Records) -> Fitted:
+    likelihood, x, _ = fit_base(records, free_run_r2(records.runs, records.start))
+    return Fitted(likelihood, x, likelihood.cost(x))
+
+
+def _beside(begun: Fitted, candidates: Sequence[Effect]) -> list[Effect]:
+    """What each next reading is searched for: waves take long, and are found without such a search."""
+    wavy = any(effect.wave for effect in begun.effects)
+    return [effect for effect in candidates if wavy or not effect.wave]
+
+
+def _is_hopeless_over(records: Records, candidates: Sequence[Effect], ahead: _Work) -> bool:
+    begun = _begun(_base_of(records), ahead)
+    taken = {effect.id for effect in begun.effects}
+    more = [effect for effect in _beside(begun, candidates) if effect.id not in taken]
+    return _is_hopeless(begun, screen(begun, more))
 
 
 def _begun(base: Fitted, ahead: _Work) -> Fitted:

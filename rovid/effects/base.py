@@ -305,6 +305,8 @@ def finer(held: FloatArray, parts: int) -> FloatArray:
 def bridged(values: FloatArray) -> FloatArray:
     """(n,) ``values`` with straight lines through their gaps; zeros where none is known."""
     known = np.flatnonzero(np.isfinite(values))
+    if known.size == len(values):
+        return values
     return np.interp(np.arange(len(values)), known, values[known]) if known.size else np.zeros(len(values))
 
 

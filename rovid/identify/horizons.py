@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,46 @@ IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Grid:
+    """Where predictions begin and end, on the grid of one run or on those of several, one after the other.
+
+    Attributes
+    ----------
+    starts, ends
+        (N,) indices of the restart and of the end of each prediction.
+    restarts, reach, number
+        (m,) indices of the restarts, each once, and the steps to the farthest end from each; (N,) which of them is that
+        of each prediction.
+    run, period
+        (m,) index of the run of each restart, and s from each instant of its grid to the next.
+    """
+
+    starts: IntArray
+    ends: IntArray
+    restarts: IntArray
+    reach: IntArray
+    number: IntArray
+    run: IntArray
+    period: FloatArray
+
+    @classmethod
+    def joined(cls, courses: Sequence[Course]) -> Self:
+        """Those of all ``courses``."""
+        grids = [course.grid for course in courses]
+        before = np.cumsum([0, *(len(course.time) for course in courses)])
+        earlier = np.cumsum([0, *(len(grid.restarts) for grid in grids)])
+        return cls(
+            starts=np.concatenate([grid.starts + at for grid, at in zip(grids, before, strict=False)]),
+            ends=np.concatenate([grid.ends + at for grid, at in zip(grids, before, strict=False)]),
+            restarts=np.concatenate([grid.restarts + at for grid, at in zip(grids, before, strict=False)]),
+            reach=np.concatenate([grid.reach for grid in grids]),
+            number=np.concatenate([grid.number + at for grid, at in zip(grids, earlier, strict=False)]),
+            run=np.concatenate([np.full(len(grid.restarts), k) for k, grid in enumerate(grids)]),
+            period=np.concatenate([grid.period for grid in grids]),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Course:
     """What was measured of one run, on a grid.
 
@@ -57,11 +97,10 @@ class Course:
         (n,) N m, mean from each instant to the next, of the thrusters by their bench curves.
     held, since
         (n,) which of the log's samples is held at each instant, and for how many s it has been.
-    starts, horizon, ends
-        (N,) indices of the restart, of the horizon and of the end of each prediction.
-    restarts, reach, number
-        (m,) indices of the restarts, each once, and the steps to the farthest end from each; (N,) which of them is that
-        of each prediction.
+    horizon
+        (N,) index of the horizon of each prediction.
+    grid
+        Where predictions begin and end.
     """
 
     run: Run
@@ -73,12 +112,13 @@ class Course:
     torque: FloatArray
     held: IntArray
     since: FloatArray
-    starts: IntArray
     horizon: IntArray
-    ends: IntArray
-    restarts: IntArray
-    reach: IntArray
-    number: IntArray
+    grid: Grid
+
+    @property
+    def period(self) -> float:
+        """Seconds from each instant to the next."""
+        return float(self.time[1] - self.time[0]) if len(self.time) > 1 else self.run.rates.kernel.period
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -130,6 +170,11 @@ class HorizonRecords(Records):
         return [_course(run, self.time_constant, between) for run in self.runs]
 
     @cached_property
+    def grid(self) -> Grid:
+        """Where all predictions begin and end, the runs one after the other."""
+        return Grid.joined(self.courses)
+
+    @cached_property
     def times(self) -> list[FloatArray]:
         """(n,) s, of the grid of each run."""
         return [course.time for course in self.courses]
@@ -137,12 +182,12 @@ class HorizonRecords(Records):
     @cached_property
     def looked_at(self) -> list[IntArray]:
         """Where each prediction of each run begins."""
-        return [course.starts for course in self.courses]
+        return [course.grid.starts for course in self.courses]
 
     @cached_property
     def spans(self) -> list[tuple[FloatArray, FloatArray]]:
         """Of each run the (n,) s at which each prediction begins and ends."""
-        return [(course.time[course.starts], course.time[course.ends]) for course in self.courses]
+        return [(course.time[course.grid.starts], course.time[course.grid.ends]) for course in self.courses]
 
     @cached_property
     def horizon(self) -> IntArray:
@@ -206,32 +251,54 @@ def _course(run: Run, constant: float, between: float) -> Course:
         torque=_means(trial.time, run.torque, time, held, since),
         held=held,
         since=since,
-        starts=start,
         horizon=np.concatenate(horizons),
-        ends=end,
-        restarts=first,
-        reach=reach,
-        number=number,
+        grid=Grid(
+            starts=start,
+            ends=end,
+            restarts=first,
+            reach=reach,
+            number=number,
+            run=np.zeros(len(first), dtype=np.intp),
+            period=np.full(len(first), every * period),
+        ),
     )
 
 
 def predictions(records: HorizonRecords, model: Model, drives: Sequence[Drive]) -> FloatArray:
     """(N,) predicted less measured position of every prediction, in rad or m."""
-    pairs = zip(records.courses, drives, strict=True)
-    return np.concatenate([_errors(course, model, drive) for course, drive in pairs])
-
-
-def _errors(course: Course, model: Model, drive: Drive) -> FloatArray:
     from rovid.kernels import predict
 
-    if not course.starts.size:
+    courses, grid = records.courses, records.grid
+    if not grid.starts.size:
         return np.empty(0)
+    followed = [_followed(course, model, drive) for course, drive in zip(courses, drives, strict=True)]
+    torque, beside, rate, turned, states, slope = (np.concatenate(series) for series in zip(*followed, strict=True))
+    base = np.array([model.base(course.run.trial) for course in courses])[grid.run]
+    here = (torque, beside, rate, np.nan_to_num(turned), states)
+    moved = predict(grid.period, *here, grid.restarts, grid.reach, base, *model.terms())
+    ahead = moved[grid.number, grid.ends - grid.starts]
+    # What is predicted is the position as it is measured, whatever that deviates by.
+    return np.asarray((ahead - (turned[grid.ends] - turned[grid.starts])) * slope[grid.ends])
+
+
+class _Followed(NamedTuple):
+    """What a model makes of a course, as `rovid.kernels.predict` takes it; the measured angle's slope by the true."""
+
+    torque: FloatArray
+    beside: FloatArray
+    rate: FloatArray
+    turned: FloatArray
+    states: FloatArray
+    slope: FloatArray
+
+
+def _followed(course: Course, model: Model, drive: Drive) -> _Followed:
     trial, time = course.run.trial, course.time
     turned, moving, rate, slope = course.turned, course.moving, course.rate, np.ones(len(time))
     if model.deviates:
         true, gain = model.true_angle(trial, trial.position, np.arange(len(trial.time)))
         off = on_grid(trial, true - trial.position, course.run.rates.time)
-        every = round((time[1] - time[0]) / course.run.rates.kernel.period)
+        every = round(course.period / course.run.rates.kernel.period)
         slope = np.interp(time, trial.time, gain)
         rate = course.rate / slope
         turned, moving = _motion(time, course.angle + off[::every], rate)
@@ -241,16 +308,10 @@ def _errors(course: Course, model: Model, drive: Drive) -> FloatArray:
     for column, series in zip(beside.T, drive.beside.T, strict=True):
         if series.any():
             column[:] = _means(trial.time, series, time, course.held, course.since)
-    period = float(time[1] - time[0])
-    motion = (model.base(trial), *model.terms())
-    states = np.zeros((len(time), len(motion[1]), TERM_STATES))
+    states = np.zeros((len(time), model.count_terms, TERM_STATES))
     if model.remembers:
-        _, states = model.along(trial, period, (moving, turned, torque), beside)
-    here = (torque, beside, rate, np.nan_to_num(turned), states)
-    moved = predict(period, *here, course.restarts, course.reach, *motion)
-    ahead = moved[course.number, course.ends - course.starts]
-    # What is predicted is the position as it is measured, whatever that deviates by.
-    return np.asarray((ahead - (turned[course.ends] - turned[course.starts])) * slope[course.ends])
+        _, states = model.along(trial, course.period, (moving, turned, torque), beside)
+    return _Followed(torque, beside, rate, turned, states, slope)
 
 
 def _motion(time: FloatArray, angle: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -288,10 +349,11 @@ def _tables(records: HorizonRecords, errors: FloatArray) -> list[FloatArray]:
     """Of each run the (restarts, horizons) errors; NaN where there is none."""
     tables, at = [], 0
     for course in records.courses:
-        mine = errors[at : at + len(course.starts)]
-        at += len(course.starts)
-        table = np.full((len(course.restarts), len(HORIZONS)), np.nan)
-        table[course.number, course.horizon] = mine
+        grid = course.grid
+        mine = errors[at : at + len(grid.starts)]
+        at += len(grid.starts)
+        table = np.full((len(grid.restarts), len(HORIZONS)), np.nan)
+        table[grid.number, course.horizon] = mine
         tables.append(table)
     return tables
 

@@ -1,0 +1,51 @@
+"""How large a cause is, and whether it is as large to each next reading as it is to predictions."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rovid.diagnose.search import Fitted
+from rovid.effects import Effect
+from rovid.identify.likelihood import covariance, physical
+
+_ITERATIONS, _TOLERANCE = 20, 0.1
+# What shrinks to less than this share, by more than so many standard errors, is no longer the same cause.
+_SHRUNK, _APART = 0.7, 2.0
+
+
+def size_of(fitted: Fitted, effect: Effect, *, sandwich: bool) -> tuple[float, float]:
+    """How far the first parameter of ``effect`` is from nothing, and its standard error.
+
+    ``sandwich`` is whether that is to hold where the model is not right.
+    """
+    size = effect.parameters[0]
+    at = fitted.likelihood.model(fitted.x).names.index(f"{effect.key}.{size.name}")
+    error = math.sqrt(covariance(fitted.likelihood, fitted.x, sandwich=sandwich)[at, at])
+    value = float(physical(fitted.likelihood, fitted.x)[at])
+    # The inverse of an endless null is the quantity that is nothing at nothing.
+    if size.endless:
+        return 1.0 / value, error / value**2
+    return value - size.null * fitted.likelihood.records.scales.of(size), error
+
+
+def one_size(found: Fitted, near: Fitted, effect: Effect) -> bool:
+    """Whether ``effect`` of ``found``, by predictions, is as large in ``near``, by each next reading beside waves.
+
+    A cause that acts has one size. Under feedback a model may predict better some time ahead with what does not act:
+    commands that answer waves go against what the waves do. The next reading is free of that (Ljung 1999, section 13.4)
+    and finds less. Where it asks for more disturbance than there is torque in use it finds nothing that would count.
+    """
+    if effect not in near.effects:
+        likelihood = near.likelihood.like((*near.effects, effect))
+        begin = np.concatenate((near.x, found.own(effect)))
+        near = Fitted(likelihood, *likelihood.climb(begin, iterations=_ITERATIONS, tolerance=_TOLERANCE))
+    if near.likelihood.at_limit(near.x):
+        return True
+    (ahead, error), (here, other) = (size_of(fitted, effect, sandwich=True) for fitted in (found, near))
+    if effect.canonical is not None:
+        # Turned by half a cycle a negative amplitude is a positive one.
+        ahead, here = abs(ahead), abs(here)
+    here = math.copysign(1.0, ahead) * here
+    return here >= _SHRUNK * abs(ahead) or abs(ahead) - here <= _APART * math.hypot(error, other)
