@@ -207,8 +207,8 @@ def test_all_restarts_together_go_where_each_would_alone(effect: Effect) -> None
     base[STIFFNESS - 1 : TRIM + 1] = effect.fastest(effect.values(own)) if effect.fastest else 0.0, 50.0, 0.02
     first = np.array([3, 50, 20, 64])
     reach, states = np.array([40, 12, 0, 55]), 0.01 * RNG.normal(size=(count, len(terms), TERM_STATES))
-    course = (torque, beside, rate, angle, states)
-    moved = predict(np.full(4, period), *course, first, reach, np.tile(base, (4, 1)), terms, kinds)
+    bases = np.tile(base, (4, 1))
+    moved = predict(np.full(4, period), torque, beside, rate, angle, states, first, reach, bases, terms, kinds)
     for lane, (at, steps) in enumerate(zip(first, reach, strict=True)):
         held = slice(at, at + steps + 1)
         here = (np.arange(steps + 1) * period, torque[held], np.zeros(steps + 1), beside[held])
