@@ -195,7 +195,7 @@ def test_whitening_gains_what_an_autoregression_does() -> None:
 @pytest.mark.parametrize("effect", MOTION, ids=lambda effect: effect.key)
 def test_all_restarts_together_go_where_each_would_alone(effect: Effect) -> None:
     count, period = 120, 0.4
-    rate, angle = 0.1 * np.sin(0.05 * np.arange(count)), 0.02 * np.arange(count)
+    rate, angle = 0.1 * np.sin(0.05 * np.arange(count)), np.linspace(0.0, 2.4, count)
     torque = np.where(np.arange(count) % 40 < 20, 150.0, -90.0)
     beside = np.column_stack((0.2 * np.ones(count), 0.8 + 0.1 * np.sin(np.arange(count)), 0.05 * np.ones(count)))
     scales = records().scales
