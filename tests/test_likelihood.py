@@ -35,6 +35,9 @@ from tools.truth import ROSUB
 
 # A quarter of the day is enough for effects of this size, and quick.
 SHORT = [run for run in CAMPAIGN if run.name in {"hold_03", "hold_05", "sine_20s", "steps", "multilevel"}]
+# Standard errors. Each run draws new days: of the thirty numbers here one lies beyond 3.5 by chance in 70 runs, beyond
+# this in 5000. That the errors mean what they say is measured by benchmarks/uncertainty.py.
+FARTHEST = 4.5
 NO_EFFECTS = Model(inertia=1.0, quadratic_drag=1.0, linear_drag=1.0).terms()
 TRUTH = {
     "inertia": ROSUB.dynamics.inertia,
@@ -51,8 +54,7 @@ def test_everything_about_the_day_comes_back(day: str, tmp_path: Path, rovid: Ro
     fit = rovid("fit", "day", "--json").document
     for name, truth in TRUTH.items():
         found = fit["parameters"][name]
-        # 3.5 standard errors: three numbers, passed by chance once in 700 days.
-        assert abs(found["value"] - truth) < 3.5 * found["standard_error"], name
+        assert abs(found["value"] - truth) < FARTHEST * found["standard_error"], name
         assert found["standard_error"] < 0.04 * truth
     assert fit["innovations_white"] is True
     # 3300 s of a torque with a memory of 4 s: some 400 independent values, 7 % after the heading's noise.
@@ -218,8 +220,7 @@ def test_an_effect_hidden_in_the_files_is_measured(effect: str, tmp_path: Path, 
     truth = TRUTH | {f"{effect}.{name}": value for name, value in expected.items()}
     for name, value in truth.items():
         found = fit["parameters"][name]
-        # 3.5 standard errors: a dozen numbers, passed by chance once in 150 runs of the tests.
-        assert abs(found["value"] - value) < 3.5 * found["standard_error"], name
+        assert abs(found["value"] - value) < FARTHEST * found["standard_error"], name
     # Without the effect the inertia is off by more than its error says: that is why it matters.
     inertia = base["parameters"]["inertia"]
     assert abs(inertia["value"] - TRUTH["inertia"]) > 5.0 * fit["parameters"]["inertia"]["standard_error"]
@@ -243,7 +244,7 @@ def test_a_bent_curve_leaves_the_scale_of_all_thrust_open(holds_at: float, tmp_p
     curve(bent)(tmp_path / "day")
     fit = rovid("fit", "day", "--effect", "thrust_curve_shape", "--json").document
     exponent = fit["parameters"]["thrust_curve_shape.exponent"]
-    assert abs(exponent["value"] - 0.8) < 3.5 * exponent["standard_error"]
+    assert abs(exponent["value"] - 0.8) < FARTHEST * exponent["standard_error"]
     assert exponent["standard_error"] < 0.01
     for name, value in TRUTH.items():
         found = fit["parameters"][name]

@@ -229,15 +229,18 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     pieces = pieces_of(prepared.items, vehicle, prepared.cutoff)
     logged = drivers((*prepared.items, *runs, *(piece.run for piece in pieces)))
     candidates = (*forms, *logged)
-    ahead = _by_horizons(Records(prepared.items, vehicle, start), pieces, candidates, report)
-    _beside_each_reading(ahead, forms, report)
+    whole = Records(prepared.items, vehicle, start)
+    ahead = _by_horizons(whole, pieces, candidates, report)
+    ahead.sea = _sea(whole, forms, pieces)
+    ahead.settle()
     near = _by_innovations(Records(runs, vehicle, start), candidates, ahead, report)
     work, notes = (ahead, [_BY_HORIZONS]) if near is None else (near, notes)
     report("Testing what was found on trials that were not fitted …")
     work.decide()
     cut_short = [_CUT_SHORT] if work.search.cut_short else []
+    refused = work.confirm()
     shrunk = [_SHRUNK.format(effect.title) for effect in work.shrunk]
-    warnings = [*notes, *cut_short, *shrunk, *work.confirm()]
+    warnings = [*notes, *cut_short, *shrunk, *refused]
     try:
         return _diagnosis(work, [work.found(effect) for effect in work.final.effects], warnings)
     except DataError as error:
@@ -269,30 +272,14 @@ def _by_horizons(full: Records, pieces: Sequence[Piece], candidates: Sequence[Ef
         base, final = (_ahead(fitted.effects, records, fitted.x) for fitted in (base, final))
 
 
-def _beside_each_reading(work: _Work, forms: Sequence[Effect], report: Report) -> None:
-    """Waves beside what predictions found, by each next reading, over some of the readings.
-
-    What is not there for the next reading is left out, and the search goes on without it.
-    """
+def _sea(full: Records, forms: Sequence[Effect], pieces: Sequence[Piece]) -> Callable[[Fitted], Swell]:
+    """What looks for waves beside a model, by each next reading, over some of the readings."""
     wave = next((form for form in forms if form.wave), None)
-    runs, start = work.full.runs, work.full.start
-    seconds = sum(float(np.ptp(run.trial.time)) for run in runs)
-    farthest = _THINNED_WAVES * time_constant(start, work.full.rate)
-    interval = max(_interval(runs, start, work.full.rate), min(seconds / _READINGS, farthest))
-    quick = Records(runs, work.full.vehicle, start, interval=interval)
-    for _ in range(_REFUSALS):
-        report("Looking for waves …")
-        work.swell = swell(quick, work.final, wave, work.pieces)
-        idle = [one for one in work.final.effects if not one_size(work.final, work.swell.likelier, one)]
-        if not idle:
-            return
-        for effect in idle:
-            work.shrunk.append(effect)
-            work.search.bar(effect)
-            work.final = work.search.without(work.final, effect)
-        work.final = work.search.run(work.final)
-    work.final = work.base
-    work.swell = swell(quick, work.final, wave, work.pieces)
+    seconds = sum(float(np.ptp(run.trial.time)) for run in full.runs)
+    farthest = _THINNED_WAVES * time_constant(full.start, full.rate)
+    interval = max(_interval(full.runs, full.start, full.rate), min(seconds / _READINGS, farthest))
+    few = Records(full.runs, full.vehicle, full.start, interval=interval)
+    return lambda beside: swell(few, beside, wave, pieces)
 
 
 def _by_innovations(full: Records, candidates: Sequence[Effect], ahead: _Work, report: Report) -> _Work | None:
@@ -387,6 +374,7 @@ class _Work:
     base: Fitted
     final: Fitted
     pieces: Sequence[Piece]
+    sea: Callable[[Fitted], Swell] | None = None
     swell: Swell | None = None
     shrunk: list[Effect] = field(default_factory=list)
     _folds: dict[Key, list[Fold]] = field(default_factory=dict)
@@ -402,6 +390,27 @@ class _Work:
         """Whether the final model leaves white innovations, and no more disturbance than there may be."""
         likelihood, x = self.final.likelihood, self.final.x
         return likelihood_is_white(likelihood, x) and not likelihood.at_limit(x)
+
+    def settle(self) -> None:
+        """Look for waves beside the final model, and leave out what is not there for each next reading.
+
+        The search goes on without that.
+        """
+        if self.sea is None:
+            return
+        for _ in range(_REFUSALS):
+            self.search.report("Looking for waves …")
+            self.swell = self.sea(self.final)
+            idle = [one for one in self.final.effects if not one_size(self.final, self.swell.likelier, one)]
+            if not idle:
+                return
+            for effect in idle:
+                self.shrunk.append(effect)
+                self.search.bar(effect)
+                self.final = self.search.without(self.final, effect)
+            self.final = self.search.run(self.final)
+        self.final = self.base
+        self.swell = self.sea(self.final)
 
     def decide(self) -> None:
         """Let every reading decide between an effect and a close rival: the quick look may have taken the wrong one."""
@@ -463,6 +472,7 @@ class _Work:
             self.search.bar(effect)
             self.final = self.search.run(self.search.without(self.final, effect))
             self.decide()
+            self.settle()
         # Its own limit of the disturbance suits a model without effects best.
         self.final = self.final if self.final.effects else self.base
         return warnings
@@ -598,7 +608,7 @@ def _interval(runs: Sequence[Run], start: Model, rate: float) -> float:
 def _significance(fitted: Fitted, effect: Effect) -> float:
     """Distance of the effect's size from nothing, in standard errors."""
     away, error = size_of(fitted, effect, sandwich=not likelihood_is_white(fitted.likelihood, fitted.x))
-    return abs(away) / error
+    return abs(away) / error if error > 0.0 else math.inf
 
 
 def _diagnosis(work: _Work, found: Sequence[Found], warnings: list[str]) -> Diagnosis:
@@ -692,7 +702,7 @@ def _across_forms(work: _Work, estimate: Estimate) -> Estimate:
 
 def _moved(estimate: Estimate, fit: Fitted) -> FloatArray:
     """(p,) how far each parameter of ``estimate`` is elsewhere in ``fit``; zero where that has none like it."""
-    model = fit.likelihood.model(fit.x)
+    model = fit.likelihood.model(canonical(fit.likelihood, fit.x))
     there = dict(zip(_alike(model.names, fit.effects), model.values.tolist(), strict=True))
     here = zip(_alike(estimate.names, fit.effects), estimate.values.tolist(), strict=True)
     return np.array([there.get(name, value) - value for name, value in here])

@@ -74,7 +74,7 @@ def swell(records: Records, beside: Fitted, wave: Effect | None, pieces: Sequenc
     begin = likelihood.first()
     other = np.r_[0:DISTURBANCE, BASE : len(begin)]
     begin[other] = beside.x[other]
-    plain = _climbed(likelihood, begin, _ITERATIONS)
+    plain = _climbed(likelihood, likelihood.disturbed(begin), _ITERATIONS)
     if wave is None:
         return Swell(plain, pieces)
     wavy = likelihood.like((*beside.effects, wave))

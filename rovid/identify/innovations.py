@@ -42,6 +42,8 @@ _STEP = 1e-5
 _LONGEST = 1.0
 _LOGARITHMS = [0, DISTURBANCE, MEMORY, NOISE]
 _WORST = 1e12
+# Sizes of the disturbance, of the torque in use, and memories in s, to begin with.
+_SHARES, _MEMORIES = (0.01, 0.1, 1.0), (0.3, 4.0)
 # Curvature of less than this share of the promised is noise of the slopes.
 _LEAST_CURVATURE = 1e-3
 # How many drives are kept as one climbs: where one is, and the latest two beside it.
@@ -422,6 +424,15 @@ class Likelihood:
             *(parameter.starts[0] for parameter in self.parameters[len(self.restoring) :]),
         ]
         return np.asarray(np.clip(x, self.low, self.high))
+
+    def disturbed(self, x: FloatArray) -> FloatArray:
+        """``x`` with the likeliest of a few disturbances: unlimited, a climb from one far too small goes astray."""
+        begins = []
+        for share, memory in itertools.product(_SHARES, _MEMORIES):
+            begin = x.copy()
+            begin[DISTURBANCE], begin[MEMORY] = math.log(share * self.records.torque), math.log(memory)
+            begins.append(np.clip(begin, self.low, self.high))
+        return min(begins, key=self.cost)
 
     def model(self, x: FloatArray) -> Model:
         """The model at ``x``."""
