@@ -23,6 +23,9 @@ ONE_WAY_CLASSES: tuple[frozenset[str], ...] = (
 NAMES = {"trial_scale": frozenset({"trial_scale", "trial_variation", "thrust_scale_by_trial", "supply_sag"})}
 # Of the torque in use; waves show in a spectrum long before they move the heading far.
 WAVES = 0.01
+# Every vehicle's rotors are slow by so much that what is named for it may be measured: within so many standard errors.
+LATE = {"thruster_lag": "time_constant", "command_delay": "delay"}
+LATE_ERRORS = 3.0
 VISIBILITY = ((0.5, "half or more"), (0.25, "a quarter to a half"), (0.1, "a tenth to a quarter"), (-9.0, "less"))
 PARAMETERS = ("inertia", "quadratic_drag", "linear_drag")
 
@@ -51,7 +54,22 @@ def verdict_on(named: dict[str, Any], truth: dict[str, Any]) -> str:
         rivals = _rivals(named)
         if names & rivals or any(same_class(effect, name, truth["one_way"]) for name in names):
             return "class"
-    return "there" if {effect, *_rivals(named)} & _there(truth) else "wrong"
+    return "there" if {effect, *_rivals(named)} & _there(truth) or _is_rotors(named, truth) else "wrong"
+
+
+def is_strictly_right(named: dict[str, Any], truth: dict[str, Any]) -> bool:
+    """Whether it is the hidden effect itself, or shows by a twentieth of the heading error: no class, no rivals."""
+    hidden = {truth["hidden"]["effect"]} if truth["hidden"] else set()
+    return named["effect"] in {*hidden, *truth["also_true"]}
+
+
+def _is_rotors(named: dict[str, Any], truth: dict[str, Any]) -> bool:
+    """Whether the lateness that is named is that of the vehicle's own rotors."""
+    size = (named.get("parameters") or {}).get(LATE.get(named["effect"], ""))
+    if size is None or "rotor_seconds" not in truth:
+        return False
+    off = within(size["value"], size["standard_error"], truth["rotor_seconds"])
+    return off is not None and abs(off) <= LATE_ERRORS
 
 
 def _rivals(named: dict[str, Any]) -> set[str]:
@@ -91,6 +109,7 @@ def score(record: dict[str, Any]) -> dict[str, Any]:
         "names": [one["effect"] for one in findings],
         "suspected": [one["effect"] for one in suspects],
         "established": established,
+        "strictly": [is_strictly_right(one, truth) for one in findings],
         "established_right": any(worth in {"exact", "class"} for worth in established),
         "established_wrong": "wrong" in established,
         "first_right": bool(counted) and counted[0] in {"exact", "class"},

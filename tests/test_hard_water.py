@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.hard_scores import reliability, score
+from benchmarks.hard_scores import reliability, score, verdict_on
 from tests.conftest import run_rovid
 from tools.hard import EFFECTS, VEHICLES, draw, look, write_campaign
 from tools.hard import layout as at
@@ -172,6 +172,15 @@ def test_scores_tell_exact_class_there_and_wrong_apart() -> None:
     assert both["established_wrong"]
     assert not both["first_right"]
     assert scored("wave_torque", "slew_limit")["rank"] == 2
+    assert both["strictly"] == [True, False]
     table, brier = reliability([(0.95, True), (0.95, True), (0.15, True)])
     assert [row[0] for row in table] == [0, 1, 0, 0, 0, 0, 0, 0, 0, 2]
     assert brier == pytest.approx((2 * 0.05**2 + 0.85**2) / 3)
+
+
+@pytest.mark.parametrize(("seconds", "worth"), [(0.25, "there"), (0.6, "wrong")])
+def test_a_lag_of_the_rotors_own_size_is_there(seconds: float, worth: str) -> None:
+    truth: dict[str, object] = {"hidden": None, "one_way": False, "also_true": [], "rotor_seconds": 0.2}
+    size = {"value": seconds, "standard_error": 0.05}
+    named = {"effect": "thruster_lag", "parameters": {"time_constant": size}, "cannot_be_told_from": []}
+    assert verdict_on(named, truth) == worth

@@ -65,6 +65,7 @@ class Campaign:
             "parameters": {
                 "inertia": self.vehicle.total_inertia, "quadratic_drag": quadratic, "linear_drag": linear,
             },
+            "rotor_seconds": self.vehicle.rotor_share * self.vehicle.time_constant,
             "hidden": hidden,
             "one_way": self.one_way,
             "drives": [run.drive.kind for run in self.runs],
