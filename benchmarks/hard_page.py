@@ -56,12 +56,12 @@ def _head(records: list[dict[str, Any]]) -> str:
         "simulator shares no code with rovid, which sees files alone.\n\n*Visible* is by how much the cause, were "
         "it known exactly, would lower the heading error of held-out blocks, half to eight time constants ahead. R² of "
         f"the plain model's yaw rate is {low:.2f} to {high:.2f} in eight campaigns of ten. A diagnosis took "
-        f"{np.median(seconds):.0f} s in the middle, {np.max(seconds):.0f} s at most.\n\nRight is the name that was "
-        "hidden, or one of its class, which such logs cannot tell apart, or one that is said not to be told from it. Right, too, "
-        "is what always acts and can be seen: waves from a hundredth of the torque in use on, the rotors' own lag "
-        "where its size is within three stated errors of theirs, all else that lowers the heading error by a "
-        "twentieth or more. *Counted strictly* a cause is right where its own name was hidden, or lowers the heading "
-        "error so."
+        f"{np.median(seconds):.0f} s in the middle, {np.max(seconds):.0f} s at most.\n\n"
+        "Right is the name that was hidden, or one of its class, which such logs cannot tell apart, or one that is "
+        "said not to be told from it. Right, too, is what always acts and can be seen: waves from a hundredth of the "
+        "torque in use on, the rotors' own lag where its size is within three stated errors of theirs, all else that "
+        "lowers the heading error by a twentieth or more. *Counted strictly* a cause is right where its own name was "
+        "hidden, or lowers the heading error so."
     )
 
 
