@@ -52,7 +52,7 @@ def write_campaign(folder: Path, logs: int, command: float, rate: float, seconds
     ("name", "logs", "command", "rate", "seconds", "missing"),
     [
         ("one steady hold, repeated", 6, 1.5, 9.0, 120.0, ("inertia cannot be determined", "Run sines")),
-        ("one short trial", 1, 1.5, 9.0, 20.0, ("too few", "Record more runs")),
+        ("one short trial", 1, 1.5, 9.0, 20.0, ("inertia cannot be determined", "Run sines")),
         ("two short trials", 2, 1.5, 9.0, 60.0, ("too few trials (2, 113 s", "4 parts of", "Record more runs")),
         ("no motion", 6, 1.5, 0.0, 120.0, ("never turns", "run sines, steps")),
         ("thrusters never run", 6, 0.0, 5.0, 120.0, ("no thruster ever runs", "Log a run under thrust")),

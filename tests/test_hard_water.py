@@ -184,3 +184,11 @@ def test_a_lag_of_the_rotors_own_size_is_there(seconds: float, worth: str) -> No
     size = {"value": seconds, "standard_error": 0.05}
     named = {"effect": "thruster_lag", "parameters": {"time_constant": size}, "cannot_be_told_from": []}
     assert verdict_on(named, truth) == worth
+
+
+def test_thrusters_too_slow_for_the_plain_model_are_no_lack_of_data(tmp_path: Path) -> None:
+    """Two minutes of an autopilot that swings: without the cause no inertia fits, nor any time constant."""
+    write_campaign(tmp_path / "logs", draw(8800021))
+    said = run_rovid("diagnose", tmp_path / "logs", "-p", tmp_path / "p.toml", "--json").document
+    assert said["verdict"] == "found"
+    assert "slew_limit" in {finding["effect"] for finding in said["findings"]}

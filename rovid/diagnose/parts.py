@@ -21,6 +21,8 @@ FEWEST_TRIALS = 4
 _PARTS = 8
 # Time constants of the vehicle that a part lasts at least: what was before it is then forgotten in most of it.
 _SHORTEST = 4.0
+# Or so many, where there would be too few parts: what is missing makes the plain model's time constant too long, too.
+_SHORTEST_OF_ALL = 2.0
 _UNKNOWN = 30.0  # s, where the time constant is not known
 _CUTOFF_PERIODS = 8.0  # the filter takes two and a half of them
 _FEWEST = 10  # in a part, as in a log
@@ -70,7 +72,9 @@ def shortest_part(runs: Sequence[Run], cutoff: float) -> float:
     """Length in s that a part has at least: some time constants, and what a low pass of ``cutoff`` in Hz wants."""
     try:
         start = fit_free_run(runs, certainty=0.0)
-        shortest = _SHORTEST * time_constant(start, Records(runs, None, start).rate)
+        constant = time_constant(start, Records(runs, None, start).rate)
+        quarter = sum(recorded(run.trial) for run in runs) / FEWEST_TRIALS
+        shortest = min(max(quarter, _SHORTEST_OF_ALL * constant), _SHORTEST * constant)
     except DataError:
         shortest = _UNKNOWN
     return max(shortest, _CUTOFF_PERIODS / cutoff)

@@ -22,7 +22,9 @@ def size_of(fitted: Fitted, effect: Effect, *, sandwich: bool) -> tuple[float, f
     """
     size = effect.parameters[0]
     at = fitted.likelihood.model(fitted.x).names.index(f"{effect.key}.{size.name}")
-    error = math.sqrt(covariance(fitted.likelihood, fitted.x, sandwich=sandwich)[at, at])
+    variance = covariance(fitted.likelihood, fitted.x, sandwich=sandwich)[at, at]
+    # Where rounding leaves no variance that there can be nothing is known.
+    error = math.sqrt(variance) if variance >= 0.0 else math.inf
     value = float(physical(fitted.likelihood, fitted.x)[at])
     # The inverse of an endless null is the quantity that is nothing at nothing.
     if size.endless:

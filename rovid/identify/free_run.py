@@ -8,6 +8,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rovid.axis import Axis
+from rovid.effects import restoring_of
+from rovid.errors import DataError
 from rovid.identify.regression import fit_regression, fit_released
 from rovid.model import Drive, Model
 from rovid.runs import Run
@@ -36,8 +38,7 @@ def fit_free_run(runs: Sequence[Run], *, certainty: float = CERTAINTY) -> Model:
     """
     axis = runs[0].trial.axis
     driven = runs[0].trial.driven
-    # Where the model misses much the regression is uncertain, and good enough to start from.
-    start = fit_regression(runs, certainty=certainty).estimate.values if driven else fit_released(runs).values
+    start = _start(runs, certainty) if driven else fit_released(runs).values
     # A drag at its bound still needs a scale to move by, and so do both; so does what weight and buoyancy do.
     rate, torque = (
         max(float(np.sqrt(np.nanmean(np.concatenate(series) ** 2))), 1e-9)
@@ -67,6 +68,28 @@ def fit_free_run(runs: Sequence[Run], *, certainty: float = CERTAINTY) -> Model:
         x_scale=np.maximum(np.abs(begin), 0.1),
     )
     return model(solution.x)
+
+
+def _start(runs: Sequence[Run], certainty: float) -> FloatArray:
+    """Where the model misses much the regression is uncertain, and good enough to start from.
+
+    It may even miss so much that no inertia fits, as where thrusters are slow and an autopilot swings. Then the vehicle
+    is as inert and as damped as makes both motion and torque what they usually are, if it dissipates power at all.
+    """
+    try:
+        return fit_regression(runs, certainty=certainty).estimate.values
+    except DataError:
+        rate = np.concatenate([run.rates.rate for run in runs])
+        change = np.concatenate([run.rates.acceleration for run in runs])
+        torque = np.concatenate([np.interp(run.rates.time, run.trial.time, run.torque) for run in runs])
+        known = np.isfinite(rate) & np.isfinite(change)
+        rate, change, torque = rate[known], change[known], torque[known]
+        power = float(torque @ rate)
+        if certainty > 0.0 or not power > 0.0 or restoring_of(runs[0].trial.axis) is not None:
+            raise
+        return np.array(
+            [float(np.linalg.norm(torque) / np.linalg.norm(change)), power / np.sum(np.abs(rate) ** 3), 0.0]
+        )
 
 
 def free_run_r2(runs: Sequence[Run], model: Model) -> float:
