@@ -225,7 +225,7 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     except DataError as error:
         return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(notes))
     report("Fitting the model without effects …")
-    forms = forms_for(vehicle, channels(runs))
+    forms = forms_for(vehicle, channels(runs), [run.trial.name for run in prepared.items])
     pieces = pieces_of(prepared.items, vehicle, prepared.cutoff)
     logged = drivers((*prepared.items, *runs, *(piece.run for piece in pieces)))
     candidates = (*forms, *logged)
@@ -234,11 +234,15 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     ahead.sea = _sea(whole, forms, pieces)
     ahead.settle()
     near = _by_innovations(Records(runs, vehicle, start), candidates, ahead, report)
-    work, notes = (ahead, [_BY_HORIZONS]) if near is None else (near, notes)
     report("Testing what was found on trials that were not fitted …")
-    work.decide()
+    work = ahead if near is None else near
+    refused = work.decided()
+    if not work.by_horizons and not work.explains:
+        # What made it explain all is refused: then predictions tell.
+        work = ahead
+        refused = work.decided()
+    notes = [_BY_HORIZONS] if work.by_horizons else notes
     cut_short = [_CUT_SHORT] if work.search.cut_short else []
-    refused = work.confirm()
     shrunk = [_SHRUNK.format(effect.title) for effect in work.shrunk]
     warnings = [*notes, *cut_short, *shrunk, *refused]
     try:
@@ -456,6 +460,11 @@ class _Work:
         scores = (self.folds(model) for model in (self.final, self.search.without(self.final, effect)))
         full, rest = map(log_likelihood, scores)
         return full - rest
+
+    def decided(self) -> list[str]:
+        """Decide between rivals and leave out what does not hold; what is said of that."""
+        self.decide()
+        return self.confirm()
 
     def confirm(self) -> list[str]:
         """Leave out what does not hold on trials not fitted, or is no larger than its uncertainty; say so.

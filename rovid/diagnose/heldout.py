@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rovid.diagnose.parts import Piece
 from rovid.diagnose.search import Fitted
 from rovid.identify.horizons import HORIZONS, HorizonRecords, predictions
-from rovid.identify.innovations import Records
+from rovid.identify.innovations import Likelihood, Records
 from rovid.simulation import HORIZONS as SECONDS
 from rovid.simulation import overall, simulate_runs
 from rovid.trial import FloatArray
@@ -59,13 +59,22 @@ def cross_validate(fitted: Fitted, pieces: Sequence[Piece]) -> list[Fold]:
         train = ~test & (piece >= 0)
         # All trials together are a start so good that a few steps do.
         likelihood = fitted.likelihood.like(fitted.effects, train)
-        fits.append(likelihood.climb(fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)[0])
+        fits.append(_told(likelihood, likelihood.climb(fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)[0]))
         tests.append(fitted.likelihood.like(fitted.effects, test))
     costs = fitted.likelihood.held_out_costs(tests, fits)
     return [
         Fold(pieces=[pieces[number] for number in numbers], x=x, log_likelihood=-cost)
         for numbers, cost, x in zip(left_out, costs, fits, strict=True)
     ]
+
+
+def _told(likelihood: Likelihood, x: FloatArray) -> FloatArray:
+    """``x`` with no effect where what was fitted tells nothing of one: else it would be known from what is held out."""
+    if not likelihood.effects:
+        return x
+    blind = ~likelihood.slopes(x).matrix.any(axis=0)
+    nulls = [parameter.null for effect in likelihood.effects for parameter in effect.parameters]
+    return np.where(blind & (np.arange(len(x)) >= likelihood.base), [*x[: likelihood.base], *nulls], x)
 
 
 def _piece(records: Records, pieces: Sequence[Piece]) -> NDArray[np.intp]:

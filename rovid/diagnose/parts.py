@@ -48,9 +48,7 @@ def parts_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> Runs | Non
     """
     if len(runs) >= FEWEST_TRIALS:
         return None
-    total = sum(recorded(run.trial) for run in runs)
-    cuts = [cut for run in runs for cut in _cuts(run.trial, max(total / _PARTS, shortest_part(runs, cutoff)))]
-    trials = [cut.trial for cut in cuts]
+    trials = [cut.trial for _, cut in _all_cuts(runs, cutoff)]
     if len(trials) < FEWEST_TRIALS:
         return None
     shared = min(cutoff, highest_cutoff(trials))
@@ -59,9 +57,7 @@ def parts_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> Runs | Non
 
 def pieces_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> list[Piece]:
     """All ``runs`` in pieces: each by itself where there are enough, cut where that leaves pieces long enough."""
-    total = sum(recorded(run.trial) for run in runs)
-    length = max(total / _PARTS, shortest_part(runs, cutoff))
-    cuts = [(whole, cut) for whole, run in enumerate(runs) for cut in _cuts(run.trial, length)]
+    cuts = _all_cuts(runs, cutoff)
     trials = [cut.trial for _, cut in cuts]
     shared = min(cutoff, highest_cutoff(trials))
     made = prepare(Campaign(trials=tuple(trials), sources=()), vehicle, cutoff=shared).items
@@ -99,6 +95,21 @@ class _Cut:
     begin: float
     end: float
     trial: Trial
+
+
+def _all_cuts(runs: Sequence[Run], cutoff: float) -> list[tuple[int, _Cut]]:
+    """Of every run, by its number.
+
+    Two at least of a run that is long enough: what is of one trial alone is told by one part and tried on the other.
+    """
+    shortest = shortest_part(runs, cutoff)
+    usual = max(sum(recorded(run.trial) for run in runs) / _PARTS, shortest)
+    lengths = [min(usual, max(recorded(run.trial) / 2.0, shortest)) for run in runs]
+    return [
+        (whole, cut)
+        for whole, (run, length) in enumerate(zip(runs, lengths, strict=True))
+        for cut in _cuts(run.trial, length)
+    ]
 
 
 def _cuts(trial: Trial, length: float) -> list[_Cut]:

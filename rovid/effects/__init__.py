@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 from rovid.axis import Axis
 from rovid.effects import (
@@ -95,8 +95,8 @@ def restoring_of(axis: Axis) -> Effect | None:
     return _RESTORING.get(axis.name)
 
 
-def forms_for(vehicle: Vehicle, channels: Collection[str] = ()) -> tuple[Effect, ...]:
-    """Every form that can be tried on ``vehicle`` with these further ``channels`` in its logs."""
+def forms_for(vehicle: Vehicle, channels: Collection[str] = (), trials: Sequence[str] = ()) -> tuple[Effect, ...]:
+    """Every form that can be tried on ``vehicle`` with these further ``channels`` in its logs, and these ``trials``."""
     found: list[Effect] = []
     ahead = bool(vehicle.ahead.any())
     for effect in FORMS:
@@ -111,6 +111,9 @@ def forms_for(vehicle: Vehicle, channels: Collection[str] = ()) -> tuple[Effect,
             found += [thruster_imbalance.of_thruster(name + way) for name in names for way in ways if len(names) > 1]
         elif set(effect.needs) <= set(channels) and not (effect.on_speed and (SPEEDS[0] in channels or not ahead)):
             found.append(effect)
+    if vehicle.thrusters and len(trials) > 1:
+        # Of two nobody knows which one is the odd one.
+        found += [supply_sag.of_trial(name) for name in (trials[1:] if len(trials) == 2 else trials)]
     return tuple(found)
 
 
@@ -130,4 +133,6 @@ def effect_named(name: str) -> Effect:
         if thruster:
             return thruster_imbalance.of_thruster(thruster)
         raise ConfigError(f"{key} needs the name of the thruster, as in {key}:fore.")
+    if key == supply_sag.EFFECT.id and thruster.startswith(supply_sag.TRIAL):
+        return supply_sag.of_trial(thruster.removeprefix(supply_sag.TRIAL))
     raise ConfigError(f"there is no effect {name!r}. {nearest(name, [effect.key for effect in FORMS])}")

@@ -97,3 +97,28 @@ FORMS: tuple[Effect, ...] = (
         anchored=True,
     ),
 )
+
+# Of thrust in one trial, before the trial's name, as the form.
+TRIAL = "trial "
+_TRIAL_GAIN = EffectParameter(name="gain", unit="1", null=1.0, low=0.3, high=2.0, starts=(0.9, 1.1))
+
+
+def of_trial(name: str) -> Effect:
+    """The effect in the trial of this name alone, as where a battery was changed for it, or a propeller fouled."""
+
+    def on_thrust(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+        # A part of a trial is called after it.
+        mine = where.trial == name or where.trial.startswith(f"{name} part ")
+        return thrust * values["gain"] if mine else thrust
+
+    return replace(
+        EFFECT,
+        form=f"{TRIAL}{name}",
+        title="thrust of another size in one trial",
+        parameters=(_TRIAL_GAIN,),
+        equation="T' = g·T in the named trial",
+        fingerprint="residual torque as T, in one log alone",
+        experiment="that run again, and one of the others beside it; the supply's voltage in the log",
+        rivals=("thrust_asymmetry", "thruster_imbalance", "bias_torque"),
+        on_thrust=on_thrust,
+    )
