@@ -261,7 +261,8 @@ def test_a_deviation_is_nothing_at_its_null_and_leaves_the_heading_one_to_one(ef
 @pytest.mark.parametrize("effect", [e for e in FORMS if e.canonical], ids=lambda effect: effect.key)
 def test_canonical_parameters_mean_the_same(effect: Effect) -> None:
     assert effect.canonical is not None
-    odd = np.array([-0.1, 5.0, 0.05, -4.0])[: len(effect.parameters)]
+    low, high = np.transpose([(parameter.low, parameter.high) for parameter in effect.parameters])
+    odd = np.clip(np.array([-0.1, 5.0, 0.05, -4.0])[: len(effect.parameters)], low, high)
     tidy = effect.canonical(odd)
     assert np.all(tidy[::2] >= 0.0)
     assert np.all(np.abs(tidy[1::2]) <= math.pi)

@@ -129,10 +129,31 @@ def test_what_reaches_into_another_piece_is_held_out_of_neither() -> None:
 
 
 def test_pieces_are_as_many_as_runs_where_those_are_short() -> None:
-    short = [synthetic.run(TIME[:600], TORQUE[:600], noise=NOISE[:600]) for _ in range(12)]
+    short = [synthetic.run(TIME[:80], TORQUE[85:165], noise=NOISE[:80]) for _ in range(12)]
     pieces = pieces_of(short, synthetic.LOGGED, 1.0)
     assert [piece.whole for piece in pieces] == list(range(12))
     assert all(isinstance(piece, Piece) for piece in pieces)
+
+
+def test_a_run_that_is_long_enough_is_told_by_one_piece_and_tried_on_another() -> None:
+    runs = [synthetic.run(TIME[:600], TORQUE[:600], noise=NOISE[:600]) for _ in range(12)]
+    pieces = pieces_of(runs, synthetic.LOGGED, 1.0)
+    assert [piece.whole for piece in pieces] == [number for number in range(12) for _ in range(2)]
+
+
+def test_what_the_other_pieces_do_not_tell_is_held_out_as_nothing() -> None:
+    """Thrust of one trial alone, with that trial held out whole: its size must not come from what is held out."""
+    runs = [synthetic.run(TIME[:600], TORQUE[:600], noise=NOISE[:600]) for _ in range(4)]
+    named = [replace(run, trial=replace(run.trial, name=f"run_{number}")) for number, run in enumerate(runs)]
+    ahead = HorizonRecords.of(Records(named, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    likelihood = HorizonLikelihood(ahead, effects=(effect_named("supply_sag:trial run_2"),))
+    begin = likelihood.first()
+    begin[-1] = 0.8
+    pieces = [Piece(number, -math.inf, math.inf, run) for number, run in enumerate(named)]
+    folds = cross_validate(Fitted(likelihood, begin, likelihood.cost(begin)), pieces)
+    (without,) = [fold.x[-1] for fold in folds if fold.pieces == [pieces[2]]]
+    assert without == 1.0
+    assert all(fold.x[-1] != 1.0 for fold in folds if fold.pieces != [pieces[2]])
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from rovid.effects.base import Effect, EffectParameter, compiled
+from rovid.trial import FloatArray
 
 
 @compiled
@@ -17,6 +21,18 @@ def _linear(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, d
 def _stiffening(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
     share = angle / p[j, 1]
     return -p[j, 0] * angle * (1.0 + share * share)
+
+
+@compiled
+def _rest(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    # base[3] is the heading at the start of the trial. How many turns there are in the tether then is not logged.
+    start = base[3] - p[j, 1]
+    return -p[j, 0] * (angle + start - 2.0 * math.pi * math.floor(start / (2.0 * math.pi) + 0.5))
+
+
+def _within_a_turn(numbers: FloatArray) -> FloatArray:
+    stiffness, heading = numbers
+    return np.array([stiffness, math.remainder(heading, 2.0 * math.pi)])
 
 
 _STIFFNESS = EffectParameter(
@@ -45,5 +61,18 @@ FORMS: tuple[Effect, ...] = (
         ),
         equation="− k·x·(1 + (x/x0)²), x turned since the start of the trial",
         term=_stiffening,
+    ),
+    replace(
+        EFFECT,
+        form="rest",
+        parameters=(
+            _STIFFNESS,
+            EffectParameter(
+                name="heading", unit="rad", null=0.0, low=-9.5, high=9.5, starts=(0.0, 0.9, 1.8, 2.7, -0.9, -1.8, -2.7)
+            ),
+        ),
+        equation="− k·(ψ − ψ0), within half a turn of ψ0 at the start of the trial",
+        term=_rest,
+        canonical=_within_a_turn,
     ),
 )
