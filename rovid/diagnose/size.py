@@ -37,14 +37,14 @@ def one_size(found: Fitted, near: Fitted, effect: Effect) -> bool:
 
     A cause that acts has one size. Under feedback a model may predict better some time ahead with what does not act:
     commands that answer waves go against what the waves do. The next reading is free of that (Ljung 1999, section 13.4)
-    and finds less. Where it asks for more disturbance than there is torque in use it finds nothing that would count.
+    and finds less. It also finds less of what follows a logged signal, whose noise dilutes it: that is not judged.
     """
+    if effect.needs:
+        return True
     if effect not in near.effects:
         likelihood = near.likelihood.like((*near.effects, effect))
         begin = np.concatenate((near.x, found.own(effect)))
         near = Fitted(likelihood, *likelihood.climb(begin, iterations=_ITERATIONS, tolerance=_TOLERANCE))
-    if near.likelihood.at_limit(near.x):
-        return True
     (ahead, error), (here, other) = (size_of(fitted, effect, sandwich=True) for fitted in (found, near))
     if effect.canonical is not None:
         # Turned by half a cycle a negative amplitude is a positive one.

@@ -36,7 +36,7 @@ EFFECT: Effect = Effect(
     equation="− N·v, v the logged speed to starboard",
     fingerprint="residual torque in proportion to the sideways speed, whatever the rate",
     experiment="drifts sideways without turning, both ways, at rest and with speed ahead",
-    rivals=("heading_dependent_torque", "drag_asymmetry"),
+    rivals=("heading_dependent_torque", "drag_asymmetry", "advance_speed_loss"),
     needs=SPEEDS[1:],
     term=_drift,
 )
