@@ -25,9 +25,15 @@ def _mixed(heading: FloatArray, values: Values) -> FloatArray:
     return np.asarray(_once(heading, values) + second)
 
 
-def _pair(prefix: str, amplitude: float, phases: tuple[float, ...]) -> tuple[EffectParameter, EffectParameter]:
+# rad, of an uncorrected compass amid steel; together they leave the measured heading one to one with the true.
+_MOST, _MOST_SECOND = 0.4, 0.25
+
+
+def _pair(
+    prefix: str, amplitude: float, phases: tuple[float, ...], most: float = _MOST
+) -> tuple[EffectParameter, EffectParameter]:
     return (
-        EffectParameter(name=f"{prefix}amplitude", unit="rad", null=0.0, low=-0.3, high=0.3, starts=(amplitude,)),
+        EffectParameter(name=f"{prefix}amplitude", unit="rad", null=0.0, low=-most, high=most, starts=(amplitude,)),
         EffectParameter(name=f"{prefix}phase", unit="rad", null=0.0, low=-6.3, high=6.3, starts=phases),
     )
 
@@ -54,7 +60,8 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="mixed",
         # Each of the two phases may be anywhere beside the other.
-        parameters=_pair("", 0.01, (0.0, 1.57, 0.0, 1.57)) + _pair("second_", 0.005, (0.0, 0.0, 1.57, 1.57)),
+        parameters=_pair("", 0.01, (0.0, 1.57, 0.0, 1.57))
+        + _pair("second_", 0.005, (0.0, 0.0, 1.57, 1.57), _MOST_SECOND),
         equation="ψ measured = ψ + a·sin(ψ + φ) + a2·sin(2ψ + φ2)",
         on_heading=_mixed,
     ),
