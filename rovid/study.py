@@ -13,7 +13,7 @@ from rovid.axis import YAW, Axis
 from rovid.config import find_config, load_config, vehicle_of_tables
 from rovid.diagnose.amplitudes import Amplitudes, explain
 from rovid.diagnose.diagnosis import Diagnosis, diagnose
-from rovid.effects import Effect, forms_for
+from rovid.effects import Effect, forms_for, supply_sag
 from rovid.errors import ConfigError, DataError, nearest
 from rovid.files.form import PLAN
 from rovid.identify.estimate import Estimate
@@ -98,7 +98,7 @@ class Study:
         return fit_inertia_table(read_table(self.sine), drag=drag, rigid_body=rigid_body)
 
     def require(self, effects: Sequence[Effect]) -> None:
-        """Refuse effects that this axis does not know, or on a thruster that the vehicle lacks or has none beside.
+        """Refuse effects that this axis, or these trials, do not know, or on a thruster lacking or with none beside it.
 
         Raises
         ------
@@ -106,7 +106,10 @@ class Study:
             There is such an effect; those of this vehicle are offered.
         """
         known = [form.key for form in forms_for(self.vehicle) if form.each_thruster]
+        trials = [supply_sag.of_trial(run.trial.name).key for run in (self.runs.items if self.runs else ())]
         for effect in effects:
+            if effect.form.startswith(supply_sag.TRIAL) and effect.key not in trials:
+                raise ConfigError(f"names none of these trials. {nearest(effect.key, trials)}", where=effect.key)
             if effect.axes and self.vehicle.axis.name not in effect.axes:
                 raise ConfigError(f"is nothing that acts in {self.vehicle.axis.name}.", where=effect.key)
             if effect.each_thruster and effect.key not in known:

@@ -230,6 +230,35 @@ def test_an_effect_hidden_in_the_files_is_measured(effect: str, tmp_path: Path, 
     assert simulated[1]["effects"] == [effect]
 
 
+def weaken(path: Path, gain: float) -> None:
+    """Log in one trial the commands that would have given the thrust over ``gain``."""
+    bench, table = pd.read_csv(path.parent / "thrust_curve.csv"), pd.read_csv(path)
+    for column in ("fore_V", "aft_V"):
+        thrust = np.interp(table[column], bench.command, bench.thrust_N)
+        pushes = thrust != 0.0
+        table.loc[pushes, column] = np.interp(thrust[pushes] / gain, bench.thrust_N, bench.command)
+    table.to_csv(path, index=False)
+
+
+def test_thrust_of_another_size_in_one_trial_is_measured_and_named(tmp_path: Path, rovid: Rovid) -> None:
+    seed = secrets.randbelow(10**6)
+    print(f"seed {seed}")
+    write_trial_day(tmp_path / "day", seed=seed, formats="csv", campaign=SHORT)
+    weaken(tmp_path / "day" / "multilevel.csv", 0.9)
+    said = rovid("diagnose", "day", "--json").document
+    (found,) = said["findings"]
+    assert (found["effect"], found["form"]) == ("supply_sag", "trial multilevel.csv")
+    gain = found["parameters"]["gain"]
+    assert abs(gain["value"] - 0.9) < FARTHEST * gain["standard_error"]
+    inertia = said["extended"]["parameters"]["inertia"]
+    assert abs(inertia["value"] - TRUTH["inertia"]) < FARTHEST * inertia["standard_error"]
+    assert rovid("simulate", "--json").document["overall"]["yaw_rate_r2"] > 0.999
+    refused = rovid("fit", "day", "--effect", "supply_sag:trial multilevl.csv")
+    assert refused.code == 2
+    assert "names none of these trials" in refused.err
+    assert "supply_sag:trial multilevel.csv" in refused.err
+
+
 @pytest.mark.parametrize("holds_at", [60.0, 240.0])
 def test_a_bent_curve_leaves_the_scale_of_all_thrust_open(holds_at: float, tmp_path: Path, rovid: Rovid) -> None:
     """Wherever in the range in use the bench's thrust in N is right, the truth is within what is stated."""
