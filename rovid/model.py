@@ -195,11 +195,6 @@ class Model:
             row[: len(numbers)] = numbers
         return values, np.array([MOTION.index(effect) for effect, _ in acting], dtype=np.int64)
 
-    @property
-    def count_terms(self) -> int:
-        """How many terms of the equation of motion there are."""
-        return sum(effect.term is not None for effect in self.effects)
-
     def wave(self) -> FloatArray:
         """(3,) amplitude in N m, frequency in rad/s and damping of the wave torque; empty where there is none."""
         return next((numbers for effect, numbers in self._each if effect.wave), np.zeros(0))

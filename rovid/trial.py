@@ -74,6 +74,8 @@ class Trial:
         s since 1970 at time 0; None where the log does not tell.
     since
         s from the beginning of the campaign's first trial to that of this one.
+    whole
+        Name of the trial that this one is a part of; empty where it is none.
     """
 
     name: str
@@ -91,6 +93,7 @@ class Trial:
     integrated: bool = False
     began: float | None = None
     since: float = 0.0
+    whole: str = ""
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -132,6 +135,7 @@ class Trial:
         return replace(
             self,
             name=name,
+            whole=self.whole or self.name,
             time=self.time[where] - self.time[where][0],
             position=self.position[where],
             commands=self.commands[where],

@@ -143,7 +143,11 @@ def test_a_run_that_is_long_enough_is_told_by_one_piece_and_tried_on_another() -
 
 def test_what_the_other_pieces_do_not_tell_is_held_out_as_nothing() -> None:
     """Thrust of one trial alone, with that trial held out whole: its size must not come from what is held out."""
-    runs = [synthetic.run(TIME[:600], TORQUE[:600], noise=NOISE[:600]) for _ in range(4)]
+    weaker = [0.0, 0.0, 0.1, 0.0]
+    runs = [
+        synthetic.run(TIME[:600], TORQUE[:600], noise=NOISE[:600], disturbance=-share * TORQUE[:600])
+        for share in weaker
+    ]
     named = [replace(run, trial=replace(run.trial, name=f"run_{number}")) for number, run in enumerate(runs)]
     ahead = HorizonRecords.of(Records(named, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
     likelihood = HorizonLikelihood(ahead, effects=(effect_named("supply_sag:trial run_2"),))
@@ -153,7 +157,8 @@ def test_what_the_other_pieces_do_not_tell_is_held_out_as_nothing() -> None:
     folds = cross_validate(Fitted(likelihood, begin, likelihood.cost(begin)), pieces)
     (without,) = [fold.x[-1] for fold in folds if fold.pieces == [pieces[2]]]
     assert without == 1.0
-    assert all(fold.x[-1] != 1.0 for fold in folds if fold.pieces != [pieces[2]])
+    others = [fold.x[-1] for fold in folds if fold.pieces != [pieces[2]]]
+    assert others == pytest.approx([0.9] * 3, abs=0.02)
 
 
 @pytest.mark.parametrize(
@@ -247,3 +252,16 @@ def test_a_model_that_runs_away_predicts_nothing() -> None:
     flat = (np.full(1, 2.0), np.full(count, 1e6), np.zeros((count, 3)), np.full(count, 0.1), np.zeros(count), states)
     moved = predict(*flat, np.array([0]), np.array([count - 1]), wild.base_from(0.0)[np.newaxis], terms, kinds)
     assert np.isnan(moved[0, -1])
+
+
+def test_a_threshold_between_two_levels_is_told_though_it_has_no_slope() -> None:
+    runs = [synthetic.run(TIME[:900], TORQUE[:900], noise=NOISE[:900]) for _ in range(4)]
+    ahead = HorizonRecords.of(Records(runs, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    likelihood = HorizonLikelihood(ahead, effects=(effect_named("thruster_deadband:jump"),))
+    at = likelihood.base
+    begin = likelihood.first()
+    begin[at] = likelihood.high[at]
+    assert not likelihood.slopes(begin).matrix[:, at].any()
+    pieces = [Piece(number, -math.inf, math.inf, run) for number, run in enumerate(runs)]
+    folds = cross_validate(Fitted(likelihood, begin, likelihood.cost(begin)), pieces)
+    assert [fold.x[at] for fold in folds] == [likelihood.high[at]] * 4

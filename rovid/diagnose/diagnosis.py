@@ -281,7 +281,7 @@ def _sea(full: Records, forms: Sequence[Effect], pieces: Sequence[Piece]) -> Cal
     wave = next((form for form in forms if form.wave), None)
     seconds = sum(float(np.ptp(run.trial.time)) for run in full.runs)
     farthest = _THINNED_WAVES * time_constant(full.start, full.rate)
-    interval = max(_interval(full.runs, full.start, full.rate), min(seconds / _READINGS, farthest))
+    interval = max(_interval(full), min(seconds / _READINGS, farthest))
     few = Records(full.runs, full.vehicle, full.start, interval=interval)
     return lambda beside: swell(few, beside, wave, pieces)
 
@@ -292,7 +292,7 @@ def _by_innovations(full: Records, candidates: Sequence[Effect], ahead: _Work, r
     None where that does not explain all: each next reading would then not tell what is missing.
     """
     report("Looking at each next reading …")
-    quick = replace(full, interval=_interval(full.runs, full.start, full.rate))
+    quick = replace(full, interval=_interval(full))
     few = quick if ahead.swell is None else ahead.swell.plain.likelihood.records
     # Where it is hopeless over few readings it is so over more, which would take long to say.
     if few.interval > quick.interval and _is_hopeless_over(few, candidates, ahead):
@@ -607,10 +607,9 @@ def _moves(run: Run) -> bool:
     return bool(np.linalg.norm(rate) > _MOTION * run.rates.rate_noise * math.sqrt(len(rate)))
 
 
-def _interval(runs: Sequence[Run], start: Model, rate: float) -> float:
-    constant = time_constant(start, rate)
-    wanted = min(_THINNED * constant, _THINNED_SECONDS)
-    period = float(np.median([run.trial.period for run in runs]))
+def _interval(full: Records) -> float:
+    wanted = min(_THINNED * time_constant(full.start, full.rate), _THINNED_SECONDS)
+    period = float(np.median([run.trial.period for run in full.runs]))
     return wanted if wanted >= 2.0 * period else 0.0
 
 

@@ -19,6 +19,8 @@ from rovid.trial import FloatArray
 _FOLDS = 4
 _ITERATIONS = 8
 _TOLERANCE = 0.2
+# Log-likelihood by which an effect changes nothing, to rounding.
+_NOTHING = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,11 +72,15 @@ def cross_validate(fitted: Fitted, pieces: Sequence[Piece]) -> list[Fold]:
 
 def _told(likelihood: Likelihood, x: FloatArray) -> FloatArray:
     """``x`` with no effect where what was fitted tells nothing of one: else it would be known from what is held out."""
-    if not likelihood.effects:
-        return x
-    blind = ~likelihood.slopes(x).matrix.any(axis=0)
-    nulls = [parameter.null for effect in likelihood.effects for parameter in effect.parameters]
-    return np.where(blind & (np.arange(len(x)) >= likelihood.base), [*x[: likelihood.base], *nulls], x)
+    cost, at = likelihood.cost(x), likelihood.base
+    for effect in likelihood.effects:
+        own = slice(at, at + len(effect.parameters))
+        without = x.copy()
+        without[own] = [parameter.null for parameter in effect.parameters]
+        if abs(likelihood.cost(without) - cost) < _NOTHING:
+            x = without
+        at = own.stop
+    return x
 
 
 def _piece(records: Records, pieces: Sequence[Piece]) -> NDArray[np.intp]:

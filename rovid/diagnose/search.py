@@ -301,7 +301,7 @@ class Search:
         effect = other.effects[-1]
         likelihood = one.likelihood.like((*one.effects, effect))
         begins = [np.concatenate((one.x, start)) for start in (other.own(effect), *starts(effect))]
-        return _climbed(likelihood, min(begins, key=likelihood.cost), _ITERATIONS)
+        return climbed(likelihood, min(begins, key=likelihood.cost), _ITERATIONS)
 
     def _opened(self, current: Fitted) -> Fitted:
         """``current`` with as much disturbance as it bears, less what is then no longer needed.
@@ -401,7 +401,7 @@ class Search:
         likelihood = current.likelihood.like(effects)
         key = _key(likelihood)
         if key not in self._fits:
-            self._fits[key] = self._restored(_climbed(likelihood, x, _ITERATIONS))
+            self._fits[key] = self._restored(climbed(likelihood, x, _ITERATIONS))
         return self._fits[key]
 
     def _restored(self, fitted: Fitted) -> Fitted:
@@ -412,7 +412,7 @@ class Search:
             if less is not None and less.cost < fitted.cost:
                 likelihood = fitted.likelihood.like((*effects, effect))
                 begins = [np.concatenate((less.x, start)) for start in starts(effect)]
-                return _climbed(likelihood, min(begins, key=likelihood.cost), _ITERATIONS)
+                return climbed(likelihood, min(begins, key=likelihood.cost), _ITERATIONS)
         return fitted
 
 
@@ -438,18 +438,19 @@ def _fit_all(current: Fitted, promises: Sequence[Promise]) -> tuple[list[Fitted]
         likelihood = current.likelihood.like((*current.effects, promise.effect))
         tried = (promise.unscaled, *(_sized(promise.effect, promise.start, share) for share in _SHARES))
         begins = [np.concatenate((current.x, start)) for start in tried]
-        return _climbed(likelihood, min(begins, key=likelihood.cost), _FIRST_ITERATIONS)
+        return climbed(likelihood, min(begins, key=likelihood.cost), _FIRST_ITERATIONS)
 
     ahead, behind = spread(begin, promises), list[Fitted]()
     for share, iterations in _STAGES:
         least = max(share * max((worth(fit) - worth(current) for fit in ahead), default=0.0), 0.0)
         behind += [fit for fit in ahead if worth(fit) - worth(current) < least]
         ahead = [fit for fit in ahead if fit not in behind]
-        ahead = spread(lambda fit: _climbed(fit.likelihood, fit.x, iterations), ahead)  # noqa: B023 - used at once
+        ahead = spread(lambda fit: climbed(fit.likelihood, fit.x, iterations), ahead)  # noqa: B023 - used at once
     return ahead, behind
 
 
-def _climbed(likelihood: Likelihood, x: FloatArray, iterations: int) -> Fitted:
+def climbed(likelihood: Likelihood, x: FloatArray, iterations: int) -> Fitted:
+    """The model that so many steps from ``x`` lead to, near enough for a search."""
     return Fitted(likelihood, *likelihood.climb(x, iterations=iterations, tolerance=_TOLERANCE))
 
 

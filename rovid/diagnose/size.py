@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from rovid.diagnose.search import Fitted
+from rovid.diagnose.search import Fitted, climbed
 from rovid.effects import Effect
 from rovid.identify.likelihood import covariance, physical
 
-_ITERATIONS, _TOLERANCE = 20, 0.1
+_ITERATIONS = 20
 # What shrinks to less than this share, by more than so many standard errors, is no longer the same cause.
 _SHRUNK, _APART = 0.7, 2.0
 
@@ -44,7 +44,7 @@ def one_size(found: Fitted, near: Fitted, effect: Effect) -> bool:
     if effect not in near.effects:
         likelihood = near.likelihood.like((*near.effects, effect))
         begin = np.concatenate((near.x, found.own(effect)))
-        near = Fitted(likelihood, *likelihood.climb(begin, iterations=_ITERATIONS, tolerance=_TOLERANCE))
+        near = climbed(likelihood, begin, _ITERATIONS)
     (ahead, error), (here, other) = (size_of(fitted, effect, sandwich=True) for fitted in (found, near))
     if effect.canonical is not None:
         # Turned by half a cycle a negative amplitude is a positive one.

@@ -12,13 +12,12 @@ import numpy as np
 from rovid.diagnose.heldout import cross_validate, log_likelihood
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence
 from rovid.diagnose.parts import Piece
-from rovid.diagnose.search import Fitted, worth
+from rovid.diagnose.search import Fitted, climbed, worth
 from rovid.effects import Effect
 from rovid.identify.innovations import BASE, DISTURBANCE, Likelihood, Records
 from rovid.identify.likelihood import UNLIMITED, starts
-from rovid.trial import FloatArray
 
-_FIRST_ITERATIONS, _ITERATIONS, _TOLERANCE = 3, 20, 0.1
+_FIRST_ITERATIONS, _ITERATIONS = 3, 20
 _BEGUN = 3
 
 
@@ -74,22 +73,18 @@ def swell(records: Records, beside: Fitted, wave: Effect | None, pieces: Sequenc
     begin = likelihood.first()
     other = np.r_[0:DISTURBANCE, BASE : len(begin)]
     begin[other] = beside.x[other]
-    plain = _climbed(likelihood, likelihood.disturbed(begin), _ITERATIONS)
+    plain = climbed(likelihood, likelihood.disturbed(begin), _ITERATIONS)
     if wave is None:
         return Swell(plain, pieces)
     wavy = likelihood.like((*beside.effects, wave))
     begins = sorted((np.concatenate((plain.x, start)) for start in starts(wave)), key=wavy.cost)[:_BEGUN]
-    tried = [_climbed(wavy, begin, _FIRST_ITERATIONS) for begin in begins]
-    found = _climbed(wavy, min(tried, key=lambda fitted: fitted.cost).x, _ITERATIONS)
+    tried = [climbed(wavy, begin, _FIRST_ITERATIONS) for begin in begins]
+    found = climbed(wavy, min(tried, key=lambda fitted: fitted.cost).x, _ITERATIONS)
     if not found.plausible or worth(found) <= worth(plain):
         return Swell(plain, pieces)
     # Readings whose misfits are not white tell less than they seem to: no more than the stretches of time bear out.
     borne_out = min(worth(found) - worth(plain), _borne_out(found, plain))
     return Swell(plain, pieces, found, plain.cost - found.cost, borne_out)
-
-
-def _climbed(likelihood: Likelihood, x: FloatArray, iterations: int) -> Fitted:
-    return Fitted(likelihood, *likelihood.climb(x, iterations=iterations, tolerance=_TOLERANCE))
 
 
 def _borne_out(better: Fitted, plain: Fitted) -> float:

@@ -122,6 +122,8 @@ class Actuation:
         The median of each further channel over the whole campaign.
     trial
         Its name.
+    whole
+        Name of the trial that it is a part of; its own where it is none.
     since
         s from the beginning of the campaign's first trial to that of this one.
     parts
@@ -139,6 +141,7 @@ class Actuation:
     extras: Mapping[str, FloatArray]
     reference: Mapping[str, float] = field(default_factory=dict)
     trial: str = ""
+    whole: str = ""
     since: float = 0.0
     parts: int = 1
 
@@ -330,6 +333,7 @@ def actuation(vehicle: Vehicle, trial: Trial, parts: int = 1) -> Actuation:
         extras={name: finer(values, parts) for name, values in trial.extras.items()},
         reference=trial.reference,
         trial=trial.name,
+        whole=trial.whole or trial.name,
         since=trial.since,
         parts=parts,
         neutral=neutral_commands(vehicle),

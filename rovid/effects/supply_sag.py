@@ -107,9 +107,7 @@ def of_trial(name: str) -> Effect:
     """The effect in the trial of this name alone, as where a battery was changed for it, or a propeller fouled."""
 
     def on_thrust(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
-        # A part of a trial is called after it.
-        mine = where.trial == name or where.trial.startswith(f"{name} part ")
-        return thrust * values["gain"] if mine else thrust
+        return thrust * values["gain"] if where.whole == name else thrust
 
     return replace(
         EFFECT,

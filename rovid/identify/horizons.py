@@ -67,14 +67,14 @@ class Grid:
     def joined(cls, courses: Sequence[Course]) -> Self:
         """Those of all ``courses``."""
         grids = [course.grid for course in courses]
-        before = np.cumsum([0, *(len(course.time) for course in courses)])
-        earlier = np.cumsum([0, *(len(grid.restarts) for grid in grids)])
+        before = np.cumsum([0, *(len(course.time) for course in courses[:-1])])
+        earlier = np.cumsum([0, *(len(grid.restarts) for grid in grids[:-1])])
         return cls(
-            starts=np.concatenate([grid.starts + at for grid, at in zip(grids, before, strict=False)]),
-            ends=np.concatenate([grid.ends + at for grid, at in zip(grids, before, strict=False)]),
-            restarts=np.concatenate([grid.restarts + at for grid, at in zip(grids, before, strict=False)]),
+            starts=np.concatenate([grid.starts + at for grid, at in zip(grids, before, strict=True)]),
+            ends=np.concatenate([grid.ends + at for grid, at in zip(grids, before, strict=True)]),
+            restarts=np.concatenate([grid.restarts + at for grid, at in zip(grids, before, strict=True)]),
             reach=np.concatenate([grid.reach for grid in grids]),
-            number=np.concatenate([grid.number + at for grid, at in zip(grids, earlier, strict=False)]),
+            number=np.concatenate([grid.number + at for grid, at in zip(grids, earlier, strict=True)]),
             run=np.concatenate([np.full(len(grid.restarts), k) for k, grid in enumerate(grids)]),
             period=np.concatenate([grid.period for grid in grids]),
         )
@@ -308,7 +308,7 @@ def _followed(course: Course, model: Model, drive: Drive) -> _Followed:
     for column, series in zip(beside.T, drive.beside.T, strict=True):
         if series.any():
             column[:] = _means(trial.time, series, time, course.held, course.since)
-    states = np.zeros((len(time), model.count_terms, TERM_STATES))
+    states = np.zeros((len(time), 0, TERM_STATES))
     if model.remembers:
         _, states = model.along(trial, course.period, (moving, turned, torque), beside)
     return _Followed(torque, beside, rate, turned, states, slope)
