@@ -159,6 +159,11 @@ class Model:
         return np.array([*base, *self.restoring_values, *self.effect_values])
 
     @property
+    def slow_inertia(self) -> float:
+        """The inertia in slow motion, with the water that goes along; kg m^2."""
+        return self.inertia + sum(e.added_inertia(e.values(numbers)) for e, numbers in self._each if e.added_inertia)
+
+    @property
     def stiffness(self) -> float:
         """How much torque in N m a tilt of one rad from rest would ask for; 0 along an axis without."""
         return self.restoring_values[0] if self.axis.rights else 0.0

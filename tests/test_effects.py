@@ -74,7 +74,8 @@ WHERE = Actuation(
     ahead=np.array([0.5, 0.5]),
     ends=np.array([[-5.0, 5.0], [-5.0, 5.0]]),
 )
-EVERY = (*forms_for(VEHICLE, CHANNELS), effect_named("speed_dependent_damping:estimated"))
+STAND_INS = [f"{name}:estimated" for name in ("speed_dependent_damping", "sideslip_moment")]
+EVERY = (*forms_for(VEHICLE, CHANNELS), *map(effect_named, STAND_INS))
 ACTUATED = [effect for effect in EVERY if effect.on_command or effect.on_thrust or effect.on_torque]
 
 each = pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.key)
@@ -465,6 +466,13 @@ def test_water_in_a_frame_follows_slower_the_smaller_the_slip() -> None:
     _, slow = term(effect, np.array([100.0, 20.0]), 0.1 * REFERENCE_RATE, 0.0, np.zeros(2))
     assert fast[0] == pytest.approx(REFERENCE_RATE / 20.0, rel=0.02)
     assert slow[0] == pytest.approx(fast[0] / 100.0, rel=0.02)
+
+
+def test_water_that_goes_along_leaves_an_inertia_in_slow_motion() -> None:
+    memory = effect_named("added_mass_memory")
+    model = Model(inertia=5.0, quadratic_drag=1.0, linear_drag=1.0, effects=(memory,), effect_values=(-3.5, 2.0))
+    assert model.slow_inertia == pytest.approx(1.5)
+    assert replace(model, effects=(), effect_values=()).slow_inertia == 5.0
 
 
 @pytest.mark.parametrize("key", ["tank_seiche:thrust", "advance_speed_loss:open_water"])

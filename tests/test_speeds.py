@@ -44,19 +44,20 @@ heading = { csv = "heading_deg" }
 """
 
 
-def sailed(seed: int) -> pd.DataFrame:
-    """120 s in steps of 4 s, at 10 Hz."""
+def sailed(seed: int, drift: float = 0.0) -> pd.DataFrame:
+    """120 s in steps of 4 s, at 10 Hz; a hull that sways turns by ``drift`` in N s."""
     rng = np.random.default_rng(seed)
     orders = LEVELS[rng.permutation(np.arange(30) % len(LEVELS))]
-    rows, state = [], np.zeros(3)
+    rows, state = [], np.zeros(4)
     for number, order in enumerate(orders):
         thrust = THRUST * order * np.abs(order)
 
         def slope(_: float, y: FloatArray, thrust: FloatArray = thrust) -> list[float]:
-            u, r, _psi = y
-            drag = (QUADRATIC * abs(r) + LINEAR + DAMPING * abs(u)) * r
+            u, v, r, _psi = y
+            drag = (QUADRATIC * abs(r) + LINEAR + (0.0 if drift else DAMPING) * abs(u)) * r + drift * v
             return [
                 (thrust.sum() - SURGE_DRAG * abs(u) * u) / MASS,
+                -(MASS * u * r + (60.0 + 40.0 * abs(v)) * v) / (1.5 * MASS),
                 (ARM * (thrust[0] - thrust[1]) - drag) / INERTIA,
                 r,
             ]
@@ -64,7 +65,7 @@ def sailed(seed: int) -> pd.DataFrame:
         time = np.arange(0, 41) * 0.1
         solved = solve_ivp(slope, (0.0, 4.0), state, t_eval=time, rtol=1e-8, atol=1e-10).y
         state = solved[:, -1]
-        u, _, psi = solved[:, :-1]
+        u, _, _, psi = solved[:, :-1]
         rows.append(np.column_stack([time[:-1] + 4.0 * number, np.degrees(psi), u, *(np.full(40, o) for o in order)]))
     log = np.vstack(rows)
     log[:, 1] = np.round(np.mod(log[:, 1] + rng.normal(0.0, 0.05, len(log)), 360.0), 3)
@@ -72,14 +73,35 @@ def sailed(seed: int) -> pd.DataFrame:
     return pd.DataFrame(log, columns=["time_s", "heading_deg", "speed_kn", "port", "starboard"])
 
 
-def boat(folder: Path, more: str = "") -> None:
+def launched(seed: int) -> pd.DataFrame:
+    """240 s at 10 Hz of a launch with a bow and a stern thruster, that goes ahead and astern as it likes."""
+    rng = np.random.default_rng(seed)
+    time = 0.1 * np.arange(2401)
+    speed = 1.5 * np.sin(2.0 * np.pi * time / 97.0 + rng.uniform(-3.0, 3.0))
+    orders = np.repeat(LEVELS[rng.permutation(np.arange(48) % len(LEVELS))], 50, axis=0)
+    bollard = THRUST * orders * np.abs(orders)
+    lost = 0.5 * np.abs(speed[:-1, np.newaxis]) / np.sqrt(np.abs(bollard) + 1e-9)
+    torque = ARM * np.subtract(*(bollard / (1.0 + lost)).T)
+
+    def slope(t: float, y: FloatArray) -> list[float]:
+        r = y[0]
+        return [(torque[min(int(t / 0.1 + 1e-9), 2399)] - (QUADRATIC * abs(r) + LINEAR) * r) / INERTIA, r]
+
+    _, psi = solve_ivp(slope, (0.0, 240.0), [0.0, 1.0], t_eval=time, max_step=0.1, rtol=1e-6).y
+    heading = np.round(np.mod(np.degrees(psi) + rng.normal(0.0, 0.05, len(time)), 360.0), 3)
+    knots = np.round((speed + rng.normal(0.0, 0.01, len(time))) * 3600.0 / 1852.0, 4)
+    log = np.column_stack([time, heading, knots, np.vstack([orders, orders[-1]])])
+    return pd.DataFrame(log, columns=["time_s", "heading_deg", "speed_kn", "port", "starboard"])
+
+
+def boat(folder: Path, more: str = "", drift: float = 0.0) -> None:
     folder.mkdir()
     (folder / "rovid.toml").write_text(TOML + more)
     command = np.linspace(-1.0, 1.0, 41)
     curve = {"command": command, "thrust_N": THRUST * command * np.abs(command)}
     pd.DataFrame(curve).to_csv(folder / "curve.csv", index=False)
     for seed in range(3):
-        sailed(seed).to_csv(folder / f"run_{seed}.csv", index=False)
+        sailed(seed, drift).to_csv(folder / f"run_{seed}.csv", index=False)
 
 
 def test_damping_with_a_logged_speed_is_measured(tmp_path: Path, rovid: Rovid) -> None:
@@ -102,6 +124,28 @@ def test_the_thrust_ahead_stands_in_for_a_speed_that_is_not_logged(tmp_path: Pat
     # A boat of this mass at half its speed: m/(2 X u).
     lag = fit["parameters"]["speed_dependent_damping:estimated.time_constant"]["value"]
     assert 0.3 < lag / (MASS / (2.0 * SURGE_DRAG * 1.2)) < 3.0
+
+
+def test_a_sideslip_whose_speeds_are_not_logged_is_named(tmp_path: Path, rovid: Rovid) -> None:
+    boat(tmp_path / "day", drift=5.0)
+    said = rovid("diagnose", "day", "--json").document
+    assert said["findings"][0]["effect"] == "sideslip_moment"
+    assert said["findings"][0]["held_out_log_likelihood_gain"] > 0.0
+    rate_r2 = [said[side]["held_out"]["yaw_rate_r2"] for side in ("base", "extended")]
+    assert 1.0 - rate_r2[1] < 0.5 * (1.0 - rate_r2[0])
+
+
+def test_a_tunnel_thruster_that_loses_thrust_with_way_on_is_named(tmp_path: Path, rovid: Rovid) -> None:
+    """A launch whose main propeller is in no log; jets across the way lose as 1/(1 + ratio), not as the equation."""
+    day = tmp_path / "day"
+    boat(day, 'surge_velocity = { csv = "speed_kn", unit = "kn" }\n')
+    (day / "rovid.toml").write_text((day / "rovid.toml").read_text().replace("surge = 1.0\n", ""))
+    for seed in range(3):
+        launched(seed).to_csv(day / f"run_{seed}.csv", index=False)
+    said = rovid("diagnose", "day", "--json").document
+    assert said["findings"][0]["effect"] == "advance_speed_loss"
+    assert said["findings"][0]["form"] == "across"
+    assert said["findings"][0]["held_out_log_likelihood_gain"] > 0.0
 
 
 def test_the_speed_is_needed_by_name(tmp_path: Path, rovid: Rovid) -> None:
@@ -171,6 +215,26 @@ def test_thrust_is_lost_to_the_speed_along_the_thruster() -> None:
     # Where nothing is told of the thrusters they are taken to push ahead.
     untold = effect.on_thrust(replace(where, ahead=np.zeros(2)), thrust, {"coefficient": 0.5})[0]
     np.testing.assert_allclose(untold, [90.0, -25.0 - 5.0])
+
+
+def test_thrust_across_the_way_is_lost_whichever_way_the_vehicle_goes() -> None:
+    effect = effect_named("advance_speed_loss:across")
+    assert effect.on_thrust is not None
+    thrust = np.tile([100.0, -25.0], (len(WHERE.time), 1))
+    for speed in (2.0, -2.0):
+        where = replace(WHERE, extras={SPEEDS[0]: np.full(len(WHERE.time), speed)})
+        np.testing.assert_allclose(effect.on_thrust(where, thrust, {"coefficient": 0.5})[0], [90.0, -20.0])
+        np.testing.assert_array_equal(effect.on_thrust(where, thrust, {"coefficient": 9.0})[0], [0.0, 0.0])
+
+
+def test_sideslip_by_the_thrust_ahead_fades() -> None:
+    from tests.test_effects import term
+
+    effect, values = effect_named("sideslip_moment:estimated"), np.array([3.0, 2.0, 5.0])
+    # With the speed of 0.8 that the helper has, at a rate of 0.2.
+    torque, change = term(effect, values, 0.2, 0.0, np.array([0.3, 0.0]))
+    assert torque == pytest.approx(-3.0 * 0.3)
+    assert change[0] == pytest.approx((-0.8 * 0.2 - 0.3) / 2.0)
 
 
 def test_friction_may_be_unequal_both_ways() -> None:

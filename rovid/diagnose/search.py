@@ -224,9 +224,13 @@ class Search:
     def form_doubt(self, current: Fitted, *, white: bool) -> float:
         """Log-likelihood that the difference between nature's form of what ``current`` has and the equation's may be.
 
-        ``white`` is whether the data are explained down to white innovations.
+        ``white`` is whether the data are explained down to white innovations. Waves are a kind of disturbance: no cause
+        gains by what their form is not.
         """
-        earned = worth(current) - worth(self.without_any(current))
+        waves = current
+        for effect in current.effects:
+            waves = waves if effect.wave else self.without(waves, effect)
+        earned = worth(current) - worth(waves)
         if not all(effect.equation for effect in current.effects):
             # How something depends on a mere signal is known even less.
             return _BESIDE_SIGNAL * earned

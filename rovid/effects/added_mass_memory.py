@@ -32,6 +32,10 @@ def _fastest(values: Values) -> float:
     return 1.0 / max(values["time_constant"], _FASTEST)
 
 
+def _added(values: Values) -> float:
+    return values["inertia"]
+
+
 EFFECT: Effect = Effect(
     id="added_mass_memory",
     title="added mass with memory",
@@ -47,6 +51,7 @@ EFFECT: Effect = Effect(
     rivals=("thruster_lag", "oscillatory_drag", "entrained_swirl"),
     term=_linear,
     fastest=_fastest,
+    added_inertia=_added,
     remembers=True,
 )
 FORMS: tuple[Effect, ...] = (

@@ -38,6 +38,12 @@ def _measured(where: Actuation, thrust: FloatArray, values: Values) -> FloatArra
     return np.asarray(thrust - values["coefficient"] * along * np.sqrt(np.abs(thrust)))
 
 
+def _across(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+    # A jet that leaves across the stream is bent along the hull, whichever way the vehicle goes (Brix 1993).
+    lost = values["coefficient"] * np.abs(where.speed(SPEEDS[0]))[:, np.newaxis] * np.sqrt(np.abs(thrust))
+    return np.asarray(np.sign(thrust) * np.maximum(np.abs(thrust) - lost, 0.0))
+
+
 _COEFFICIENT = EffectParameter(
     name="coefficient", unit="N^0.5 s/m", null=0.0, low=0.0, high=2.0, starts=(0.05,), scale="torque/race/rate"
 )
@@ -73,5 +79,18 @@ FORMS: tuple[Effect, ...] = (
         term=None,
         races=False,
         on_thrust=_measured,
+    ),
+    replace(
+        EFFECT,
+        form="across",
+        parameters=(replace(_COEFFICIENT, scale="root/surge"),),
+        equation="each thrust less a·√|F|·|u| of its size, u the logged speed ahead: thrusters across the way",
+        fingerprint="less torque from the same command the faster the vehicle goes, ahead or astern",
+        experiment="the same commands at several speeds ahead and astern, and at none",
+        rivals=("supply_sag", "speed_dependent_damping"),
+        needs=SPEEDS[:1],
+        term=None,
+        races=False,
+        on_thrust=_across,
     ),
 )

@@ -204,6 +204,8 @@ class Effect:
         of ``x`` its states, and of ``dx`` their rates of change, to be filled in.
     fastest
         (parameters) -> the fastest rate of the term's states in 1/s, for the step of the integration.
+    added_inertia
+        (parameters) -> what the term adds to the inertia in slow motion, in kg m^2.
     carried
         Whether the term's states ring on after what set them off, so that a filter has to know how well it knows them.
         They are linear in the rate and each other, the first the integral of the second; one of a model's effects may
@@ -250,6 +252,7 @@ class Effect:
     on_speed: OnSeries | None = None
     term: Callable[..., float] | None = None
     fastest: Callable[[Values], float] | None = None
+    added_inertia: Callable[[Values], float] | None = None
     carried: bool = False
     on_heading: Callable[[FloatArray, Values], FloatArray] | None = None
     wave: bool = False

@@ -6,8 +6,18 @@ import math
 
 import numpy as np
 
-from rovid.effects.base import compiled
+from rovid.effects.base import Actuation, compiled
 from rovid.trial import FloatArray
+
+
+def speed_of_thrust(where: Actuation, thrust: FloatArray, time_constant: float) -> FloatArray:
+    """What stands in for a speed ahead that is not logged, in N^0.5; (n,) of (n, k) thrusts in N.
+
+    Steady speed goes with the root of the thrust that drives it, and follows it late; its factor is part of whatever
+    coefficient it is multiplied with.
+    """
+    ahead = thrust @ where.ahead
+    return lagged(where.time, np.sign(ahead) * np.sqrt(np.abs(ahead)), time_constant)
 
 
 @compiled

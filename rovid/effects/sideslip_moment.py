@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from rovid.effects.base import SPEEDS, SURGE, SWAY, Effect, EffectParameter, compiled
+from rovid.effects.base import SPEEDS, SURGE, SWAY, Actuation, Effect, EffectParameter, Values, compiled
+from rovid.effects.series import speed_of_thrust
+from rovid.trial import FloatArray
 
 
 @compiled
@@ -21,6 +23,21 @@ def _munk(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx:
 @compiled
 def _both(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
     return -(p[j, 0] + p[j, 1] * base[SURGE]) * base[SWAY]
+
+
+@compiled
+def _turned(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    # A hull that turns with way on is carried outwards, and its sway fades (Fossen 2011, section 7.1).
+    dx[j, 0] = (-base[SURGE] * rate - x[j, 0]) / p[j, 1]
+    return -p[j, 0] * x[j, 0]
+
+
+def _fading(values: Values) -> float:
+    return 1.0 / values["time_constant"]
+
+
+def _speed(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+    return speed_of_thrust(where, thrust, values["surge_time_constant"])
 
 
 _DRIFT = EffectParameter(
@@ -51,6 +68,23 @@ FORMS: tuple[Effect, ...] = (
         fingerprint="residual torque in proportion to the product of the speeds ahead and sideways",
         needs=SPEEDS,
         term=_munk,
+    ),
+    replace(
+        EFFECT,
+        form="estimated",
+        parameters=(
+            replace(_DRIFT, unit="N^0.5 m s/rad", scale="torque/root/rate"),
+            EffectParameter(name="time_constant", unit="s", null=1.0, low=0.05, high=120.0, starts=(0.3, 2.0)),
+            EffectParameter(name="surge_time_constant", unit="s", null=0.0, low=0.0, high=200.0, starts=(3.0, 12.0)),
+        ),
+        equation="− N·w, τ·dw/dt = − s·r − w, τ1·ds/dt = sign(F)·√|F| − s, F the thrust ahead: in place of a logged v",
+        fingerprint="residual torque that follows the rate late, in proportion to the root of the thrust ahead",
+        experiment="the speeds in the log; the same turns with much thrust ahead and with none",
+        needs=(),
+        term=_turned,
+        fastest=_fading,
+        remembers=True,
+        on_speed=_speed,
     ),
     replace(EFFECT, form="both", parameters=(_DRIFT, _MUNK), equation="− N·v − m·u·v", needs=SPEEDS, term=_both),
 )

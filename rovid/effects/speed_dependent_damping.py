@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from rovid.effects.base import SPEEDS, SURGE, WATER, Actuation, Effect, EffectParameter, Values, compiled
-from rovid.effects.series import lagged
+from rovid.effects.series import speed_of_thrust
 from rovid.trial import FloatArray
 
 
@@ -29,9 +27,7 @@ def _both(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx:
 
 
 def _of_thrust(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
-    # Steady speed goes with the root of the thrust that drives it; its factor is part of the coefficient.
-    ahead = thrust @ where.ahead
-    return lagged(where.time, np.sign(ahead) * np.sqrt(np.abs(ahead)), values["time_constant"])
+    return speed_of_thrust(where, thrust, values["time_constant"])
 
 
 _LINEAR = EffectParameter(

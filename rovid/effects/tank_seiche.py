@@ -28,7 +28,7 @@ def _fastest(values: Values) -> float:
 
 
 # A weakly damped ring shows only close to its frequency.
-_FREQUENCIES = tuple(0.5 * 1.08**k for k in range(37))
+_FREQUENCIES = tuple(0.15 * 1.1**k for k in range(42))
 
 EFFECT: Effect = Effect(
     id="tank_seiche",
@@ -37,7 +37,7 @@ EFFECT: Effect = Effect(
     parameters=(
         EffectParameter(name="gain", unit="1", null=0.0, low=0.0, high=2.0, starts=(0.1,)),
         # A tank of length l and depth h has ω² = g·k·tanh(k·h), k = nπ/l: 1.4 rad/s in 15 m by 7 m, 8 in half a metre.
-        EffectParameter(name="frequency", unit="rad/s", null=1.0, low=0.3, high=8.0, starts=_FREQUENCIES),
+        EffectParameter(name="frequency", unit="rad/s", null=1.0, low=0.05, high=8.0, starts=_FREQUENCIES),
         EffectParameter(name="damping", unit="1", null=0.05, low=0.005, high=0.5, starts=(0.05,)),
     ),
     equation="− g·I·ω·dq/dt, d²q/dt² + 2ζω·dq/dt + ω²·q = dr/dt",

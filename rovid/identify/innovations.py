@@ -387,14 +387,18 @@ class Likelihood:
         return math.exp(x[DISTURBANCE]), math.exp(x[MEMORY])
 
     def is_physical(self, x: FloatArray) -> bool:
-        """Whether the inertia is one that such a vehicle can have, or no farther from that than before any effect."""
+        """Whether the inertia is one that such a vehicle can have, or no farther from that than before any effect.
+
+        In slow motion, too, it is no less than the rigid body's, whatever water goes along.
+        """
         rigid = None if self.records.vehicle is None else self.records.vehicle.rigid_body_inertia
         if rigid is None or not self.records.driven:
             return True
         # What thrust is taken for may be off, and with it every inertia.
         low, high = (ratio * rigid for ratio in PLAUSIBLE_RATIO)
-        before, inertia = self.records.start.inertia, math.exp(x[0])
-        return min(low, PLAUSIBLE_RATIO[0] * before) <= inertia <= max(high, before / PLAUSIBLE_RATIO[0])
+        before, model = self.records.start.inertia, self.model(x)
+        least, most = min(low, PLAUSIBLE_RATIO[0] * before), max(high, before / PLAUSIBLE_RATIO[0])
+        return least <= min(model.inertia, model.slow_inertia) and model.inertia <= most
 
     def driven_rate(self, x: FloatArray) -> float:
         """Standard deviation of the rate that the disturbance drives, about the usual rate."""
@@ -668,8 +672,9 @@ def _spaced(time: FloatArray, known: NDArray[np.intp], interval: float) -> NDArr
 
 
 def _pieces(error: FloatArray, variance: FloatArray) -> FloatArray:
-    # No innovation is so far out that its square could not be told from infinity.
-    with np.errstate(over="ignore"):
+    # No innovation is so far out that its square could not be told from infinity; a filter that runs away has no
+    # likelihood, which whoever asks can see.
+    with np.errstate(over="ignore", invalid="ignore"):
         z = np.minimum(np.abs(error) / np.sqrt(variance), _FARTHEST)
     square = np.where(z > _OUTLIER, _OUTLIER * (2.0 * z - _OUTLIER), z * z)
     return np.asarray(0.5 * (np.log(2.0 * np.pi * variance) + square))
