@@ -59,9 +59,9 @@ def _head(records: list[dict[str, Any]]) -> str:
         f"{np.median(seconds):.0f} s in the middle, {np.max(seconds):.0f} s at most.\n\n"
         "Right is the name that was hidden, or one of its class, which such logs cannot tell apart, or one that is "
         "said not to be told from it. Right, too, is what always acts and can be seen: waves from a hundredth of the "
-        "torque in use on, the rotors' own lag where its size is within three stated errors of theirs, all else that "
-        "lowers the heading error by a twentieth or more. *Counted strictly* a cause is right where its own name was "
-        "hidden, or lowers the heading error so."
+        "torque in use on, the rotors' own lag and loss to advance where the size is within three stated errors of "
+        "theirs, all else that lowers the heading error by a twentieth or more. *Counted strictly* a cause is right "
+        "where its own name was hidden, or lowers the heading error so."
     )
 
 
@@ -73,6 +73,7 @@ def _names(scores: list[dict[str, Any]]) -> str:
             rows.append(_name_row(name, some))
     visible = [one for one in scores if one["visibility"] in ROWS[:2]]
     rows.append(_name_row("**a quarter or more**", visible))
+    rows.append(_name_row("those by a speed that is not logged", [one for one in visible if one["unlogged"]]))
     everything = [one for one in scores if one["hidden"]]
     rows.append(_name_row("**all**", everything))
     head = ["visible", "campaigns", "established, right", "established, wrong", "right, or first suspect", "no answer"]
@@ -154,24 +155,37 @@ def _odds(odds: list[tuple[float, bool]], with_picture: bool) -> str:
 
 
 def _parameters(scores: list[dict[str, Any]]) -> str:
+    groups = {
+        "nothing hidden": [one for one in scores if one["hidden"] is None],
+        "cause found": [one for one in scores if one["established_right"]],
+        "visible, not found": [
+            one for one in scores if one["visibility"] in ROWS[:3] and not one["established_right"]
+        ],
+        "hidden by the parameters": [
+            one for one in scores if one["visibility"] == ROWS[3] and not one["established_right"]
+        ],
+        "**all**": scores,
+    }  # fmt: skip
     rows = []
-    for name in PARAMETERS:
-        some = [one["parameters"][name] for one in scores if name in one["parameters"]]
-        best = [abs(one["errors_from_best"]) for one in some if one["errors_from_best"] is not None]
-        hull = [abs(one["errors_from_hull"]) for one in some if one["errors_from_hull"] is not None]
-        ratios = [one["ratio"] for one in some]
-        if some:
-            low, middle, high = np.percentile(ratios, [10, 50, 90])
-            rows.append([
-                name, str(len(some)), f"{low:.2f}, {middle:.2f}, {high:.2f}",
-                _share(sum(value <= 2 for value in hull), len(hull)),
-                _share(sum(value <= 2 for value in best), len(best)),
-            ])  # fmt: skip
+    for group, members in groups.items():
+        for name in PARAMETERS:
+            some = [one["parameters"][name] for one in members if name in one["parameters"]]
+            best = [abs(one["errors_from_best"]) for one in some if one["errors_from_best"] is not None]
+            hull = [abs(one["errors_from_hull"]) for one in some if one["errors_from_hull"] is not None]
+            if some:
+                low, middle, high = np.percentile([one["ratio"] for one in some], [10, 50, 90])
+                rows.append([
+                    group, name, str(len(some)), f"{low:.2f}, {middle:.2f}, {high:.2f}",
+                    _share(sum(value <= 2 for value in hull), len(hull)),
+                    _share(sum(value <= 2 for value in best), len(best)),
+                ])  # fmt: skip
+    head = ["", "parameter", "campaigns", "over the hull's", "hull's within two", "best fit's within two"]
     return (
         "## Parameters\n\nOf the extended model, or of the plain one where nothing was found: over the hull's own "
         "value (tenth, half, nine tenths of campaigns lie below); within two stated errors of it; within two of what a "
-        "fit to the heading gives that knows the cause.\n\n"
-        + _table(["parameter", "campaigns", "over the hull's", "hull's within two", "best fit's within two"], rows)
+        "fit to the heading gives that knows the cause and the waves, and the rotors where a lateness was named. A "
+        "cause that lowers the heading error by less than a tenth is one that inertia and drag can take over: no "
+        "heading tells, and their errors cannot know.\n\n" + _table(head, rows)
     )
 
 

@@ -23,9 +23,18 @@ ONE_WAY_CLASSES: tuple[frozenset[str], ...] = (
 NAMES = {"trial_scale": frozenset({"trial_scale", "trial_variation", "thrust_scale_by_trial", "supply_sag"})}
 # Of the torque in use; waves show in a spectrum long before they move the heading far.
 WAVES = 0.01
-# Every vehicle's rotors are slow by so much that what is named for it may be measured: within so many standard errors.
-LATE = {"thruster_lag": "time_constant", "command_delay": "delay"}
-LATE_ERRORS = 3.0
+# What every vehicle's thrusters have, and may be measured: effect -> its parameter and the truth's name of that.
+NOMINAL = {
+    "thruster_lag": ("time_constant", "rotor_seconds"),
+    "command_delay": ("delay", "rotor_seconds"),
+    "advance_speed_loss": ("coefficient", "advance_loss"),
+}
+# Measured is what is found within so many standard errors.
+NOMINAL_ERRORS = 3.0
+# What goes by a speed.
+BY_SPEED = frozenset({"advance_speed_loss", "sideslip_moment", "speed_dependent_damping"})
+# Causes with which a model knows that the rotors are late.
+LATE = frozenset({"thruster_lag", "command_delay"})
 VISIBILITY = ((0.5, "half or more"), (0.25, "a quarter to a half"), (0.1, "a tenth to a quarter"), (-9.0, "less"))
 PARAMETERS = ("inertia", "quadratic_drag", "linear_drag")
 
@@ -54,7 +63,7 @@ def verdict_on(named: dict[str, Any], truth: dict[str, Any]) -> str:
         rivals = _rivals(named)
         if names & rivals or any(same_class(effect, name, truth["one_way"]) for name in names):
             return "class"
-    return "there" if {effect, *_rivals(named)} & _there(truth) or _is_rotors(named, truth) else "wrong"
+    return "there" if {effect, *_rivals(named)} & _there(truth) or _is_nominal(named, truth) else "wrong"
 
 
 def is_strictly_right(named: dict[str, Any], truth: dict[str, Any]) -> bool:
@@ -63,13 +72,14 @@ def is_strictly_right(named: dict[str, Any], truth: dict[str, Any]) -> bool:
     return named["effect"] in {*hidden, *truth["also_true"]}
 
 
-def _is_rotors(named: dict[str, Any], truth: dict[str, Any]) -> bool:
-    """Whether the lateness that is named is that of the vehicle's own rotors."""
-    size = (named.get("parameters") or {}).get(LATE.get(named["effect"], ""))
-    if size is None or "rotor_seconds" not in truth:
+def _is_nominal(named: dict[str, Any], truth: dict[str, Any]) -> bool:
+    """Whether what is named is what the vehicle's own thrusters have, in its size."""
+    parameter, known = NOMINAL.get(named["effect"], ("", ""))
+    size, nominal = (named.get("parameters") or {}).get(parameter), truth.get(known, 0.0)
+    if size is None or not nominal:
         return False
-    off = within(size["value"], size["standard_error"], truth["rotor_seconds"])
-    return off is not None and abs(off) <= LATE_ERRORS
+    off = within(size["value"], size["standard_error"], nominal)
+    return off is not None and abs(off) <= NOMINAL_ERRORS
 
 
 def _rivals(named: dict[str, Any]) -> set[str]:
@@ -105,6 +115,7 @@ def score(record: dict[str, Any]) -> dict[str, Any]:
     # What is always there may well be named before what was hidden.
     counted = [worth for worth in ranked if worth != "there"]
     result |= {
+        "unlogged": result["hidden"] in BY_SPEED and not truth["speed_logged"],
         "verdict": said["verdict"] if said else record["failure"],
         "names": [one["effect"] for one in findings],
         "suspected": [one["effect"] for one in suspects],
@@ -123,6 +134,7 @@ def score(record: dict[str, Any]) -> dict[str, Any]:
     }
     if said:
         model = said["extended"] if findings and said.get("extended") else said["base"]
+        best = truth["late_fit" if LATE & set(result["names"]) else "told_fit"]
         for name in PARAMETERS:
             read = (model or {}).get("parameters", {}).get(name)
             if read and read.get("value") is not None:
@@ -130,7 +142,7 @@ def score(record: dict[str, Any]) -> dict[str, Any]:
                 result["parameters"][name] = {
                     "ratio": read["value"] / truth["parameters"][name],
                     "errors_from_hull": within(read["value"], error, truth["parameters"][name]),
-                    "errors_from_best": within(read["value"], error, truth["told_fit"][name]),
+                    "errors_from_best": within(read["value"], error, best[name]),
                 }
     return result
 

@@ -30,6 +30,7 @@ from rovid.identify.likelihood import (
     colour,
     covariance,
     fit_base,
+    horizons_apart,
     likelihood_is_white,
     loosened,
     physical,
@@ -672,15 +673,17 @@ def _side(work: _Work, quick: Fitted, fitted: Fitted, estimate: Estimate, fair: 
 def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
     x = canonical(fitted.likelihood, fitted.x)
     names = fitted.likelihood.model(x).names
+    doubt, said = horizons_apart(fitted.likelihood, x)
     # What follows a signal is a dependence; it is no parameter of the vehicle.
     at = [k for k, name in enumerate(names) if not name.startswith(PREFIX)]
     estimate = Estimate(
         names=tuple(names[k] for k in at),
         values=physical(fitted.likelihood, x)[at],
-        covariance=covariance(fitted.likelihood, x, sandwich=not white)[np.ix_(at, at)],
+        covariance=(covariance(fitted.likelihood, x, sandwich=not white) + doubt)[np.ix_(at, at)],
         axis=fitted.likelihood.records.axis,
         method=fitted.likelihood.method,
         samples=len(fitted.likelihood.records.trial),
+        warnings=tuple(said),
     )
     return estimate if fitted.likelihood.records.driven else estimate.undriven()
 

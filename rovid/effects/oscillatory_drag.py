@@ -43,7 +43,7 @@ EFFECT: Effect = Effect(
     id="oscillatory_drag",
     title="oscillatory drag",
     parameters=(
-        EffectParameter(name="gain", unit="1", null=0.0, low=0.0, high=5.0, starts=(0.3,)),
+        EffectParameter(name="gain", unit="1", null=0.0, low=0.0, high=10.0, starts=(0.3,)),
         EffectParameter(name="swept_angle", unit="rad", null=1.0, low=0.05, high=12.0, starts=(0.6, 2.5)),
     ),
     equation="quadratic drag times 1 + g·exp(−θ/θ0), θ swept since the last reversal",

@@ -17,6 +17,13 @@ def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx:
 
 
 @compiled
+def _following(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    dx[j, 0] = x[j, 1]
+    dx[j, 1] = rate - 2.0 * p[j, 2] * p[j, 1] * x[j, 1] - p[j, 1] * p[j, 1] * x[j, 0]
+    return -p[j, 0] * base[0] * p[j, 1] * p[j, 1] * x[j, 1]
+
+
+@compiled
 def _by_thrust(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
     dx[j, 0] = x[j, 1]
     dx[j, 1] = push / base[0] - 2.0 * p[j, 2] * p[j, 1] * x[j, 1] - p[j, 1] * p[j, 1] * x[j, 0]
@@ -28,7 +35,7 @@ def _fastest(values: Values) -> float:
 
 
 # A weakly damped ring shows only close to its frequency.
-_FREQUENCIES = tuple(0.15 * 1.1**k for k in range(42))
+_FREQUENCIES = tuple(0.15 * 1.12**k for k in range(36))
 
 EFFECT: Effect = Effect(
     id="tank_seiche",
@@ -38,7 +45,7 @@ EFFECT: Effect = Effect(
         EffectParameter(name="gain", unit="1", null=0.0, low=0.0, high=2.0, starts=(0.1,)),
         # A tank of length l and depth h has ω² = g·k·tanh(k·h), k = nπ/l: 1.4 rad/s in 15 m by 7 m, 8 in half a metre.
         EffectParameter(name="frequency", unit="rad/s", null=1.0, low=0.05, high=8.0, starts=_FREQUENCIES),
-        EffectParameter(name="damping", unit="1", null=0.05, low=0.005, high=0.5, starts=(0.05,)),
+        EffectParameter(name="damping", unit="1", null=0.05, low=0.005, high=0.5, starts=(0.08,)),
     ),
     equation="− g·I·ω·dq/dt, d²q/dt² + 2ζω·dq/dt + ω²·q = dr/dt",
     fingerprint="a ring of one frequency that decays after each start and stop, whatever the rate",
@@ -51,6 +58,12 @@ EFFECT: Effect = Effect(
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
+    replace(
+        EFFECT,
+        form="following",
+        equation="− g·I·ω²·q, q as above: water that follows the vehicle and pulls by its own acceleration",
+        term=_following,
+    ),
     replace(
         EFFECT,
         form="thrust",

@@ -509,12 +509,12 @@ class Likelihood:
         """(N,) what each innovation adds to the cost."""
         return np.asarray(self.weight * _pieces(error, variance))
 
-    def block_scores(self, here: Slopes) -> FloatArray:
-        """(m, p) gradient of the cost over each stretch of time; their scatter tells what the information does not."""
-        block = self.records.block if self.counted is None else self.records.block[self.counted]
+    def scores(self, here: Slopes, group: NDArray[np.intp]) -> FloatArray:
+        """(m, p) gradient of the cost over each (N,) ``group``; their scatter tells what the information does not."""
+        group = group if self.counted is None else group[self.counted]
         score = here.matrix * here.residual[:, None]
-        score = score[: len(block)] + score[len(block) :]
-        used, number = np.unique(block, return_inverse=True)
+        score = score[: len(group)] + score[len(group) :]
+        used, number = np.unique(group, return_inverse=True)
         return np.column_stack([np.bincount(number, weights=column, minlength=len(used)) for column in score.T])
 
     def _steps(self, x: FloatArray) -> FloatArray:

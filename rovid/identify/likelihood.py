@@ -13,10 +13,10 @@ from rovid.effects import Effect
 from rovid.errors import DataError
 from rovid.identify.estimate import PER_INERTIA, Estimate
 from rovid.identify.free_run import CERTAINTY, fit_free_run, free_run_r2
-from rovid.identify.horizons import HorizonLikelihood, HorizonRecords
+from rovid.identify.horizons import HORIZONS, HorizonLikelihood, HorizonRecords
 from rovid.identify.innovations import BASE, Likelihood, Records
 from rovid.identify.regression import require_inertia
-from rovid.model import Model
+from rovid.model import Model, unit_of
 from rovid.runs import Run
 from rovid.simulation import compare, simulated_rate
 from rovid.trial import FloatArray
@@ -35,6 +35,10 @@ _R2_LOSS = 0.01
 # Where the disturbance is at its limit, the fit is tried again with this many times as much.
 _LOOSER = 2.5
 _TRIALS, _TRIAL_ITERATIONS = 8, 4
+# Runs that tell by their scatter how much the kind of run has to say.
+_FEWEST_RUNS = 3
+# Of the horizons the middle one, between short and long; their answers are apart from so many joint errors on.
+_MIDDLE, _APART = len(HORIZONS) // 2, 3.0
 _WHITE_LAGS = 20
 _WHITE_P = 1e-3
 _KURTOSIS = 1.0
@@ -196,9 +200,13 @@ def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> Floa
     here = likelihood.flatter_slopes(x)
     plain = inverse = _inverse(here.matrix.T @ here.matrix)
     if sandwich:
-        scores = likelihood.block_scores(here)
-        scores = scores - scores.mean(axis=0)
-        inverse = inverse @ (scores.T @ scores * len(scores) / (len(scores) - 1)) @ inverse
+        inverse = _sandwich(plain, likelihood.scores(here, likelihood.records.block))
+        by_run = likelihood.scores(here, likelihood.records.trial)
+        if len(by_run) >= _FEWEST_RUNS:
+            # Each kind of run may ask for parameters of its own, where the model's form is not nature's.
+            ratio = np.diag(_sandwich(plain, by_run)) / np.maximum(np.diag(inverse), 1e-300)
+            wider = np.sqrt(np.maximum(ratio, 1.0))
+            inverse = inverse * np.outer(wider, wider)
         # What has no slope has no scatter of it either, which is no certainty.
         flat = np.asarray(~here.matrix.any(axis=0))
         inverse = np.where(flat | flat[:, np.newaxis], plain, inverse)
@@ -214,6 +222,44 @@ def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> Floa
     inverse = np.where(held | held[:, np.newaxis], 0.0, inverse)
     shown, size = likelihood.of_model(x)
     return np.asarray(inverse[np.ix_(shown, shown)] * np.outer(size, size))
+
+
+def horizons_apart(likelihood: Likelihood, x: FloatArray) -> tuple[FloatArray, list[str]]:
+    """(p, p) what is added to the covariance of all parameters for a form that is not nature's, and what is said of it.
+
+    Short horizons and long ones would ask for the same parameters, were the model right. Half of what they are apart
+    beyond chance is how far another choice of horizons might move them.
+    """
+    names = likelihood.model(x).names
+    doubt = np.zeros((len(names), len(names)))
+    if not isinstance(likelihood, HorizonLikelihood):
+        return doubt, []
+    horizon = likelihood.records.horizon
+    parts = [likelihood.like(likelihood.effects, part) for part in (horizon < _MIDDLE, horizon > _MIDDLE)]
+    if min(part.count for part in parts) <= len(x):
+        return doubt, []
+    fits = [part.climb(x, iterations=2 * _TRIAL_ITERATIONS)[0] for part in parts]
+    short, long = (physical(part, at) for part, at in zip(parts, fits, strict=True))
+    chance = np.sum(
+        [np.diag(covariance(part, at, sandwich=True)) for part, at in zip(parts, fits, strict=True)], axis=0
+    )
+    apart = short - long
+    half = 0.5 * np.sign(apart) * np.sqrt(np.maximum(apart**2 - chance, 0.0))
+    worst = int(np.argmax(np.abs(apart[:3]) / np.sqrt(np.maximum(chance[:3], 1e-300))))
+    if abs(apart[worst]) <= _APART * math.sqrt(chance[worst]):
+        return np.outer(half, half), []
+    name, unit = names[worst].replace("_", " "), unit_of(names[worst], likelihood.records.axis)
+    said = (
+        f"Predictions up to one time constant ahead ask for another {name} ({short[worst]:.3g} {unit}) than those from "
+        f"four on ({long[worst]:.3g} {unit}): something is still missing. Where commands answer the motion believe "
+        "the short ones. The standard errors include half of the difference."
+    )
+    return np.outer(half, half), [said]
+
+
+def _sandwich(inverse: FloatArray, scores: FloatArray) -> FloatArray:
+    scores = scores - scores.mean(axis=0)
+    return np.asarray(inverse @ (scores.T @ scores * len(scores) / (len(scores) - 1)) @ inverse)
 
 
 def _reach(likelihood: Likelihood, x: FloatArray, at: int) -> float | None:
@@ -243,7 +289,8 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
     x = canonical(likelihood, x)
     white = likelihood_is_white(likelihood, x)
     at_limit = likelihood.at_limit(x)
-    found = covariance(likelihood, x, sandwich=not white)
+    doubt, said = horizons_apart(likelihood, x)
+    found = covariance(likelihood, x, sandwich=not white) + doubt
     if at_limit:
         # The limit is a choice; what a looser one would change is part of the uncertainty.
         looser = Likelihood(likelihood.records, _LOOSER * likelihood.limit, likelihood.effects)
@@ -258,7 +305,7 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
         covariance=found,
         method=likelihood.method,
         samples=sum(int(run.trial.measured.sum()) for run in likelihood.records.runs),
-        warnings=tuple(_warnings(likelihood, model, white=white, at_limit=at_limit)),
+        warnings=(*_warnings(likelihood, model, white=white, at_limit=at_limit), *said),
     )
     estimate = estimate if likelihood.records.driven else estimate.undriven()
     require_inertia(estimate, CERTAINTY)

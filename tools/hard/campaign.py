@@ -66,6 +66,7 @@ class Campaign:
                 "inertia": self.vehicle.total_inertia, "quadratic_drag": quadratic, "linear_drag": linear,
             },
             "rotor_seconds": self.vehicle.rotor_share * self.vehicle.time_constant,
+            "advance_loss": self.vehicle.loss,
             "hidden": hidden,
             "one_way": self.one_way,
             "drives": [run.drive.kind for run in self.runs],
