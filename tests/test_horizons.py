@@ -19,13 +19,14 @@ from rovid.effects import MOTION, Effect, effect_named
 from rovid.effects.base import STIFFNESS, TERM_PARAMETERS, TERM_STATES, TRIM
 from rovid.identify.horizons import HORIZONS, HorizonLikelihood, HorizonRecords, predictions, time_constant
 from rovid.identify.innovations import Likelihood, Records
-from rovid.identify.likelihood import starts, whitening_gain
+from rovid.identify.likelihood import covariance, horizons_apart, whitening_gain
 from rovid.kernels import predict, simulate_effects
 from rovid.model import Model
 from rovid.rates import rates_of
 from tests import synthetic
 
 if TYPE_CHECKING:
+    from rovid.runs import Run
     from rovid.trial import FloatArray
 
 TIME = synthetic.clock(1500.0, rate=5.0)
@@ -187,7 +188,7 @@ def fitted(key: str, ahead: HorizonRecords) -> tuple[Fitted, Fitted]:
     """A model with an effect by predictions, and one without any by each next reading."""
     effect = effect_named(key)
     likelihood, near = HorizonLikelihood(ahead, effects=(effect,)), Likelihood(near_of(ahead), 1.0)
-    begin = np.concatenate((near.first(), starts(effect)[0]))
+    begin = np.concatenate((near.first(), effect.starts[0]))
     return Fitted(likelihood, *likelihood.climb(begin)), Fitted(near, *near.climb(near.first()))
 
 
@@ -225,7 +226,7 @@ def test_all_restarts_together_go_where_each_would_alone(effect: Effect) -> None
     torque = np.where(np.arange(count) % 40 < 20, 150.0, -90.0)
     beside = np.column_stack((0.2 * np.ones(count), 0.8 + 0.1 * np.sin(np.arange(count)), 0.05 * np.ones(count)))
     scales = records().scales
-    begin = zip(starts(effect)[0], effect.parameters, strict=True)
+    begin = zip(effect.starts[0], effect.parameters, strict=True)
     own = np.array([value * scales.of(parameter) for value, parameter in begin])
     terms, kinds = np.zeros((1, TERM_PARAMETERS)), np.array([MOTION.index(effect)])
     terms[0, : len(own)] = own
@@ -265,3 +266,35 @@ def test_a_threshold_between_two_levels_is_told_though_it_has_no_slope() -> None
     pieces = [Piece(number, -math.inf, math.inf, run) for number, run in enumerate(runs)]
     folds = cross_validate(Fitted(likelihood, begin, likelihood.cost(begin)), pieces)
     assert [fold.x[at] for fold in folds] == [likelihood.high[at]] * 4
+
+
+def test_nothing_swings_faster_than_readings_show() -> None:
+    records = Records([synthetic.run(TIME, TORQUE)], synthetic.LOGGED, synthetic.ROSUB, interval=1.0)
+    likelihood = Likelihood(records, 0.05, (effect_named("wave_torque"),))
+    highest = likelihood.high[likelihood.base + 1]
+    assert highest == pytest.approx(math.pi)
+    starts = likelihood.starts()
+    assert all(start[1] <= highest for start in starts)
+    assert len({tuple(start) for start in starts}) == len(starts) < len(effect_named("wave_torque").starts)
+
+
+def test_horizons_that_disagree_widen_the_errors_and_are_named() -> None:
+    """A torque that comes late shows to short predictions as another drag than to long ones."""
+    right = _ahead_likelihood([synthetic.run(TIME[:900], TORQUE[:900], noise=NOISE[:900]) for _ in range(4)])
+    x, _ = right.climb(right.first())
+    doubt, said = horizons_apart(right, x)
+    assert not said
+    assert np.sqrt(doubt[0, 0]) < 2.0 * np.sqrt(covariance(right, x, sandwich=True)[0, 0])
+    late = 0.1 * np.convolve(TORQUE, np.ones(60) / 60.0)[: len(TORQUE)]
+    cuts = [slice(start, start + 2000) for start in (0, 2000, 4000)]
+    runs = [synthetic.run(TIME[:2000], TORQUE[cut], noise=NOISE[:2000], disturbance=late[cut]) for cut in cuts]
+    wrong = _ahead_likelihood(runs)
+    x, _ = wrong.climb(wrong.first())
+    doubt, said = horizons_apart(wrong, x)
+    assert len(said) == 1
+    assert "half of the difference" in said[0]
+    assert np.diag(doubt)[:3].max() > 0.0
+
+
+def _ahead_likelihood(runs: list[Run]) -> HorizonLikelihood:
+    return HorizonLikelihood(HorizonRecords.of(Records(runs, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB))

@@ -12,7 +12,6 @@ import pytest
 from rovid.diagnose.search import Fitted, Promise, screen, shortlist
 from rovid.effects import Effect, effect_named
 from rovid.identify.innovations import Likelihood, Slopes
-from rovid.identify.likelihood import starts
 from rovid.trial import FloatArray
 
 
@@ -34,7 +33,7 @@ class Keeping:
 def listed(promised: Mapping[str, float], keeps: Mapping[str, float] | None = None, *, least: float = 0.0) -> list[str]:
     """Keys of what is fitted; everything is kept that is promised, but for ``keeps``."""
     promises = [
-        Promise(effect, gain, starts(effect)[0], starts(effect)[0], 1.0)
+        Promise(effect, gain, effect.starts[0], effect.starts[0], 1.0)
         for effect, gain in ((effect_named(key), gain) for key, gain in promised.items())
     ]
     likelihood: Any = Keeping({**promised, **(keeps or {})})  # stands in for a Likelihood
@@ -84,6 +83,9 @@ class RunningAway:
     def like(self, effects: tuple[Effect, ...]) -> RunningAway:
         return RunningAway(effects)
 
+    def starts(self) -> list[FloatArray]:
+        return self.effects[-1].starts
+
     def innovations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         pattern = np.sin(np.arange(200.0))
         error = 3.0 * pattern * (1.0 - x[-1]) if x[-1] >= 0.0 else np.full(200, np.nan)
@@ -97,7 +99,7 @@ class RunningAway:
 
 def test_a_start_that_runs_away_keeps_no_other_start_of_its_form_out() -> None:
     form = effect_named("drag_curvature")
-    assert {np.sign(start[0]) for start in starts(form)} == {-1.0, 1.0}
+    assert {np.sign(start[0]) for start in form.starts} == {-1.0, 1.0}
     likelihood: Any = RunningAway()  # stands in for a Likelihood
     (promise,) = screen(Fitted(likelihood, np.zeros(1), 0.0), [form])
     # All of half the sum of squares is there to be gained.

@@ -13,7 +13,6 @@ from rovid.effects import Effect, forms_for
 from rovid.effects.base import Scales
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit, table_drag
-from rovid.identify.likelihood import starts
 from rovid.model import Model
 from rovid.tables import Table
 from rovid.trial import FloatArray, Trial
@@ -180,7 +179,7 @@ class _Rows:
         drag = np.array([begin.quadratic_drag, begin.linear_drag])[: len(most)] / most
         rest = np.array([math.log(begin.inertia), *drag])
         begins = [
-            np.clip(np.concatenate((rest, one)), low, high) for one in ([()] if effect is None else starts(effect))
+            np.clip(np.concatenate((rest, one)), low, high) for one in ([()] if effect is None else effect.starts)
         ]
         begins = sorted(begins, key=lambda x: float(np.sum(misfits(x) ** 2)))[:_STARTS]
         steps = np.full(len(low), _NUDGE)

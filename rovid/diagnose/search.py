@@ -10,7 +10,7 @@ import numpy as np
 
 from rovid.effects import Effect
 from rovid.identify.innovations import Likelihood, Slopes
-from rovid.identify.likelihood import likelihood_is_white, loosened, starts
+from rovid.identify.likelihood import likelihood_is_white, loosened
 from rovid.trial import FloatArray
 from rovid.workers import spread
 
@@ -224,13 +224,13 @@ class Search:
     def form_doubt(self, current: Fitted, *, white: bool) -> float:
         """Log-likelihood that the difference between nature's form of what ``current`` has and the equation's may be.
 
-        ``white`` is whether the data are explained down to white innovations. Waves are a kind of disturbance: no cause
-        gains by what their form is not.
+        ``white`` is whether the data are explained down to white innovations. Then waves have the form that they need
+        to have: they are a kind of disturbance, and no cause gains by what is left of them.
         """
-        waves = current
+        rest = current
         for effect in current.effects:
-            waves = waves if effect.wave else self.without(waves, effect)
-        earned = worth(current) - worth(waves)
+            rest = rest if effect.wave and white else self.without(rest, effect)
+        earned = worth(current) - worth(rest)
         if not all(effect.equation for effect in current.effects):
             # How something depends on a mere signal is known even less.
             return _BESIDE_SIGNAL * earned
@@ -304,7 +304,7 @@ class Search:
         """``one`` with the last effect of ``other`` besides."""
         effect = other.effects[-1]
         likelihood = one.likelihood.like((*one.effects, effect))
-        begins = [np.concatenate((one.x, start)) for start in (other.own(effect), *starts(effect))]
+        begins = [np.concatenate((one.x, start)) for start in (other.own(effect), *likelihood.starts())]
         return climbed(likelihood, min(begins, key=likelihood.cost), _ITERATIONS)
 
     def _opened(self, current: Fitted) -> Fitted:
@@ -415,7 +415,7 @@ class Search:
             less = self._fits.get(_key(fitted.likelihood.like(effects)))
             if less is not None and less.cost < fitted.cost:
                 likelihood = fitted.likelihood.like((*effects, effect))
-                begins = [np.concatenate((less.x, start)) for start in starts(effect)]
+                begins = [np.concatenate((less.x, start)) for start in likelihood.starts()]
                 return climbed(likelihood, min(begins, key=likelihood.cost), _ITERATIONS)
         return fitted
 
@@ -481,7 +481,7 @@ def _promise(
     current: Fitted, form: Effect, centre: tuple[FloatArray, FloatArray], here: Slopes, past: _Complement
 ) -> Promise:
     likelihood = current.likelihood.like((*current.effects, form))
-    begins = starts(form)
+    begins = likelihood.starts()
     sides = [likelihood.innovations(np.concatenate((current.x, begin))) for begin in begins]
     raw = likelihood.slopes_between(centre, sides, np.ones(len(sides))).matrix
     # A drag that falls with the rate runs away from one start, and may hold from another.

@@ -15,7 +15,7 @@ from rovid.diagnose.parts import Piece
 from rovid.diagnose.search import Fitted, climbed, worth
 from rovid.effects import Effect
 from rovid.identify.innovations import BASE, DISTURBANCE, Likelihood, Records
-from rovid.identify.likelihood import UNLIMITED, starts
+from rovid.identify.likelihood import UNLIMITED
 
 _FIRST_ITERATIONS, _ITERATIONS = 3, 20
 _BEGUN = 3
@@ -77,7 +77,7 @@ def swell(records: Records, beside: Fitted, wave: Effect | None, pieces: Sequenc
     if wave is None:
         return Swell(plain, pieces)
     wavy = likelihood.like((*beside.effects, wave))
-    begins = sorted((np.concatenate((plain.x, start)) for start in starts(wave)), key=wavy.cost)[:_BEGUN]
+    begins = sorted((np.concatenate((plain.x, start)) for start in wavy.starts()), key=wavy.cost)[:_BEGUN]
     tried = [climbed(wavy, begin, _FIRST_ITERATIONS) for begin in begins]
     found = climbed(wavy, min(tried, key=lambda fitted: fitted.cost).x, _ITERATIONS)
     if not found.plausible or worth(found) <= worth(plain):

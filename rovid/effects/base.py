@@ -276,6 +276,15 @@ class Effect:
         """Whether it acts between command and torque."""
         return bool(self.on_command or self.on_thrust or self.on_torque or self.on_speed)
 
+    @property
+    def starts(self) -> list[FloatArray]:
+        """Where to begin the search for the parameters, in units of their scale."""
+        count = max(len(parameter.starts) for parameter in self.parameters)
+        return [
+            np.array([p.starts[min(number, len(p.starts) - 1)] for p in self.parameters], dtype=float)
+            for number in range(count)
+        ]
+
     def values(self, numbers: FloatArray) -> dict[str, float]:
         """Parameters by name."""
         return {parameter.name: float(value) for parameter, value in zip(self.parameters, numbers, strict=True)}

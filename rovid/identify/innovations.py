@@ -363,7 +363,22 @@ class Likelihood:
                 *(p.high for p in self.parameters),
             ]
         )
+        self._bound_frequencies()
         self._drives: dict[tuple[float, ...], list[Drive]] = {}
+
+    def _bound_frequencies(self) -> None:
+        """Keep what swings by itself slower than readings show (Nyquist)."""
+        fastest = math.pi / max(self.records.interval, min(run.trial.period for run in self.records.runs))
+        names = [(effect.wave or effect.carried, p.name) for effect in self.effects for p in effect.parameters]
+        for at, (swings, name) in enumerate(names, start=self.base):
+            if swings and name == "frequency":
+                self.high[at] = max(min(self.high[at], fastest), self.low[at])
+
+    def starts(self) -> list[FloatArray]:
+        """Where to begin the search for the parameters of the last effect, within their bounds."""
+        own = slice(len(self.low) - len(self.effects[-1].parameters), None)
+        within = np.clip(self.effects[-1].starts, self.low[own], self.high[own])
+        return [start for k, start in enumerate(within) if not (within[:k] == start).all(axis=1).any()]
 
     def like(self, effects: tuple[Effect, ...], counted: NDArray[np.bool_] | None = None) -> Self:
         """The same question asked of a model with other effects, or of other innovations."""

@@ -154,9 +154,9 @@ def fit_horizons(records: Records) -> tuple[HorizonLikelihood, FloatArray, float
 def with_effects(bare: Likelihood, x: FloatArray, effects: tuple[Effect, ...]) -> tuple[Likelihood, FloatArray]:
     """Continue from the fit without effects: the likeliest of all starts, its disturbance then limited anew."""
     likelihood, better = bare, [x[: bare.base]]
-    for count, effect in enumerate(effects, start=1):
+    for count in range(1, len(effects) + 1):
         likelihood = bare.like(effects[:count], bare.counted)
-        begins = [np.concatenate((begin, start)) for begin in better for start in starts(effect)]
+        begins = [np.concatenate((begin, start)) for begin in better for start in likelihood.starts()]
         better = sorted(begins, key=likelihood.cost)[:_TRIALS]
     # A few steps tell which of the better starts leads lowest.
     best, _ = min((likelihood.climb(begin, iterations=_TRIAL_ITERATIONS) for begin in better), key=lambda pair: pair[1])
@@ -175,15 +175,6 @@ def loosened(likelihood: Likelihood, x: FloatArray) -> tuple[Likelihood, FloatAr
         if simulated_r2(wider, widest) >= wanted:
             return wider, widest
     return likelihood, x
-
-
-def starts(effect: Effect) -> list[FloatArray]:
-    """Where to begin the search for the parameters of ``effect``, in units of their scale."""
-    count = max(len(parameter.starts) for parameter in effect.parameters)
-    return [
-        np.array([p.starts[min(number, len(p.starts) - 1)] for p in effect.parameters], dtype=float)
-        for number in range(count)
-    ]
 
 
 def simulated_r2(likelihood: Likelihood, x: FloatArray) -> float:
