@@ -468,6 +468,34 @@ def test_water_in_a_frame_follows_slower_the_smaller_the_slip() -> None:
     assert slow[0] == pytest.approx(fast[0] / 100.0, rel=0.02)
 
 
+def test_a_step_through_the_lags_of_the_command_and_of_the_rotors_speed() -> None:
+    """At 2 s of 1 s: 1 − exp(−2) of the command or the speed, and 1 − 3·exp(−2) after two lags (Laplace)."""
+    time = np.arange(0.0, 4.0, 0.01)
+    where = replace(WHERE, time=time)
+    step = np.where(time[:, np.newaxis] < 1.0, 0.0, np.array([2.0, -3.0]))
+    double, spin = effect_named("thruster_lag:double"), effect_named("thruster_lag:spin")
+    assert double.on_command is not None
+    assert spin.on_thrust is not None
+    at = round(3.0 / 0.01)
+    left = math.exp(-2.0)
+    late = double.on_command(where, step, {"time_constant": 1.0})[at]
+    assert late == pytest.approx((1.0 - 3.0 * left) * np.array([2.0, -3.0]), rel=0.01)
+    spun = spin.on_thrust(where, step, {"time_constant": 1.0})[at]
+    assert spun == pytest.approx((1.0 - left) ** 2 * np.array([2.0, -3.0]), rel=0.01)
+
+
+def test_water_that_follows_swings_at_its_frequency() -> None:
+    """Held at a rate the water comes to follow it, and pulls no more; at its frequency it pulls most."""
+    effect, frequency, damping = effect_named("tank_seiche:following"), 0.8, 0.1
+    values = np.array([0.2, frequency, damping])
+    # In steady motion: x0 = r/ω², x1 = 0.
+    torque, change = term(effect, values, 0.3, 0.0, np.array([0.3 / frequency**2, 0.0]))
+    assert torque == 0.0
+    assert change == pytest.approx([0.0, 0.0], abs=1e-12)
+    torque, _ = term(effect, values, 0.3, 0.0, np.array([0.0, 0.5]))
+    assert torque == pytest.approx(-0.2 * BASE[0] * frequency**2 * 0.5)
+
+
 def test_water_that_goes_along_leaves_an_inertia_in_slow_motion() -> None:
     memory = effect_named("added_mass_memory")
     model = Model(inertia=5.0, quadratic_drag=1.0, linear_drag=1.0, effects=(memory,), effect_values=(-3.5, 2.0))

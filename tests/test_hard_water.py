@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -155,6 +156,7 @@ def test_scores_tell_exact_class_there_and_wrong_apart() -> None:
     truth = {
         "hidden": {"effect": "thruster_lag"}, "one_way": False, "also_true": ["wave_torque"], "visible": 0.4,
         "vehicle": "boat", "parameters": {"inertia": 10.0}, "told_fit": {"inertia": 10.5},
+        "late_fit": {"inertia": 10.3}, "rotor_seconds": 0.05, "advance_loss": 0.04, "speed_logged": True,
     }  # fmt: skip
 
     def said(*effects: str) -> dict[str, object]:
@@ -162,10 +164,13 @@ def test_scores_tell_exact_class_there_and_wrong_apart() -> None:
         model = {"parameters": {"inertia": {"value": 10.4, "standard_error": 0.1}}}
         return {"verdict": "found", "findings": findings, "extended": model, "base": model}
 
-    def scored(*effects: str) -> dict[str, object]:
+    def scored(*effects: str) -> dict[str, Any]:
         return score({"number": 1, "truth": truth, "said": said(*effects), "failure": ""})
 
     assert scored("thruster_lag")["established"] == ["exact"]
+    # A model with a lag is held against a fit that knows how late the rotors are, any other against one that does not.
+    assert scored("thruster_lag")["parameters"]["inertia"]["errors_from_best"] == pytest.approx(1.0)
+    assert scored("bias_torque")["parameters"]["inertia"]["errors_from_best"] == pytest.approx(-1.0)
     assert scored("command_delay")["established_right"]
     both = scored("wave_torque", "bias_torque")
     assert both["established"] == ["there", "wrong"]
@@ -178,12 +183,22 @@ def test_scores_tell_exact_class_there_and_wrong_apart() -> None:
     assert brier == pytest.approx((2 * 0.05**2 + 0.85**2) / 3)
 
 
-@pytest.mark.parametrize(("seconds", "worth"), [(0.25, "there"), (0.6, "wrong")])
-def test_a_lag_of_the_rotors_own_size_is_there(seconds: float, worth: str) -> None:
+@pytest.mark.parametrize(
+    ("effect", "name", "size", "worth"),
+    [
+        ("thruster_lag", "time_constant", 0.25, "there"),
+        ("thruster_lag", "time_constant", 0.6, "wrong"),
+        ("advance_speed_loss", "coefficient", 0.15, "there"),
+        ("advance_speed_loss", "coefficient", 0.3, "wrong"),
+        ("slew_limit", "rate", 0.2, "wrong"),
+    ],
+)
+def test_what_the_thrusters_have_by_themselves_is_there(effect: str, name: str, size: float, worth: str) -> None:
     truth: dict[str, object] = {"hidden": None, "one_way": False, "also_true": [], "rotor_seconds": 0.2}
-    size = {"value": seconds, "standard_error": 0.05}
-    named = {"effect": "thruster_lag", "parameters": {"time_constant": size}, "cannot_be_told_from": []}
-    assert verdict_on(named, truth) == worth
+    found = {"value": size, "standard_error": 0.05}
+    named = {"effect": effect, "parameters": {name: found}, "cannot_be_told_from": []}
+    assert verdict_on(named, truth | {"advance_loss": 0.04}) == worth
+    assert verdict_on(named, truth | {"advance_loss": 0.0, "rotor_seconds": 0.0}) == "wrong"
 
 
 def test_thrusters_too_slow_for_the_plain_model_are_no_lack_of_data(tmp_path: Path) -> None:

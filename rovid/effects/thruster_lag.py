@@ -20,6 +20,16 @@ def _of_command(where: Actuation, command: FloatArray, values: Values) -> FloatA
     return np.column_stack(columns)
 
 
+def _doubled(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
+    return _of_command(where, _of_command(where, command, values), values)
+
+
+def _of_spin(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+    speed = np.sign(thrust) * np.sqrt(np.abs(thrust))
+    late = np.column_stack([lagged(where.time, np.ascontiguousarray(n), values["time_constant"]) for n in speed.T])
+    return np.asarray(late * np.abs(late))
+
+
 def _of_rotor(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
     scaled = (thrust / where.reference_thrust).T
     columns = [rotor_lagged(where.time, np.ascontiguousarray(f), values["time_constant"]) for f in scaled]
@@ -45,6 +55,21 @@ FORMS: tuple[Effect, ...] = (
         equation="τ·du'/dt + u' = u, ahead of the thrust curve",
         on_torque=None,
         on_command=_of_command,
+    ),
+    replace(
+        EFFECT,
+        form="spin",
+        equation="τ·dn/dt + n = sign(F)·√|F|, F' = n·|n|: the rotor's speed, as a motor's controller has it follow",
+        on_torque=None,
+        on_thrust=_of_spin,
+    ),
+    # A rotor behind a motor or a controller of its own: no thrust at once, as of one lag.
+    replace(
+        EFFECT,
+        form="double",
+        equation="τ²·d²u'/dt² + 2τ·du'/dt + u' = u, ahead of the thrust curve",
+        on_torque=None,
+        on_command=_doubled,
     ),
     # Yoerger, Cooke and Slotine 1990: n' = β·u − α·n|n|, F = C·n|n|.
     replace(
