@@ -12,7 +12,7 @@ from rovid.identify.likelihood import covariance, physical
 
 _ITERATIONS = 20
 # What shrinks to less than this share, by more than so many standard errors, is no longer the same cause.
-_SHRUNK, _APART = 0.5, 2.0
+_SHRUNK, _APART = 0.7, 2.0
 
 
 def size_of(fitted: Fitted, effect: Effect, *, sandwich: bool) -> tuple[float, float]:
