@@ -227,10 +227,7 @@ class Search:
         ``white`` is whether the data are explained down to white innovations. Then waves have the form that they need
         to have: they are a kind of disturbance, and no cause gains by what is left of them.
         """
-        rest = current
-        for effect in current.effects:
-            rest = rest if effect.wave and white else self.without(rest, effect)
-        earned = worth(current) - worth(rest)
+        earned = worth(current) - worth(self.without_any(current, but_waves=white))
         if not all(effect.equation for effect in current.effects):
             # How something depends on a mere signal is known even less.
             return _BESIDE_SIGNAL * earned
@@ -393,10 +390,11 @@ class Search:
                 best[last.id] = Rival(last, gain, fit)
         return tuple(sorted(best.values(), key=lambda rival: -rival.gain))
 
-    def without_any(self, current: Fitted) -> Fitted:
-        """The model without any effect."""
+    def without_any(self, current: Fitted, *, but_waves: bool = False) -> Fitted:
+        """The model without any effect, or with its waves alone."""
         for effect in current.effects:
-            current = self.without(current, effect)
+            if not (effect.wave and but_waves):
+                current = self.without(current, effect)
         return current
 
     def without(self, current: Fitted, effect: Effect) -> Fitted:
