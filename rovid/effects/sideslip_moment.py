@@ -53,7 +53,7 @@ EFFECT: Effect = Effect(
     equation="− N·v, v the logged speed to starboard",
     fingerprint="residual torque in proportion to the sideways speed, whatever the rate",
     experiment="drifts sideways without turning, both ways, at rest and with speed ahead",
-    rivals=("heading_dependent_torque", "drag_asymmetry", "advance_speed_loss"),
+    rivals=("speed_dependent_damping", "supply_sag", "heading_dependent_torque", "drag_asymmetry"),
     needs=SPEEDS[1:],
     term=_drift,
 )

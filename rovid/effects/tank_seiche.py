@@ -42,7 +42,8 @@ EFFECT: Effect = Effect(
     axes=("yaw", "surge", "sway"),
     title="tank seiche",
     parameters=(
-        EffectParameter(name="gain", unit="1", null=0.0, low=0.0, high=2.0, starts=(0.1,)),
+        # Water that pulls by more than the vehicle's own inertia is no tank's that swings.
+        EffectParameter(name="gain", unit="1", null=0.0, low=0.0, high=1.0, starts=(0.1,)),
         # A tank of length l and depth h has ω² = g·k·tanh(k·h), k = nπ/l: 1.4 rad/s in 15 m by 7 m, 8 in half a metre.
         EffectParameter(name="frequency", unit="rad/s", null=1.0, low=0.05, high=8.0, starts=_FREQUENCIES),
         EffectParameter(name="damping", unit="1", null=0.05, low=0.005, high=0.5, starts=(0.08,)),
