@@ -198,14 +198,15 @@ def _failures(records: list[dict[str, Any]], scores: list[dict[str, Any]]) -> st
             named = ", ".join(one["names"]) or "-"
             suspected = ", ".join(one["suspected"]) or "-"
             said = " ".join(str(one["verdict"]).split())[:90].replace("|", "/")
-            rows.append([str(one["number"]), one["vehicle"], hidden, f"{record['truth']['visible']:.2f}", said, named,
-                         suspected])  # fmt: skip
+            visible = f"{record['truth']['visible']:.2f}"
+            where = [str(record["seed"]), str(one["number"]), one["vehicle"]]
+            rows.append([*where, hidden, visible, said, named, suspected])
     if not rows:
         return "## Failures\n\nNone."
     return (
         "## Failures\n\nA wrong cause established, a visible one missed, no answer. "
         "`python -m benchmarks.hard --seed SEED --only NUMBER --keep FOLDER --state FILE` makes one again.\n\n"
-        + _table(["number", "vehicle", "hidden", "visible", "verdict", "established", "suspected"], rows)
+        + _table(["seed", "number", "vehicle", "hidden", "visible", "verdict", "established", "suspected"], rows)
     )
 
 
