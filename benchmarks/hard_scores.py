@@ -34,7 +34,7 @@ NOMINAL_ERRORS = 3.0
 # What goes by a speed.
 BY_SPEED = frozenset({"advance_speed_loss", "sideslip_moment", "speed_dependent_damping"})
 # Causes with which a model knows that the rotors are late.
-LATE = frozenset({"thruster_lag", "command_delay"})
+LATE = frozenset(effect for effect, (_, known) in NOMINAL.items() if known == "rotor_seconds")
 VISIBILITY = ((0.5, "half or more"), (0.25, "a quarter to a half"), (0.1, "a tenth to a quarter"), (-9.0, "less"))
 PARAMETERS = ("inertia", "quadratic_drag", "linear_drag")
 

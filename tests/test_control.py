@@ -148,8 +148,7 @@ def test_recorded_commands_drive_the_open_loop_to_the_same_heading(effect: Effec
     # It starts at the rate that is logged first.
     rate, heading = model.simulate(replace(course.trial(), rate=np.zeros(len(course.time))), drive)
     # Steps of the integration, what is forgotten, and a true heading that is found from the instrument's by turns.
-    forgotten = float(np.max(np.abs(drive.beside - course.drive.beside)))  # of a speed that follows the thrust for long
-    reach = 1e-3 if effect.on_heading else 6e-6 + 0.01 * differs + 1e-3 * forgotten
+    reach = 1e-3 if effect.on_heading else 6e-6 + 0.01 * differs
     if effect.on_heading is None:
         assert rate == pytest.approx(course.rate, abs=reach)
     assert heading - heading[0] == pytest.approx(course.heading - course.heading[0], abs=reach)
@@ -457,8 +456,8 @@ def test_a_random_vehicle_keeps_its_heading_within_predicted_margins(seed: int) 
         course = run_closed(controller, allocation, late, goal, math.radians(100.0))
         swings.append([float(np.ptp(part)) for part in np.array_split(np.degrees(course.heading), 4)])
     assert swings[0][3] < swings[0][1]
-    # From a step of one degree it has grown, or goes on, as drag and thrust limit it.
-    assert swings[1][3] > max(0.5, 0.99 * swings[1][1])
+    # From a step of one degree it has grown until drag and thrust limit it.
+    assert swings[1][3] > 1.0
     assert swings[1][3] > 0.95 * swings[1][1]
 
 

@@ -484,8 +484,8 @@ def test_a_step_through_the_lags_of_the_command_and_of_the_rotors_speed() -> Non
     assert spun == pytest.approx((1.0 - left) ** 2 * np.array([2.0, -3.0]), rel=0.01)
 
 
-def test_water_that_follows_swings_at_its_frequency() -> None:
-    """Held at a rate the water comes to follow it, and pulls no more; at its frequency it pulls most."""
+def test_water_that_follows_pulls_by_its_acceleration() -> None:
+    """Water that has come to follow a rate pulls no more; else its own acceleration is what pulls."""
     effect, frequency, damping = effect_named("tank_seiche:following"), 0.8, 0.1
     values = np.array([0.2, frequency, damping])
     # In steady motion: x0 = r/ω², x1 = 0.

@@ -19,7 +19,7 @@ from rovid.vehicle import Vehicle
 _LONGEST_TICK = 0.1
 # s of commands that are looked back upon at each step; where neither is enough, all of them are.
 _WINDOWS = (20.0, 60.0)
-# Of the largest torque: what an effect remembers from before the window.
+# Of the largest torque, and of the largest speed of each kind: what an effect remembers from before the window.
 _FORGOTTEN = 1e-4
 
 
@@ -121,11 +121,16 @@ def run_closed(
         course = _run(law, allocation, plant, wanted, start, time, outside, noise, where, window)
         if window >= len(time) or not plant.model.acts_on_drive:
             break
-        whole = plant.model.driven(plant.vehicle, where, course.commands)
-        reach = _FORGOTTEN * max(float(np.max(np.abs(whole.torque))), 1e-9)
-        if np.max(np.abs(whole.torque - course.drive.torque)[:-1]) <= reach:
+        if _is_forgotten(plant.model.driven(plant.vehicle, where, course.commands), course.drive):
             break
     return course
+
+
+def _is_forgotten(whole: Drive, seen: Drive) -> bool:
+    """Whether what was before the window makes no difference to the torque, nor to what terms are told beside it."""
+    everything, looked_back = (np.column_stack((drive.torque, drive.beside)) for drive in (whole, seen))
+    reach = _FORGOTTEN * np.maximum(np.max(np.abs(everything), axis=0), 1e-9)
+    return bool(np.all(np.abs(everything - looked_back)[:-1] <= reach))
 
 
 def _run(

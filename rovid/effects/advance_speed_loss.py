@@ -59,6 +59,19 @@ EFFECT: Effect = Effect(
     term=_term,
     races=True,
 )
+_MEASURED = replace(
+    EFFECT,
+    form="measured",
+    parameters=(replace(_COEFFICIENT, scale="root/surge"),),
+    equation="each thrust less a·√|F|·s·u, u the logged speed ahead, s the thruster's share along it",
+    fingerprint="residual torque as the root of the thrust times the speed ahead; none of it while coasting",
+    experiment="the same commands at several speeds ahead; coast-downs at speed, which know no thrust",
+    rivals=("speed_dependent_damping", "supply_sag"),
+    needs=SPEEDS[:1],
+    term=None,
+    races=False,
+    on_thrust=_measured,
+)
 FORMS: tuple[Effect, ...] = (
     EFFECT,
     replace(
@@ -67,30 +80,14 @@ FORMS: tuple[Effect, ...] = (
         equation="− T·(j + 2.5 j² − 1.8 j³), j = a·l·r·sign(T)/√|F|: a bent open-water curve",
         term=_open_water,
     ),
+    _MEASURED,
     replace(
-        EFFECT,
-        form="measured",
-        parameters=(replace(_COEFFICIENT, scale="root/surge"),),
-        equation="each thrust less a·√|F|·s·u, u the logged speed ahead, s the thruster's share along it",
-        fingerprint="residual torque as the root of the thrust times the speed ahead; none of it while coasting",
-        experiment="the same commands at several speeds ahead; coast-downs at speed, which know no thrust",
-        rivals=("speed_dependent_damping", "supply_sag"),
-        needs=SPEEDS[:1],
-        term=None,
-        races=False,
-        on_thrust=_measured,
-    ),
-    replace(
-        EFFECT,
+        _MEASURED,
         form="across",
-        parameters=(replace(_COEFFICIENT, scale="root/surge"),),
         equation="each thrust less a·√|F|·|u| of its size, u the logged speed ahead: thrusters across the way",
         fingerprint="less torque from the same command the faster the vehicle goes, ahead or astern",
         experiment="the same commands at several speeds ahead and astern, and at none",
         rivals=("supply_sag", "speed_dependent_damping"),
-        needs=SPEEDS[:1],
-        term=None,
-        races=False,
         on_thrust=_across,
     ),
 )
