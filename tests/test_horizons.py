@@ -11,9 +11,10 @@ import pytest
 from scipy import signal
 
 from rovid.diagnose.heldout import cross_validate, errors_ahead, log_likelihood
-from rovid.diagnose.odds import confidence
+from rovid.diagnose.odds import ESTABLISHED, confidence
 from rovid.diagnose.parts import Piece, pieces_of
-from rovid.diagnose.search import Fitted
+from rovid.diagnose.scatter import stands_out
+from rovid.diagnose.search import Fitted, climbed
 from rovid.diagnose.size import one_size
 from rovid.effects import MOTION, Effect, effect_named
 from rovid.effects.base import STIFFNESS, TERM_PARAMETERS, TERM_STATES, TRIM
@@ -26,6 +27,8 @@ from rovid.rates import rates_of
 from tests import synthetic
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rovid.runs import Run
     from rovid.trial import FloatArray
 
@@ -142,14 +145,41 @@ def test_a_run_that_is_long_enough_is_told_by_one_piece_and_tried_on_another() -
     assert [piece.whole for piece in pieces] == [number for number in range(12) for _ in range(2)]
 
 
-def test_what_the_other_pieces_do_not_tell_is_held_out_as_nothing() -> None:
-    """Thrust of one trial alone, with that trial held out whole: its size must not come from what is held out."""
-    weaker = [0.0, 0.0, 0.1, 0.0]
+def weakened(shares: Sequence[float]) -> list[Run]:
+    """As many runs of a minute, each with its share of the thrust gone."""
     runs = [
         synthetic.run(TIME[:600], TORQUE[:600], noise=NOISE[:600], disturbance=-share * TORQUE[:600])
-        for share in weaker
+        for share in shares
     ]
-    named = [replace(run, trial=replace(run.trial, name=f"run_{number}")) for number, run in enumerate(runs)]
+    return [replace(run, trial=replace(run.trial, name=f"run_{number}")) for number, run in enumerate(runs)]
+
+
+@pytest.mark.parametrize(
+    ("shares", "stands"),
+    [
+        ((0.0, 0.0, 0.4, 0.0), True),
+        ((0.0, 0.01, 0.4, -0.01, 0.0), True),
+        # No more than others differ by, or than any battery does.
+        ((0.2, -0.2, 0.4, 0.0), False),
+        ((0.0, 0.0, 0.05, 0.0), False),
+        # One of three.
+        ((0.0, 0.0, 0.15), False),
+    ],
+)
+def test_a_trial_has_to_stand_out_from_the_others(shares: Sequence[float], stands: bool) -> None:
+    ahead = HorizonRecords.of(Records(weakened(shares), synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    odd = effect_named("supply_sag:trial run_2")
+    likelihood = HorizonLikelihood(ahead, effects=(odd,))
+    begin = likelihood.first()
+    begin[-1] = 0.8
+    fitted = climbed(likelihood, begin, 20)
+    assert fitted.x[-1] < 0.99
+    assert (stands_out(fitted, odd) >= ESTABLISHED) is stands
+
+
+def test_what_the_other_pieces_do_not_tell_is_held_out_as_nothing() -> None:
+    """Thrust of one trial alone, with that trial held out whole: its size must not come from what is held out."""
+    named = weakened((0.0, 0.0, 0.1, 0.0))
     ahead = HorizonRecords.of(Records(named, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
     likelihood = HorizonLikelihood(ahead, effects=(effect_named("supply_sag:trial run_2"),))
     begin = likelihood.first()

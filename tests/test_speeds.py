@@ -44,8 +44,8 @@ heading = { csv = "heading_deg" }
 """
 
 
-def sailed(seed: int, drift: float = 0.0) -> pd.DataFrame:
-    """120 s in steps of 4 s, at 10 Hz; a hull that sways turns by ``drift`` in N s."""
+def sailed(seed: int, drift: float = 0.0, munk: float = 0.0, cross_flow: float = 40.0) -> pd.DataFrame:
+    """120 s in steps of 4 s, at 10 Hz; a hull that sways turns by ``drift`` in N s and, as it goes, ``munk`` in kg."""
     rng = np.random.default_rng(seed)
     orders = LEVELS[rng.permutation(np.arange(30) % len(LEVELS))]
     rows, state = [], np.zeros(4)
@@ -54,10 +54,11 @@ def sailed(seed: int, drift: float = 0.0) -> pd.DataFrame:
 
         def slope(_: float, y: FloatArray, thrust: FloatArray = thrust) -> list[float]:
             u, v, r, _psi = y
-            drag = (QUADRATIC * abs(r) + LINEAR + (0.0 if drift else DAMPING) * abs(u)) * r + drift * v
+            drag = (QUADRATIC * abs(r) + LINEAR + (0.0 if drift or munk else DAMPING) * abs(u)) * r
+            drag += (drift + munk * u) * v
             return [
                 (thrust.sum() - SURGE_DRAG * abs(u) * u) / MASS,
-                -(MASS * u * r + (60.0 + 40.0 * abs(v)) * v) / (1.5 * MASS),
+                -(MASS * u * r + (60.0 + cross_flow * abs(v)) * v) / (1.5 * MASS),
                 (ARM * (thrust[0] - thrust[1]) - drag) / INERTIA,
                 r,
             ]
@@ -94,14 +95,14 @@ def launched(seed: int) -> pd.DataFrame:
     return pd.DataFrame(log, columns=["time_s", "heading_deg", "speed_kn", "port", "starboard"])
 
 
-def boat(folder: Path, more: str = "", drift: float = 0.0) -> None:
+def boat(folder: Path, more: str = "", drift: float = 0.0, munk: float = 0.0, cross_flow: float = 40.0) -> None:
     folder.mkdir()
     (folder / "rovid.toml").write_text(TOML + more)
     command = np.linspace(-1.0, 1.0, 41)
     curve = {"command": command, "thrust_N": THRUST * command * np.abs(command)}
     pd.DataFrame(curve).to_csv(folder / "curve.csv", index=False)
     for seed in range(3):
-        sailed(seed, drift).to_csv(folder / f"run_{seed}.csv", index=False)
+        sailed(seed, drift, munk, cross_flow).to_csv(folder / f"run_{seed}.csv", index=False)
 
 
 def test_damping_with_a_logged_speed_is_measured(tmp_path: Path, rovid: Rovid) -> None:
@@ -133,6 +134,18 @@ def test_a_sideslip_whose_speeds_are_not_logged_is_named(tmp_path: Path, rovid: 
     assert said["findings"][0]["held_out_log_likelihood_gain"] > 0.0
     rate_r2 = [said[side]["held_out"]["yaw_rate_r2"] for side in ("base", "extended")]
     assert 1.0 - rate_r2[1] < 0.5 * (1.0 - rate_r2[0])
+
+
+@pytest.mark.parametrize("cross_flow", [0.0, 40.0])
+def test_munks_moment_of_a_sway_that_is_not_logged_is_named(cross_flow: float, tmp_path: Path, rovid: Rovid) -> None:
+    boat(tmp_path / "day", 'surge_velocity = { csv = "speed_kn", unit = "kn" }\n', munk=4.0, cross_flow=cross_flow)
+    said = rovid("diagnose", "day", "--json").document
+    assert said["findings"][0]["effect"] == "sideslip_moment"
+    assert said["findings"][0]["form"] == "carried"
+    assert said["findings"][0]["held_out_log_likelihood_gain"] > 0.0
+    before, after = (said[side]["parameters"]["inertia"] for side in ("base", "extended"))
+    assert abs(after["value"] - INERTIA) < 3.0 * after["standard_error"]
+    assert abs(after["value"] - INERTIA) < 0.2 * abs(before["value"] - INERTIA)
 
 
 def test_a_tunnel_thruster_that_loses_thrust_with_way_on_is_named(tmp_path: Path, rovid: Rovid) -> None:
@@ -227,13 +240,19 @@ def test_thrust_across_the_way_is_lost_whichever_way_the_vehicle_goes() -> None:
         np.testing.assert_array_equal(effect.on_thrust(where, thrust, {"coefficient": 9.0})[0], [0.0, 0.0])
 
 
-def test_sideslip_by_the_thrust_ahead_fades() -> None:
+@pytest.mark.parametrize(
+    ("key", "values", "expected"),
+    [
+        ("sideslip_moment:estimated", (3.0, 2.0, 5.0), -3.0 * 0.3),
+        ("sideslip_moment:carried", (3.0, 2.0), -3.0 * 0.8 * 0.3),
+    ],
+)
+def test_sideslip_by_the_way_of_the_hull_fades(key: str, values: tuple[float, ...], expected: float) -> None:
     from tests.test_effects import term
 
-    effect, values = effect_named("sideslip_moment:estimated"), np.array([3.0, 2.0, 5.0])
     # With the speed of 0.8 that the helper has, at a rate of 0.2.
-    torque, change = term(effect, values, 0.2, 0.0, np.array([0.3, 0.0]))
-    assert torque == pytest.approx(-3.0 * 0.3)
+    torque, change = term(effect_named(key), np.array(values), 0.2, 0.0, np.array([0.3, 0.0]))
+    assert torque == pytest.approx(expected)
     assert change[0] == pytest.approx((-0.8 * 0.2 - 0.3) / 2.0)
 
 

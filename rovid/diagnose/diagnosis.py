@@ -13,6 +13,7 @@ from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, errors_ahead, log_likelihood, simulate_folds
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, PRIOR_ODDS, confidence
 from rovid.diagnose.parts import FEWEST_TRIALS, Piece, parts_of, pieces_of, recorded, shortest_part
+from rovid.diagnose.scatter import of_one_trial, stands_out
 from rovid.diagnose.search import MARGIN, Fitted, Found, Key, Promise, Rival, Search, by_cause, screen, worth
 from rovid.diagnose.signals import PREFIX, drivers, is_driver
 from rovid.diagnose.size import one_size, size_of
@@ -53,6 +54,8 @@ _BEATEN = (6.0, 0.03, 40.0)
 _SIGNIFICANT, _SIGNIFICANT_AHEAD = 3.5, 2.0
 # Nor is one suspected that differs from nothing by fewer.
 _SUSPECTED_SIZE = 1.0
+# What is surer than that is likely.
+_LIKELY, _EVEN = "is likely, and not established", 0.5
 # By predictions an addition has to gain so much log-likelihood: with the number of causes tried it is then established.
 _MARGIN_AHEAD = math.log(ESTABLISHED / (1.0 - ESTABLISHED) / PRIOR_ODDS)
 # Of suspects: one that has a tenth of another's odds is told from it.
@@ -425,8 +428,7 @@ class _Work:
             # A mere signal that is little better takes no name's place.
             named = (rival for one, rival in pairs if is_driver(one.effect) or not is_driver(rival.effect))
             allowed = (rival for rival in named if self.search.allows(rival.effect))
-            better = next((rival for rival in allowed if rival.fitted.plausible), None)
-            if better is None:
+            if (better := next(allowed, None)) is None:
                 return
             self.final = better.fitted
 
@@ -470,19 +472,28 @@ class _Work:
     def confirm(self) -> list[str]:
         """Leave out what does not hold on trials not fitted, or is no larger than its uncertainty; say so.
 
-        The search goes on without it: what it stood in for may now be found.
+        The search goes on without it: what it stood in for may now be found. What is likely and not established stays
+        in until the end, so that nothing is taken up in its place.
         """
-        warnings = self._remainder()
+        warnings, likely = self._remainder(), list[str]()
         for _ in range(_REFUSALS):
-            doubts = ((effect, self._doubt(effect)) for effect in self.final.effects)
+            doubts = ((one, self._doubt(one)) for one in self.final.effects if one.key not in likely)
             effect, doubt = next(((effect, doubt) for effect, doubt in doubts if doubt), (None, ""))
             if effect is None:
                 break
             warnings.append(f"{effect.title} {doubt}: it is not claimed.")
             self.search.bar(effect)
+            if doubt == _LIKELY:
+                likely.append(effect.key)
+                continue
             self.final = self.search.run(self.search.without(self.final, effect))
             self.decide()
             self.settle()
+        for effect in [one for one in self.final.effects if one.key in likely]:
+            self.final = self.search.without(self.final, effect)
+        while likely and (effect := next((one for one in self.final.effects if self._doubt(one)), None)):
+            warnings.append(f"{effect.title} shows only beside what is not established: it is not claimed.")
+            self.final = self.search.without(self.final, effect)
         # Its own limit of the disturbance suits a model without effects best.
         self.final = self.final if self.final.effects else self.base
         return warnings
@@ -510,7 +521,9 @@ class _Work:
         if size < (_SIGNIFICANT_AHEAD if self.by_horizons else _SIGNIFICANT):
             return f"is only {size:.1f} standard errors away from nothing"
         sure = self.confidence(self.found(effect), gain)
-        return "is likely or possible, and not established" if sure < ESTABLISHED else ""
+        if sure < ESTABLISHED:
+            return _LIKELY if sure >= _EVEN else "is possible, and not established"
+        return ""
 
     def confidence(self, found: Found, held_out_gain: float) -> float:
         """Probability that the cause, or one not told from it, acts; on trials not fitted it has to gain too."""
@@ -518,8 +531,12 @@ class _Work:
         worths = {rival.effect.id: rival.gain for rival in found.rivals if not is_driver(rival.effect)}
         worths[found.effect.id] = found.worth
         alike = (found.effect.id, *(effect.id for effect in undecided(found, self.margin(found.worth))))
-        less = max(found.worth - held_out_gain, 0.0)
-        return confidence({name: worth - less for name, worth in worths.items()}, alike, self.search.tried)
+        rest = self.search.without(self.final, found.effect)
+        white = likelihood_is_white(self.final.likelihood, self.final.x)
+        # Part of it may be no more than how nature's form of the others differs from the equations'.
+        less = max(found.worth - held_out_gain, 0.0) + self.search.form_doubt(rest, white=white)
+        sure = confidence({name: worth - less for name, worth in worths.items()}, alike, self.search.tried)
+        return min(sure, stands_out(self.final, found.effect)) if of_one_trial(found.effect) else sure
 
     def margin(self, worth: float) -> float:
         """By so much a rival is beaten of a cause that is worth so much.
@@ -535,7 +552,7 @@ class _Work:
         The first stands for its class; each other for itself, were it the one that acts.
         """
         beside = self.search.candidates_beside(self.final)
-        named = [rival for rival in beside if rival.fitted.plausible and not is_driver(rival.effect)]
+        named = [rival for rival in beside if not is_driver(rival.effect)]
         passed = {effect.id for effect in self.shrunk} | set(() if self.swell is None else self.swell.passed_for)
         rivals = [rival for rival in named if rival.gain > 0.0 and rival.effect.id not in passed and self._acts(rival)]
         white = likelihood_is_white(self.final.likelihood, self.final.x)
@@ -552,6 +569,8 @@ class _Work:
             gain = log_likelihood(self.folds(rival.fitted)) - log_likelihood(self.folds(self.final))
             less = max(rival.gain - gain, 0.0)
             sure = confidence({name: worth - less for name, worth in worths.items()}, names, self.search.tried)
+            if of_one_trial(rival.effect):
+                sure = min(sure, stands_out(rival.fitted, rival.effect))
             if sure >= POSSIBLE:
                 found.append(Suspected(rival, sure, gain, alike))
         return sorted(found, key=lambda one: -one.confidence)
@@ -574,9 +593,9 @@ class Suspected:
 
 
 def undecided(found: Found, margin: float) -> tuple[Effect, ...]:
-    """Rivals of ``found`` that are not beaten by ``margin``; of a mere signal that is not asked."""
+    """Rivals of ``found`` that neither beat it by ``margin`` nor are so beaten; of a mere signal that is not asked."""
     return tuple(
-        rival.effect for rival in found.rivals if rival.gain > found.worth - margin and not is_driver(rival.effect)
+        rival.effect for rival in found.rivals if abs(rival.gain - found.worth) < margin and not is_driver(rival.effect)
     )
 
 

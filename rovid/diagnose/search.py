@@ -386,7 +386,7 @@ class Search:
         best: dict[str, Rival] = {}
         for fit in self.extensions(rest):
             last, gain = fit.effects[-1], worth(fit) - worth(rest)
-            if last.id not in taken and (last.id not in best or gain > best[last.id].gain):
+            if last.id not in taken and fit.plausible and (last.id not in best or gain > best[last.id].gain):
                 best[last.id] = Rival(last, gain, fit)
         return tuple(sorted(best.values(), key=lambda rival: -rival.gain))
 

@@ -32,6 +32,12 @@ def _turned(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, d
     return -p[j, 0] * x[j, 0]
 
 
+@compiled
+def _carried(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    dx[j, 0] = (-base[SURGE] * rate - x[j, 0]) / p[j, 1]
+    return -p[j, 0] * base[SURGE] * x[j, 0]
+
+
 def _fading(values: Values) -> float:
     return 1.0 / values["time_constant"]
 
@@ -44,6 +50,8 @@ _DRIFT = EffectParameter(
     name="coefficient", unit="N s", null=0.0, low=-3.0, high=3.0, starts=(0.05, -0.05), scale="torque/sway"
 )
 _MUNK = replace(_DRIFT, name="munk", unit="kg", scale="torque/surge/sway")
+# s; of the sway, behind the turn.
+_FADES = EffectParameter(name="time_constant", unit="s", null=1.0, low=0.05, high=120.0, starts=(0.3, 2.0))
 
 EFFECT: Effect = Effect(
     id="sideslip_moment",
@@ -74,7 +82,7 @@ FORMS: tuple[Effect, ...] = (
         form="estimated",
         parameters=(
             replace(_DRIFT, unit="N^0.5 m s/rad", scale="torque/root/rate"),
-            EffectParameter(name="time_constant", unit="s", null=1.0, low=0.05, high=120.0, starts=(0.3, 2.0)),
+            _FADES,
             EffectParameter(name="surge_time_constant", unit="s", null=0.0, low=0.0, high=200.0, starts=(3.0, 12.0)),
         ),
         equation="− N·w, τ·dw/dt = − s·r − w, τ1·ds/dt = sign(F)·√|F| − s, F the thrust ahead: in place of a logged v",
@@ -85,6 +93,21 @@ FORMS: tuple[Effect, ...] = (
         fastest=_fading,
         remembers=True,
         on_speed=_speed,
+    ),
+    replace(
+        EFFECT,
+        form="carried",
+        parameters=(
+            replace(_DRIFT, unit="N m s^3/(m^2 rad)", scale="torque/surge/surge/rate"),
+            replace(_FADES, starts=(2.0, 10.0)),
+        ),
+        equation="− N·u·w, τ·dw/dt = − u·r − w, u the logged speed ahead: in place of a logged v",
+        fingerprint="residual torque that follows the rate late, in proportion to the square of the speed ahead",
+        experiment="the same turns at several speeds ahead, and at none",
+        needs=SPEEDS[:1],
+        term=_carried,
+        fastest=_fading,
+        remembers=True,
     ),
     replace(EFFECT, form="both", parameters=(_DRIFT, _MUNK), equation="− N·v − m·u·v", needs=SPEEDS, term=_both),
 )

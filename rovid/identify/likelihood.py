@@ -192,14 +192,16 @@ def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> Floa
     plain = inverse = _inverse(here.matrix.T @ here.matrix)
     if sandwich:
         inverse = _sandwich(plain, likelihood.scores(here, likelihood.records.block))
-        by_run = likelihood.scores(here, likelihood.records.trial)
+        # What the model misses in every stretch alike scatters less than chance would, and is no surer for that. Each
+        # kind of run may ask for parameters of its own, too, where the model's form is not nature's.
+        least, by_run = np.diag(plain), likelihood.scores(here, likelihood.records.trial)
         if len(by_run) >= _FEWEST_RUNS:
-            # Each kind of run may ask for parameters of its own, where the model's form is not nature's.
-            ratio = np.diag(_sandwich(plain, by_run)) / np.maximum(np.diag(inverse), 1e-300)
-            wider = np.sqrt(np.maximum(ratio, 1.0))
-            inverse = inverse * np.outer(wider, wider)
+            least = np.maximum(least, np.diag(_sandwich(plain, by_run)))
         # What has no slope has no scatter of it either, which is no certainty.
         flat = np.asarray(~here.matrix.any(axis=0))
+        scatter = np.where(flat, least, np.diag(inverse))
+        wider = np.sqrt(np.maximum(least / scatter, 1.0))
+        inverse = inverse * np.outer(wider, wider)
         inverse = np.where(flat | flat[:, np.newaxis], plain, inverse)
     inflated = float(np.median(np.sqrt(np.diag(inverse)[:3] / np.diag(plain)[:3])))
     for at, parameter in enumerate(likelihood.parameters, start=BASE):

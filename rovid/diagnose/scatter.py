@@ -1,0 +1,47 @@
+"""Whether the thrust of one trial stands out from what trials differ by."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy import special
+
+from rovid.diagnose.search import Fitted, climbed
+from rovid.effects import Effect, supply_sag
+from rovid.identify.likelihood import covariance, physical
+
+# By so much, as a share, a supply, a propeller and a temperature differ from trial to trial, before the logs are looked
+# at; so many trials more would tell as much.
+_USUAL, _AS_TRIALS = 0.05, 2
+_ITERATIONS = 20
+
+
+def of_one_trial(effect: Effect) -> bool:
+    """Whether ``effect`` is the thrust of one trial."""
+    return effect.id == supply_sag.EFFECT.id and effect.form.startswith(supply_sag.TRIAL)
+
+
+def stands_out(fitted: Fitted, effect: Effect) -> float:
+    """Probability that the trial of ``effect`` differs from the others by more than they do from one another.
+
+    The outlier's test of Student's t, for as many trials as were looked at: where the model's form is not nature's,
+    each kind of run asks for a thrust of its own, and one of them is always the oddest.
+    """
+    likelihood = fitted.likelihood
+    trials = dict.fromkeys(run.trial.whole or run.trial.name for run in likelihood.records.runs)
+    others = [one for one in map(supply_sag.of_trial, trials) if one.key != effect.key]
+    rest, x = fitted.without(effect)
+    # The first of the others is what all are measured by.
+    free = likelihood.like((*rest, effect, *others[1:]))
+    start = np.concatenate((x, fitted.own(effect), np.ones(len(others) - 1)))
+    best = climbed(free, start, _ITERATIONS)
+    gains = np.concatenate((physical(free, best.x)[-len(others) :], [1.0]))
+    beside = np.full(len(gains), -1.0 / len(others))
+    beside[0] = 1.0
+    known = beside[:-1] @ covariance(free, best.x, sandwich=True)[-len(others) :, -len(others) :] @ beside[:-1]
+    scatter = float(np.sum((gains[1:] - gains[1:].mean()) ** 2)) + _AS_TRIALS * _USUAL**2
+    freedom = len(others) - 1 + _AS_TRIALS
+    variance = scatter / freedom * (1.0 + 1.0 / len(others)) + float(known)
+    odd = abs(float(gains @ beside)) / math.sqrt(variance)
+    return max(0.0, 1.0 - 2.0 * len(gains) * float(special.stdtr(freedom, -odd)))
