@@ -20,7 +20,7 @@ from rovid.effects import MOTION, Effect, effect_named
 from rovid.effects.base import STIFFNESS, TERM_PARAMETERS, TERM_STATES, TRIM
 from rovid.identify.horizons import HORIZONS, HorizonLikelihood, HorizonRecords, predictions, time_constant
 from rovid.identify.innovations import Likelihood, Records
-from rovid.identify.likelihood import covariance, horizons_apart, whitening_gain
+from rovid.identify.likelihood import covariance, form_doubt, whitening_gain
 from rovid.kernels import predict, simulate_effects
 from rovid.model import Model
 from rovid.rates import rates_of
@@ -312,7 +312,7 @@ def test_horizons_that_disagree_widen_the_errors_and_are_named() -> None:
     """A torque that comes late shows to short predictions as another drag than to long ones."""
     right = _ahead_likelihood([synthetic.run(TIME[:900], TORQUE[:900], noise=NOISE[:900]) for _ in range(4)])
     x, _ = right.climb(right.first())
-    doubt, said = horizons_apart(right, x)
+    doubt, said = form_doubt(right, x)
     assert not said
     assert np.sqrt(doubt[0, 0]) < 2.0 * np.sqrt(covariance(right, x, sandwich=True)[0, 0])
     late = 0.1 * np.convolve(TORQUE, np.ones(60) / 60.0)[: len(TORQUE)]
@@ -320,7 +320,7 @@ def test_horizons_that_disagree_widen_the_errors_and_are_named() -> None:
     runs = [synthetic.run(TIME[:2000], TORQUE[cut], noise=NOISE[:2000], disturbance=late[cut]) for cut in cuts]
     wrong = _ahead_likelihood(runs)
     x, _ = wrong.climb(wrong.first())
-    doubt, said = horizons_apart(wrong, x)
+    doubt, said = form_doubt(wrong, x)
     assert len(said) == 1
     assert "half of the difference" in said[0]
     assert np.diag(doubt)[:3].max() > 0.0

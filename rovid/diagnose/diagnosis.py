@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from scipy import linalg
@@ -31,7 +32,7 @@ from rovid.identify.likelihood import (
     colour,
     covariance,
     fit_base,
-    horizons_apart,
+    form_doubt,
     likelihood_is_white,
     loosened,
     physical,
@@ -536,7 +537,7 @@ class _Work:
         # Part of it may be no more than how nature's form of the others differs from the equations'.
         less = max(found.worth - held_out_gain, 0.0) + self.search.form_doubt(rest, white=white)
         sure = confidence({name: worth - less for name, worth in worths.items()}, alike, self.search.tried)
-        return min(sure, stands_out(self.final, found.effect)) if of_one_trial(found.effect) else sure
+        return min(sure, stands_out(self.final, found.effect)) if of_one_trial(found.effect) and not white else sure
 
     def margin(self, worth: float) -> float:
         """By so much a rival is beaten of a cause that is worth so much.
@@ -554,25 +555,32 @@ class _Work:
         beside = self.search.candidates_beside(self.final)
         named = [rival for rival in beside if not is_driver(rival.effect)]
         passed = {effect.id for effect in self.shrunk} | set(() if self.swell is None else self.swell.passed_for)
-        rivals = [rival for rival in named if rival.gain > 0.0 and rival.effect.id not in passed and self._acts(rival)]
+        left = [rival for rival in named if rival.gain > 0.0 and rival.effect.id not in passed]
         white = likelihood_is_white(self.final.likelihood, self.final.x)
         doubt = self.search.form_doubt(self.final, white=white)
-        worths = {rival.effect.id: rival.gain - doubt for rival in rivals}
+
+        def odds(names: Collection[Rival], less: float = 0.0) -> float:
+            worths = {rival.effect.id: rival.gain - doubt - less for rival in left}
+            return confidence(worths, [rival.effect.id for rival in names], self.search.tried)
+
+        # Whether one acts takes a fit: only those are asked that are possible if they do.
+        acts = cache(self._acts)
         found: list[Suspected] = []
-        for rival in rivals:
+        for rival in left.copy():
             least = max(rival.gain - _TOLD, 0.0)
-            near = (other for other in rivals if other is not rival and other.gain > least)
-            alike = () if found else tuple(near)
-            names = (rival.effect.id, *(other.effect.id for other in alike))
-            if confidence(worths, names, self.search.tried) < POSSIBLE:
+            near = [] if found else [other for other in left if other is not rival and other.gain > least]
+            if odds([rival, *near]) < POSSIBLE:
                 break
+            if not acts(rival):
+                left.remove(rival)
+                continue
+            alike = [other for other in near if acts(other)]
             gain = log_likelihood(self.folds(rival.fitted)) - log_likelihood(self.folds(self.final))
-            less = max(rival.gain - gain, 0.0)
-            sure = confidence({name: worth - less for name, worth in worths.items()}, names, self.search.tried)
-            if of_one_trial(rival.effect):
+            sure = odds([rival, *alike], max(rival.gain - gain, 0.0))
+            if of_one_trial(rival.effect) and not white:
                 sure = min(sure, stands_out(rival.fitted, rival.effect))
             if sure >= POSSIBLE:
-                found.append(Suspected(rival, sure, gain, alike))
+                found.append(Suspected(rival, sure, gain, tuple(alike)))
         return sorted(found, key=lambda one: -one.confidence)
 
     def _acts(self, rival: Rival) -> bool:
@@ -692,7 +700,7 @@ def _side(work: _Work, quick: Fitted, fitted: Fitted, estimate: Estimate, fair: 
 def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
     x = canonical(fitted.likelihood, fitted.x)
     names = fitted.likelihood.model(x).names
-    doubt, said = horizons_apart(fitted.likelihood, x)
+    doubt, said = form_doubt(fitted.likelihood, x)
     # What follows a signal is a dependence; it is no parameter of the vehicle.
     at = [k for k, name in enumerate(names) if not name.startswith(PREFIX)]
     estimate = Estimate(

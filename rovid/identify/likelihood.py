@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg, special
@@ -160,7 +160,12 @@ def with_effects(bare: Likelihood, x: FloatArray, effects: tuple[Effect, ...]) -
         better = sorted(begins, key=likelihood.cost)[:_TRIALS]
     # A few steps tell which of the better starts leads lowest.
     best, _ = min((likelihood.climb(begin, iterations=_TRIAL_ITERATIONS) for begin in better), key=lambda pair: pair[1])
-    return loosened(likelihood, likelihood.climb(best)[0])
+    best, _ = likelihood.climb(best)
+    if isinstance(likelihood, HorizonLikelihood):
+        # What the effects explain made the errors correlate: now more predictions count.
+        likelihood = HorizonLikelihood(likelihood.records.counting(likelihood.model(best)), effects=effects)
+        return likelihood, likelihood.climb(best)[0]
+    return loosened(likelihood, best)
 
 
 def loosened(likelihood: Likelihood, x: FloatArray) -> tuple[Likelihood, FloatArray]:
@@ -192,16 +197,14 @@ def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> Floa
     plain = inverse = _inverse(here.matrix.T @ here.matrix)
     if sandwich:
         inverse = _sandwich(plain, likelihood.scores(here, likelihood.records.block))
-        # What the model misses in every stretch alike scatters less than chance would, and is no surer for that. Each
-        # kind of run may ask for parameters of its own, too, where the model's form is not nature's.
-        least, by_run = np.diag(plain), likelihood.scores(here, likelihood.records.trial)
+        by_run = likelihood.scores(here, likelihood.records.trial)
         if len(by_run) >= _FEWEST_RUNS:
-            least = np.maximum(least, np.diag(_sandwich(plain, by_run)))
+            # Each kind of run may ask for parameters of its own, where the model's form is not nature's.
+            ratio = np.diag(_sandwich(plain, by_run)) / np.maximum(np.diag(inverse), 1e-300)
+            wider = np.sqrt(np.maximum(ratio, 1.0))
+            inverse = inverse * np.outer(wider, wider)
         # What has no slope has no scatter of it either, which is no certainty.
         flat = np.asarray(~here.matrix.any(axis=0))
-        scatter = np.where(flat, least, np.diag(inverse))
-        wider = np.sqrt(np.maximum(least / scatter, 1.0))
-        inverse = inverse * np.outer(wider, wider)
         inverse = np.where(flat | flat[:, np.newaxis], plain, inverse)
     inflated = float(np.median(np.sqrt(np.diag(inverse)[:3] / np.diag(plain)[:3])))
     for at, parameter in enumerate(likelihood.parameters, start=BASE):
@@ -217,16 +220,20 @@ def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> Floa
     return np.asarray(inverse[np.ix_(shown, shown)] * np.outer(size, size))
 
 
-def horizons_apart(likelihood: Likelihood, x: FloatArray) -> tuple[FloatArray, list[str]]:
-    """(p, p) what is added to the covariance of all parameters for a form that is not nature's, and what is said of it.
+def form_doubt(likelihood: Likelihood, x: FloatArray) -> tuple[FloatArray, list[str]]:
+    """(p, p) what is added to the sandwich of all parameters for a form that is not nature's, and what is said of it.
+
+    Predictions miss much the same in every stretch of the logs, which then scatters less than their errors would by
+    chance: the information, which counts those, is the least that is not known.
 
     Short horizons and long ones would ask for the same parameters, were the model right. Half of what they are apart
     beyond chance is how far another choice of horizons might move them.
     """
     names = likelihood.model(x).names
-    doubt = np.zeros((len(names), len(names)))
     if not isinstance(likelihood, HorizonLikelihood):
-        return doubt, []
+        return np.zeros((len(names), len(names))), []
+    scatter, least = (np.diag(covariance(likelihood, x, sandwich=sandwich)) for sandwich in (True, False))
+    doubt = np.diag(np.maximum(least - scatter, 0.0))
     horizon = likelihood.records.horizon
     parts = [likelihood.like(likelihood.effects, part) for part in (horizon < _MIDDLE, horizon > _MIDDLE)]
     if min(part.count for part in parts) <= len(x):
@@ -240,14 +247,14 @@ def horizons_apart(likelihood: Likelihood, x: FloatArray) -> tuple[FloatArray, l
     half = 0.5 * np.sign(apart) * np.sqrt(np.maximum(apart**2 - chance, 0.0))
     worst = int(np.argmax(np.abs(apart[:3]) / np.sqrt(np.maximum(chance[:3], 1e-300))))
     if abs(apart[worst]) <= _APART * math.sqrt(chance[worst]):
-        return np.outer(half, half), []
+        return doubt + np.outer(half, half), []
     name, unit = names[worst].replace("_", " "), unit_of(names[worst], likelihood.records.axis)
     said = (
         f"Predictions up to one time constant ahead ask for another {name} ({short[worst]:.3g} {unit}) than those from "
         f"four on ({long[worst]:.3g} {unit}): something is still missing. Where commands answer the motion believe "
         "the short ones. The standard errors include half of the difference."
     )
-    return np.outer(half, half), [said]
+    return doubt + np.outer(half, half), [said]
 
 
 def _sandwich(inverse: FloatArray, scores: FloatArray) -> FloatArray:
@@ -282,8 +289,8 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
     x = canonical(likelihood, x)
     white = likelihood_is_white(likelihood, x)
     at_limit = likelihood.at_limit(x)
-    doubt, said = horizons_apart(likelihood, x)
-    found = covariance(likelihood, x, sandwich=not white) + doubt
+    doubt, said = form_doubt(likelihood, x)
+    found = covariance(likelihood, x, sandwich=not white)
     if at_limit:
         # The limit is a choice; what a looser one would change is part of the uncertainty.
         looser = Likelihood(likelihood.records, _LOOSER * likelihood.limit, likelihood.effects)
@@ -302,6 +309,8 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
     )
     estimate = estimate if likelihood.records.driven else estimate.undriven()
     require_inertia(estimate, CERTAINTY)
+    # The vehicle was excited; how far another form would move the answer is another matter.
+    estimate = replace(estimate, covariance=estimate.covariance + doubt)
     estimate = estimate.with_scale_doubt(scale_doubt(likelihood, x))
     return LikelihoodFit(
         estimate=estimate,
