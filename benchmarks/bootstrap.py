@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.axis import YAW
+from rovid.campaign.axis import YAW
 from rovid.effects import effect_named
 from rovid.identify.free_run import fit_free_run, free_run_r2
 from rovid.identify.innovations import Likelihood, Records
 from rovid.identify.likelihood import covariance, fit_base, likelihood_is_white, physical, with_effects
-from rovid.model import base_names
+from rovid.model.model import base_names
 from rovid.study import open_study
 
 

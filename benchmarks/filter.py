@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.simulation import REPEATS, compiled, seconds
-from rovid.kernels import innovations, simulate
+from rovid.model.kernels import innovations, simulate
 
 SOURCE = r"""
 #include <math.h>

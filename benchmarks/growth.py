@@ -15,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from rovid.config import find_config, load_config
+from rovid.campaign.config import find_config, load_config
 from rovid.readers import read_campaign
 from tools.cases import all_cases, truth_of
 from tools.trial_day import write_trial_day
@@ -45,7 +45,7 @@ def main() -> None:
     for days in (0, *DAYS):  # the first run compiles, where that was not done before
         with tempfile.TemporaryDirectory() as name:
             samples = write_days(Path(name) / "logs", max(days, 1), arguments.seed, arguments.hide)
-            command = [sys.executable, "-c", "from rovid.cli import main; main()", "diagnose", "logs", "--json"]
+            command = [sys.executable, "-m", "rovid", "diagnose", "logs", "--json"]
             begun = time.perf_counter()
             done = subprocess.run(command, cwd=name, env=os.environ, capture_output=True, text=True, check=True)
             taken[days] = samples, time.perf_counter() - begun

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.kernels import simulate
+from rovid.model.kernels import simulate
 
 SOURCE = r"""
 #include <math.h>

@@ -16,14 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.config import find_config, load_config
+from rovid.campaign.config import find_config, load_config
 from rovid.effects import effect_named
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import fit_inertia
 from rovid.identify.likelihood import fit_likelihood
 from rovid.identify.steady import fit_drag, steady_points
+from rovid.motion.runs import prepare
 from rovid.readers import read_campaign
-from rovid.runs import prepare
 from tools.cases import Case, all_cases, truth_of
 from tools.trial_day import write_trial_day
 from tools.truth import VEHICLES, Truth

@@ -16,16 +16,17 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from rovid.axis import AXES, YAW, Axis
-from rovid.config import load_config
+from rovid.campaign.axis import AXES, YAW, Axis
+from rovid.campaign.config import load_config
+from rovid.campaign.trial import Trial
+from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.experiments import _PAIRS
 from rovid.effects import CATALOGUE, FORMS, Effect, EffectParameter
 from rovid.effects.base import SPEEDS
 from rovid.effects.thruster_imbalance import BESIDE, of_thruster
-from rovid.model import Drive, Model
+from rovid.ground.arrays import FloatArray
+from rovid.model.model import Drive, Model
 from rovid.report.plots.canvas import BLACK, BLUE, ORANGE, PALE, png, sheet, styled
-from rovid.trial import FloatArray, Trial
-from rovid.vehicle import Vehicle
 
 FOLDER = Path(__file__).parent / "effects"
 INDEX = "README.md"

@@ -34,7 +34,7 @@ def main() -> None:
         (folder / "sample_logs").symlink_to(HERE.parent / "sample_logs")
         for command in re.findall(r"^\$ rovid (.*)$", text, re.MULTILINE):
             sys.stdout.write(f"rovid {command}\n")
-            words = [sys.executable, "-c", "from rovid.cli import main; main()", *shlex.split(command)]
+            words = [sys.executable, "-c", "from rovid.commands.cli import main; main()", *shlex.split(command)]
             subprocess.run(words, cwd=folder, check=True, stdout=subprocess.DEVNULL)  # noqa: S603 - the page's own
         for picture, made in PICTURES.items():
             shutil.copy(folder / made, FOLDER / picture)

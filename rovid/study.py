@@ -9,26 +9,26 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.axis import YAW, Axis
-from rovid.config import find_config, load_config, vehicle_of_tables
+from rovid.campaign.axis import YAW, Axis
+from rovid.campaign.config import find_config, load_config, vehicle_of_tables
+from rovid.campaign.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_table
+from rovid.campaign.trial import Campaign
+from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes, explain
 from rovid.diagnose.diagnosis import Diagnosis, diagnose
 from rovid.effects import Effect, forms_for, supply_sag
-from rovid.errors import ConfigError, DataError, nearest
-from rovid.files.form import PLAN
+from rovid.ground.errors import ConfigError, DataError, nearest
+from rovid.ground.files.form import PLAN
+from rovid.ground.toml import read_toml
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit, fit_inertia, fit_inertia_table, unlike_rigid_body
 from rovid.identify.likelihood import LikelihoodFit, fit_likelihood
 from rovid.identify.steady import DragFit, fit_drag, points_from_table, steady_points
+from rovid.motion.runs import Runs, channels, prepare
 from rovid.plan.design import Plan, belief_of, plan, require_drive
 from rovid.plan.programme import Limits
 from rovid.readers import read_campaign
 from rovid.readers.campaign import files_in
-from rovid.runs import Runs, channels, prepare
-from rovid.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_table
-from rovid.toml import read_toml
-from rovid.trial import Campaign
-from rovid.vehicle import Vehicle
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

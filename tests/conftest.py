@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from rovid import cli
+from rovid.commands import cli
 from tools.trial_day import write_trial_day
 
 ROOT = Path(__file__).parent.parent

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from rovid.agreement import disagreement
 from rovid.identify.estimate import Estimate
 from rovid.identify.innovations import Likelihood
-from rovid.parameters import Entry
+from rovid.parameters.agreement import disagreement
+from rovid.parameters.parameters import Entry
 
 ORBIT = "orbit integral over whole periods"
 

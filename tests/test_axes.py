@@ -14,11 +14,12 @@ import pandas as pd
 import pytest
 from scipy.linalg import expm
 
-from rovid.axis import AXES
+from rovid.campaign.axis import AXES
+from rovid.campaign.trial import Trial
 from rovid.effects import MOTION, restoring_of
-from rovid.kernels import innovations, innovations_wide
-from rovid.model import Model
-from rovid.trial import FloatArray, Trial
+from rovid.ground.arrays import FloatArray
+from rovid.model.kernels import innovations, innovations_wide
+from rovid.model.model import Model
 from tests.conftest import SAMPLES, Rovid
 from tools.axis_day import write_axis_day
 from tools.axis_truth import Vehicle

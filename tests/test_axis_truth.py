@@ -16,8 +16,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from rovid.axis import AXES
-from rovid.config import load_config
+from rovid.campaign.axis import AXES
+from rovid.campaign.config import load_config
 from tools.axis_day import course, hide, main, measured, meter_of, with_hidden, write_axis_day
 from tools.axis_programme import axis_campaign, commanded
 from tools.axis_truth import (

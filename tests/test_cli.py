@@ -12,7 +12,8 @@ from typing import Any
 
 import pytest
 
-from rovid import __version__, cli
+from rovid import __version__
+from rovid.commands import cli
 from tests.conftest import SAMPLES, Rovid, run_rovid
 from tools.programme import Hold, Run, Sine
 from tools.trial_day import write_trial_day
@@ -201,7 +202,7 @@ def test_tables_are_of_yaw_alone(rovid: Rovid) -> None:
 
 
 def test_a_pipe_gets_plain_text_and_json_stands_alone(day: Path, tmp_path: Path) -> None:
-    rovid = [sys.executable, "-W", "error", "-c", "from rovid.cli import main; main()"]
+    rovid = [sys.executable, "-W", "error", "-c", "from rovid.commands.cli import main; main()"]
     plain = subprocess.run([*rovid, "fit-drag", day], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert "\x1b" not in plain.stdout
     assert plain.stderr == ""

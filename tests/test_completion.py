@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from rovid import completion
-from rovid.axis import AXES, YAW
+from rovid.campaign.axis import AXES, YAW
+from rovid.commands import completion
+from rovid.commands.help import MANUAL
 from rovid.effects import CATALOGUE
 from rovid.export import EXPORTERS
-from rovid.help import MANUAL
 from rovid.identify.bench import THRUST_UNITS
-from rovid.model import base_names
+from rovid.model.model import base_names
 from tests.conftest import run_rovid
 from tests.test_house import HEAVY
 
@@ -109,7 +109,7 @@ def test_zsh_and_fish_get_a_line_a_value(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_completion_imports_nothing_heavy() -> None:
     code = (
-        "import atexit, sys\nfrom rovid.cli import main\nsys.argv = ['rovid']\n"
+        "import atexit, sys\nfrom rovid.commands.cli import main\nsys.argv = ['rovid']\n"
         f"atexit.register(lambda: print([m for m in {HEAVY!r} if m in sys.modules]))\nmain()"
     )
     words = {"_ROVID_COMPLETE": "complete_bash", "COMP_WORDS": "rovid fit --effect wave", "COMP_CWORD": "3"}
@@ -130,7 +130,7 @@ def test_bash_installs_and_completes(tmp_path: Path) -> None:
         echo "${COMPREPLY[@]}"
     """
     rovid = tmp_path / "rovid"
-    rovid.write_text(f"#!{sys.executable}\nfrom rovid.cli import main\nmain()\n")
+    rovid.write_text(f"#!{sys.executable}\nfrom rovid.commands.cli import main\nmain()\n")
     rovid.chmod(0o755)
     done = subprocess.run(
         ["bash", "--norc", "-euc", script],

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.config import find_config, load_config, read_curve
-from rovid.errors import ConfigError, RovidError
+from rovid.campaign.config import find_config, load_config, read_curve
+from rovid.ground.errors import ConfigError, RovidError
 
 GOOD = """
 [vehicle]

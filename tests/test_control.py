@@ -15,6 +15,7 @@ import pytest
 from scipy import signal
 from scipy.integrate import solve_ivp
 
+from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.control.allocation import allocate
 from rovid.control.design import (
     Manoeuvre,
@@ -34,10 +35,9 @@ from rovid.control.measures import limit_cycle
 from rovid.control.tuning import Loop, actuators, damping_ratio, drawn, gains, linearised
 from rovid.effects import Effect, effect_named, forms_for
 from rovid.effects.base import Scales
-from rovid.model import Model
-from rovid.parameters import Entry, Parameters
-from rovid.trial import FloatArray
-from rovid.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.ground.arrays import FloatArray
+from rovid.model.model import Model
+from rovid.parameters.parameters import Entry, Parameters
 from tests.conftest import SAMPLES, Rovid
 from tests.synthetic import LOGGED
 

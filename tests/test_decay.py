@@ -11,12 +11,13 @@ import pandas as pd
 import pytest
 from scipy.integrate import solve_ivp
 
-from rovid.axis import AXES
-from rovid.errors import DataError
-from rovid.runs import prepare
-from rovid.segments import releases
-from rovid.trial import Campaign, FloatArray, Trial
-from rovid.vehicle import Vehicle
+from rovid.campaign.axis import AXES
+from rovid.campaign.trial import Campaign, Trial
+from rovid.campaign.vehicle import Vehicle
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import DataError
+from rovid.motion.runs import prepare
+from rovid.motion.segments import releases
 from tests.conftest import SAMPLES, Rovid
 
 SHIP = SAMPLES / "kvlcc2_roll_decay"

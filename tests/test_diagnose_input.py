@@ -11,7 +11,7 @@ import pytest
 from scipy import integrate
 
 from rovid.diagnose.parts import parts_of, recorded
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
 from tests import synthetic
 from tests.conftest import SAMPLES, Rovid
 from tests.test_bad_input import TOML, assert_one_message

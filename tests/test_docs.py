@@ -38,7 +38,7 @@ from PIL import Image
 from typer.main import get_command
 
 from docs.make_pictures import FOLDER, PICTURES
-from rovid.cli import app
+from rovid.commands.cli import app
 from tests.conftest import ROOT, SAMPLES, run_rovid
 
 DOCS = ROOT / "docs"
@@ -287,7 +287,7 @@ def test_the_keys_of_json_are_in_the_page_on_files(command: str, trial_day: Path
 
 
 def test_the_page_on_files_has_every_schema_and_every_key_of_the_configuration() -> None:
-    from rovid import config
+    from rovid.campaign import config
     from rovid.readers import READERS
 
     text = (DOCS / "files.md").read_text(encoding="utf-8")

@@ -10,12 +10,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.effects import CATALOGUE, FORMS, MOTION, Effect, effect_named, forms_for
 from rovid.effects.base import BASE_SIZE, REFERENCE_RATE, TERM_PARAMETERS, TERM_STATES, Actuation, Scales
 from rovid.effects.series import latched, rotor_lagged, soft_started
-from rovid.model import Drive, Model
-from rovid.trial import FloatArray
-from rovid.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.ground.arrays import FloatArray
+from rovid.model.model import Drive, Model
 from tests.synthetic import trial
 
 # The table of DESIGN.md, in its order.
@@ -109,7 +109,7 @@ def term(effect: Effect, values: FloatArray, rate: float, push: float, state: Fl
 
 
 def simulated(effect: Effect, values: FloatArray, torque: FloatArray, time: FloatArray = TIME) -> FloatArray:
-    from rovid.kernels import simulate_effects
+    from rovid.model.kernels import simulate_effects
 
     terms = np.zeros((1, TERM_PARAMETERS))
     terms[0, : len(values)] = values
@@ -505,7 +505,7 @@ def test_water_that_goes_along_leaves_an_inertia_in_slow_motion() -> None:
 
 @pytest.mark.parametrize("key", ["tank_seiche:thrust", "advance_speed_loss:open_water"])
 def test_what_thrusters_set_off_no_disturbance_sets_off(key: str) -> None:
-    from rovid.kernels import advance
+    from rovid.model.kernels import advance
 
     effect = effect_named(key)
     values = numbers(effect, start=True)

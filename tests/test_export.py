@@ -17,12 +17,13 @@ import tomli_w
 from scipy.integrate import solve_ivp
 from scipy.io import loadmat
 
-from rovid.config import load_config
+from rovid.campaign.config import load_config
+from rovid.campaign.trial import Trial
+from rovid.campaign.vehicle import Vehicle
 from rovid.export import EXPORTERS
 from rovid.export.manoeuvre import compare
-from rovid.parameters import read_parameters
-from rovid.trial import FloatArray, Trial
-from rovid.vehicle import Vehicle
+from rovid.ground.arrays import FloatArray
+from rovid.parameters.parameters import read_parameters
 from tests.conftest import SAMPLES, Rovid, run_rovid
 
 # s; commands of the tests' own manoeuvre are held so long, in V.

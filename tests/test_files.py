@@ -19,12 +19,12 @@ from pathlib import Path
 
 import pytest
 
-from rovid.config import find_config
-from rovid.errors import ConfigError, OutputError
-from rovid.files import Claim, Output
-from rovid.files import journal as journal_module
-from rovid.files.form import C_SOURCE, CURVE, LOG, PAGE, PARAMETERS, PLAN, RECORDING, Form, export_form, png_form
-from rovid.parameters import read_parameters
+from rovid.campaign.config import find_config
+from rovid.ground.errors import ConfigError, OutputError
+from rovid.ground.files import Claim, Output
+from rovid.ground.files import journal as journal_module
+from rovid.ground.files.form import C_SOURCE, CURVE, LOG, PAGE, PARAMETERS, PLAN, RECORDING, Form, export_form, png_form
+from rovid.parameters.parameters import read_parameters
 from tests.conftest import ROOT, run_rovid
 
 SCHEMA = 'schema = "rovid-parameters/1"\n'
@@ -221,7 +221,7 @@ def test_a_full_disk_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         real(path, data)
 
     for module in ("journal", "claim"):
-        monkeypatch.setattr(f"rovid.files.{module}.write_synced", full)
+        monkeypatch.setattr(f"rovid.ground.files.{module}.write_synced", full)
     with pytest.raises(OutputError, match="No space left") as refused:
         claim.write({output: f"{SCHEMA}# {output.path.name}\n" for output in outputs})
     saved = saved_in(str(refused.value))
@@ -241,7 +241,7 @@ def test_where_nothing_can_be_written_that_is_said(tmp_path: Path, monkeypatch: 
     def full(path: Path, data: bytes) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("rovid.files.claim.write_synced", full)
+    monkeypatch.setattr("rovid.ground.files.claim.write_synced", full)
     assert "Nor could it be saved" in message(claim, output, "x")
     assert list(Path.cwd().iterdir()) == []
 
@@ -266,9 +266,9 @@ def test_a_folder_that_is_not_ours_is_found_before_the_work(tmp_path: Path) -> N
     code = """
         import sys
         from pathlib import Path
-        from rovid.errors import OutputError
-        from rovid.files import Claim, Output
-        from rovid.files.form import PLAN
+        from rovid.ground.errors import OutputError
+        from rovid.ground.files import Claim, Output
+        from rovid.ground.files.form import PLAN
         try:
             Claim([Output(Path(sys.argv[1]), PLAN)])
         except OutputError as error:
@@ -285,8 +285,8 @@ def test_a_folder_that_is_not_ours_is_found_before_the_work(tmp_path: Path) -> N
 SET = """
     import os, signal, sys
     from pathlib import Path
-    from rovid.files import Claim, Output
-    from rovid.files.form import PARAMETERS
+    from rovid.ground.files import Claim, Output
+    from rovid.ground.files.form import PARAMETERS
 
     folder, text = Path(sys.argv[1]), sys.argv[2]
     function, at = (sys.argv[3], int(sys.argv[4])) if len(sys.argv) > 3 else ("", 0)
@@ -616,8 +616,8 @@ UPDATE = """
     import sys
     from dataclasses import replace
     from pathlib import Path
-    from rovid.files import Claim
-    from rovid.parameters import Entry, Parameters, read_parameters
+    from rovid.ground.files import Claim
+    from rovid.parameters.parameters import Entry, Parameters, read_parameters
 
     path, name = Path(sys.argv[1]), sys.argv[2]
     before = read_parameters(path) if path.exists() else Parameters(path=path)
@@ -646,7 +646,7 @@ def test_no_result_of_two_processes_is_lost(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_hundred_pairs_of_fits_lose_nothing(day: Path, tmp_path: Path) -> None:
-    code = "import sys; from rovid.cli import main; sys.argv[0] = 'rovid'; main()"
+    code = "import sys; from rovid.commands.cli import main; sys.argv[0] = 'rovid'; main()"
     for pair in range(100):
         path = tmp_path / f"{pair}.toml"
         both = [started(code, command, day / "L", "-p", path) for command in ("fit-drag", "fit-inertia")]
@@ -662,7 +662,7 @@ def test_a_hundred_pairs_of_fits_lose_nothing(day: Path, tmp_path: Path) -> None
 COMMAND = """
     import os, signal, sys
     from pathlib import Path
-    from rovid.cli import main
+    from rovid.commands.cli import main
 
     at, calls, real = int(sys.argv[1]), 0, os.replace
 
@@ -761,11 +761,11 @@ def read_only_install() -> Iterator[tuple[Path, dict[str, str]]]:
 
 
 USE = """
-    import rovid.kernels
+    import rovid.model.kernels
     import rovid.report.plots.canvas
-    from rovid.kernels import is_compiled, simulate
+    from rovid.model.kernels import is_compiled, simulate
     import numpy as np
-    assert rovid.kernels.__file__.startswith({folder!r})
+    assert rovid.model.kernels.__file__.startswith({folder!r})
     if {run}:
         simulate(np.arange(3.0), np.zeros(3), 1.0, 1.0, 1.0, 0.0)
     print(is_compiled())

@@ -11,11 +11,11 @@ import pytest
 import typer
 from typer.core import TyperGroup
 
-from rovid import cli
-from rovid.axis import axis_named
+from rovid.campaign.axis import axis_named
+from rovid.commands import cli
+from rovid.commands.help import MANUAL
 from rovid.effects import effect_named
 from rovid.export import EXPORTERS
-from rovid.help import MANUAL
 from tests.conftest import ROOT, SAMPLES, Rovid, run_rovid
 
 GROUP = typer.main.get_command(cli.app)

@@ -21,16 +21,16 @@ from rovid.effects.base import STIFFNESS, TERM_PARAMETERS, TERM_STATES, TRIM
 from rovid.identify.horizons import HORIZONS, HorizonLikelihood, HorizonRecords, predictions, time_constant
 from rovid.identify.innovations import Likelihood, Records
 from rovid.identify.likelihood import covariance, form_doubt, whitening_gain
-from rovid.kernels import predict, simulate_effects
-from rovid.model import Model
-from rovid.rates import rates_of
+from rovid.model.kernels import predict, simulate_effects
+from rovid.model.model import Model
+from rovid.motion.rates import rates_of
 from tests import synthetic
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rovid.runs import Run
-    from rovid.trial import FloatArray
+    from rovid.ground.arrays import FloatArray
+    from rovid.motion.runs import Run
 
 TIME = synthetic.clock(1500.0, rate=5.0)
 RNG = np.random.default_rng(0)

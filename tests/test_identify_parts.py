@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.errors import DataError, LogError
+from rovid.campaign.tables import Table, read_table
+from rovid.ground.errors import DataError, LogError
+from rovid.ground.numbers import plus_minus
 from rovid.identify.bench import bench_readings, fit_bench
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import fit_inertia_table
-from rovid.output import plus_minus
-from rovid.tables import Table, read_table
 
 SAMPLES = Path(__file__).parent.parent / "sample_logs"
 PAPER_SINES = SAMPLES / "rosub_paper" / "sine_trials.csv"

@@ -15,18 +15,18 @@ import pytest
 from scipy.linalg import expm
 from scipy.stats import chi2
 
+from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.effects import MOTION, effect_named
+from rovid.ground.arrays import FloatArray
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import fit_free_run
 from rovid.identify.innovations import Likelihood, Records
 from rovid.identify.likelihood import LIMITS, covariance, fit_likelihood, innovations_are_white
-from rovid.kernels import effects_along, innovations, innovations_wide, simulate
-from rovid.model import Model
-from rovid.rates import rates_of
-from rovid.runs import Run
+from rovid.model.kernels import effects_along, innovations, innovations_wide, simulate
+from rovid.model.model import Model
+from rovid.motion.rates import rates_of
+from rovid.motion.runs import Run
 from rovid.study import open_study
-from rovid.trial import FloatArray
-from rovid.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.conftest import SAMPLES, Rovid
 from tests.synthetic import clock, gauss_markov, trial
 from tools.programme import CAMPAIGN

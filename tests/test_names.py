@@ -21,24 +21,24 @@ import yaml
 from matplotlib.figure import Figure
 from scipy.io import loadmat
 
-from rovid import cli
+from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.commands import cli
 from rovid.effects import effect_named
-from rovid.errors import ConfigError, RovidError, nearest, shown, visible
 from rovid.export import EXPORTERS, export
 from rovid.export.base import Subject, Target
 from rovid.export.uuv import export_yaml
-from rovid.model import Model
-from rovid.output import to_json
-from rovid.parameters import Entry
+from rovid.ground.errors import ConfigError, RovidError, nearest, shown, visible
+from rovid.ground.numbers import to_json
+from rovid.ground.quoting import csv_line, identifiers, toml_text, words, xml_attribute, xml_comment
+from rovid.ground.screen import Screen, led
+from rovid.model.model import Model
+from rovid.parameters.parameters import Entry
 from rovid.plan.design import Plan, command_text
 from rovid.plan.programme import Planned
 from rovid.plan.worth import Worth
-from rovid.quoting import csv_line, identifiers, toml_text, words, xml_attribute, xml_comment
-from rovid.recording import Topic, mcap_bytes
+from rovid.readers.mcap_writer import Topic, mcap_bytes
 from rovid.report.page import _environment
 from rovid.report.plots import canvas
-from rovid.screen import Screen, led
-from rovid.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.conftest import Rovid
 from tests.test_bad_input import assert_one_message, folder  # noqa: F401 - a fixture
 
@@ -218,7 +218,7 @@ def test_page_and_plots_hold_any_name(name: str) -> None:
 
 @pytest.mark.parametrize("name", [*NAMES, os.fsdecode(b"\xff"), "y" * 100_000])
 def test_nothing_that_is_printed_steers_a_terminal(name: str) -> None:
-    from rovid.terminal import show_warnings, table
+    from rovid.show.terminal import show_warnings, table
 
     out = io.StringIO()
     screen = Screen(file=out, force_terminal=True, color_system=None, width=4000, legacy_windows=False)

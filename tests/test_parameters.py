@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.errors import ConfigError
+from rovid.ground.errors import ConfigError
 from rovid.identify.estimate import Estimate
-from rovid.parameters import Parameters, Source, read_parameters
+from rovid.parameters.parameters import Parameters, Source, read_parameters
 
 NAMES = ("inertia", "quadratic_drag", "linear_drag")
 MATRIX = r"(?s)matrix = \[.*?\n\]"

@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 
 from benchmarks.decisions import DECIDES, FEW, PAIRS, decided
-from rovid.model import Model
+from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.model.model import Model
 from rovid.plan.programme import LEAD, Pace, programme
-from rovid.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.conftest import Rovid
 from tests.synthetic import VEHICLE, clock, trial
 from tools.cases import all_cases

@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.errors import DataError
-from rovid.rates import ZeroPhaseFilter, cell_averages, choose_cutoff, on_grid, rates_of, white_noise
-from rovid.trial import FloatArray, Trial
+from rovid.campaign.trial import Trial
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import DataError
+from rovid.motion.rates import ZeroPhaseFilter, cell_averages, choose_cutoff, on_grid, rates_of, white_noise
 
 PERIOD = 0.05
 TIME = np.arange(0.0, 300.0, PERIOD)

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rovid.errors import DataError
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import DataError
 from rovid.identify.free_run import fit_free_run
 from rovid.identify.regression import fit_regression
-from rovid.model import Model
-from rovid.runs import Run
-from rovid.trial import FloatArray
+from rovid.model.model import Model
+from rovid.motion.runs import Run
 from tests.synthetic import ROSUB, clock, gauss_markov, run
 
 SMALL = Model(inertia=0.6, quadratic_drag=1.5, linear_drag=1.0)

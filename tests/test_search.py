@@ -11,8 +11,8 @@ import pytest
 
 from rovid.diagnose.search import Fitted, Promise, screen, shortlist
 from rovid.effects import Effect, effect_named
+from rovid.ground.arrays import FloatArray
 from rovid.identify.innovations import Likelihood, Slopes
-from rovid.trial import FloatArray
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rovid.segments import MIN_HOLD_SECONDS, Hold, SineRun, find_holds, find_sines
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
+from rovid.motion.segments import MIN_HOLD_SECONDS, Hold, SineRun, find_holds, find_sines
 from tests.synthetic import LOGGED, VEHICLE, clock, trial
 
 

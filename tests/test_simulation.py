@@ -10,12 +10,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rovid.effects import effect_named
-from rovid.kernels import simulate
-from rovid.model import Drive, Model, initial_rate
-from rovid.rates import body_position, rates_of
-from rovid.runs import Run
-from rovid.simulation import compare, overall, simulate_runs
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
+from rovid.model.kernels import simulate
+from rovid.model.model import Drive, Model, initial_rate
+from rovid.model.simulation import compare, overall, simulate_runs
+from rovid.motion.rates import body_position, rates_of
+from rovid.motion.runs import Run
 from tests.synthetic import LOGGED, ROSUB, clock, run, trial
 
 

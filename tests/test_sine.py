@@ -8,8 +8,8 @@ import pytest
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import fit_inertia
 from rovid.identify.sine import SineTrial, harmonic_balance, orbit_integral, peak_bias, peak_method, sine_trials
-from rovid.model import Model
-from rovid.runs import Run
+from rovid.model.model import Model
+from rovid.motion.runs import Run
 from tests.synthetic import ROSUB, clock, gauss_markov, run
 
 SMALL = Model(inertia=0.6, quadratic_drag=1.5, linear_drag=1.0)

@@ -10,11 +10,11 @@ import pandas as pd
 import pytest
 from scipy.integrate import solve_ivp
 
+from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.effects import effect_named, forms_for
 from rovid.effects.base import SPEEDS
-from rovid.model import Drive, Model
-from rovid.trial import FloatArray
-from rovid.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.ground.arrays import FloatArray
+from rovid.model.model import Drive, Model
 from tests.conftest import Rovid
 from tests.synthetic import trial
 from tests.test_effects import WHERE

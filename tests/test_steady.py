@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.axis import AXES
-from rovid.errors import DataError
+from rovid.campaign.axis import AXES
+from rovid.campaign.tables import read_table
+from rovid.ground.errors import DataError
 from rovid.identify.steady import SteadyPoint, fit_drag, long_run_variance, points_from_table
-from rovid.tables import read_table
 
 PAPER = Path(__file__).parent.parent / "sample_logs" / "rosub_paper" / "table3.csv"
 

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rovid.errors import ConfigError
-from rovid.trial import FloatArray, Trial
-from rovid.vehicle import ThrustCurve, Thruster, Vehicle, box_inertia
+from rovid.campaign.trial import Trial
+from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle, box_inertia
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import ConfigError
 from tests.synthetic import LOGGED, clock, trial
 
 CURVE = ThrustCurve(command=np.array([-2.0, -0.5, 0.5, 2.0]), thrust=np.array([-30.0, 0.0, 0.0, 60.0]))

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovid.campaign.trial import Trial
+from rovid.campaign.vehicle import Vehicle
 from rovid.effects.base import Actuation, neutral_commands
 from rovid.effects.base import actuation as actuation_of
-from rovid.model import Model
-from rovid.trial import FloatArray, Trial
-from rovid.vehicle import Vehicle
+from rovid.ground.arrays import FloatArray
+from rovid.model.model import Model
 
 _LEVELS = 501
 # Of the largest torque: as good as none.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rovid.campaign.vehicle import Thruster, Vehicle
 from rovid.control.allocation import Allocation, allocate
 from rovid.control.law import Law, holds
 from rovid.control.loop import Course, Plant, run_closed
@@ -23,11 +24,10 @@ from rovid.control.tuning import (
     largest_bandwidth,
     linearised,
 )
-from rovid.errors import ConfigError, DataError
-from rovid.model import Model
-from rovid.parameters import Parameters
-from rovid.trial import FloatArray
-from rovid.vehicle import Thruster, Vehicle
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import ConfigError, DataError
+from rovid.model.model import Model
+from rovid.parameters.parameters import Parameters
 
 # Of the torque in use: of the disturbance that every run has, and of a current or waves where a run is about them.
 _DISTURBANCE, _PUSH = 0.02, 0.1

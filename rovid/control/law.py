@@ -11,8 +11,8 @@ import numpy as np
 
 from rovid.effects import TERMS
 from rovid.effects.base import TERM_STATES
-from rovid.model import Model
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
+from rovid.model.model import Model
 
 # The shapes of all torques of the catalogue that act at rest: constant, winding up, and once and twice a turn.
 HOLDS = 7

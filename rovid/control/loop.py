@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from rovid.campaign.trial import Trial
+from rovid.campaign.vehicle import Vehicle
 from rovid.control.allocation import Allocation, bare_actuation
 from rovid.control.law import Law
 from rovid.effects.base import SPEEDS, TERM_STATES, Actuation
-from rovid.model import Drive, Model
-from rovid.trial import FloatArray, Trial
-from rovid.vehicle import Vehicle
+from rovid.ground.arrays import FloatArray
+from rovid.model.model import Drive, Model
 
 # s; no tick of the plant is longer, lest the mean of a torque that acts late in it be all that is known of it.
 _LONGEST_TICK = 0.1
@@ -145,7 +146,7 @@ def _run(
     where: Actuation,
     window: int,
 ) -> Course:
-    from rovid.kernels import advance
+    from rovid.model.kernels import advance
 
     model, m, n = plant.model, ticks(law.period), len(time)
     base, (terms, kinds) = model.base_from(start), model.terms()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.control.loop import Course
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
 
 # Share of the step that the time constant is read at, of an exponential.
 _RISEN = 1.0 - math.exp(-1.0)

@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rovid.campaign.vehicle import Vehicle
 from rovid.control.allocation import Allocation, bare_actuation
 from rovid.control.law import Law, total_of_terms
 from rovid.effects.base import TERM_STATES
-from rovid.errors import DataError
-from rovid.model import Model
-from rovid.parameters import Parameters
-from rovid.trial import FloatArray
-from rovid.vehicle import Vehicle
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import DataError
+from rovid.model.model import Model
+from rovid.parameters.parameters import Parameters
 
 ComplexArray = NDArray[np.complex128]
 

@@ -9,15 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize, stats
 
+from rovid.campaign.tables import Table
+from rovid.campaign.trial import Trial
+from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.effects import Effect, forms_for
 from rovid.effects.base import Scales
+from rovid.ground.arrays import FloatArray
+from rovid.ground.workers import spread
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit, table_drag
-from rovid.model import Model
-from rovid.tables import Table
-from rovid.trial import FloatArray, Trial
-from rovid.vehicle import ThrustCurve, Thruster, Vehicle
-from rovid.workers import spread
+from rovid.model.model import Model
 
 # Periods of a simulated sine, the last of which is looked at, and samples in each.
 _PERIODS, _SAMPLES = 6, 80

@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 from scipy import linalg
 
+from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes
 from rovid.diagnose.heldout import Fold, HeldOut, cross_validate, errors_ahead, log_likelihood, simulate_folds
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, PRIOR_ODDS, confidence
@@ -20,7 +21,8 @@ from rovid.diagnose.signals import PREFIX, drivers, is_driver
 from rovid.diagnose.size import one_size, size_of
 from rovid.diagnose.swell import Swell, swell
 from rovid.effects import CATALOGUE, Effect, forms_for
-from rovid.errors import DataError
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import DataError
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import CERTAINTY, fit_free_run, free_run_r2
 from rovid.identify.horizons import HORIZONS, HorizonLikelihood, HorizonRecords, time_constant
@@ -40,13 +42,11 @@ from rovid.identify.likelihood import (
     simulated_r2,
 )
 from rovid.identify.regression import require_inertia
-from rovid.model import Model, without_form
+from rovid.model.model import Model, without_form
+from rovid.motion.runs import Run, Runs, channels
 from rovid.plan.design import Plan, plan
 from rovid.plan.programme import Limits
 from rovid.plan.worth import Belief
-from rovid.runs import Run, Runs, channels
-from rovid.trial import FloatArray
-from rovid.vehicle import Vehicle
 
 # A rival is beaten by so much log-likelihood, and by such a share of what the effect gains, up to so much more.
 _BEATEN = (6.0, 0.03, 40.0)

@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rovid.diagnose.parts import Piece
 from rovid.diagnose.search import Fitted
+from rovid.ground.arrays import FloatArray, IntArray
 from rovid.identify.horizons import HORIZONS, HorizonRecords, predictions
 from rovid.identify.innovations import Likelihood, Records
-from rovid.simulation import HORIZONS as SECONDS
-from rovid.simulation import overall, simulate_runs
-from rovid.trial import FloatArray
+from rovid.model.simulation import HORIZONS as SECONDS
+from rovid.model.simulation import overall, simulate_runs
 
 _FOLDS = 4
 _ITERATIONS = 8
@@ -83,7 +82,7 @@ def _told(likelihood: Likelihood, x: FloatArray) -> FloatArray:
     return x
 
 
-def _piece(records: Records, pieces: Sequence[Piece]) -> NDArray[np.intp]:
+def _piece(records: Records, pieces: Sequence[Piece]) -> IntArray:
     """(N,) index of the piece that each innovation lies in; -1 where it lies in more than one, or none."""
     found = []
     for number, (begin, end) in enumerate(records.spans):

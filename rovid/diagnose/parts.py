@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rovid.errors import DataError
+from rovid.campaign.trial import Campaign, Trial
+from rovid.campaign.vehicle import Vehicle
+from rovid.ground.arrays import IntArray
+from rovid.ground.errors import DataError
 from rovid.identify.free_run import fit_free_run
 from rovid.identify.horizons import time_constant
 from rovid.identify.innovations import Records
-from rovid.rates import highest_cutoff
-from rovid.runs import Run, Runs, prepare
-from rovid.trial import Campaign, Trial
-from rovid.vehicle import Vehicle
+from rovid.motion.rates import highest_cutoff
+from rovid.motion.runs import Run, Runs, prepare
 
 FEWEST_TRIALS = 4
 _PARTS = 8
@@ -81,7 +81,7 @@ def recorded(trial: Trial) -> float:
     return sum(float(np.ptp(trial.time[session])) for session in _sessions(trial))
 
 
-def _sessions(trial: Trial) -> list[NDArray[np.intp]]:
+def _sessions(trial: Trial) -> list[IntArray]:
     """Indices of the measured positions between pauses."""
     measured = np.flatnonzero(trial.measured)
     pauses = np.diff(trial.time[measured]) > max(_PAUSE_PERIODS * trial.period, _PAUSE)
@@ -114,7 +114,7 @@ def _all_cuts(runs: Sequence[Run], cutoff: float) -> list[tuple[int, _Cut]]:
 
 def _cuts(trial: Trial, length: float) -> list[_Cut]:
     """Parts that begin and end with a measured position, as logs do, none across a pause."""
-    pieces: list[NDArray[np.intp]] = []
+    pieces: list[IntArray] = []
     for session in _sessions(trial):
         time = trial.time[session]
         ends = np.linspace(time[0], time[-1], max(round(float(np.ptp(time)) / length), 1) + 1)

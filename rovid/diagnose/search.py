@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rovid.effects import Effect
+from rovid.ground.arrays import FloatArray
+from rovid.ground.workers import spread
 from rovid.identify.innovations import Likelihood, Slopes
 from rovid.identify.likelihood import likelihood_is_white, loosened
-from rovid.trial import FloatArray
-from rovid.workers import spread
 
 # Of log-likelihood; for what is told by every reading.
 MARGIN = 6.0

@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from rovid.campaign.trial import Trial
 from rovid.effects import Effect, EffectParameter
 from rovid.effects.base import Actuation, Values, finer
-from rovid.runs import Run
-from rovid.trial import FloatArray, Trial
+from rovid.ground.arrays import FloatArray
+from rovid.motion.runs import Run
 
 PREFIX = "signal "
 # A catalogued effect acts through the same channel in the same way.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from rovid.axis import Axis
+from rovid.campaign.axis import Axis
+from rovid.campaign.vehicle import Vehicle
 from rovid.effects import (
     added_mass_memory,
     advance_speed_loss,
@@ -34,8 +35,7 @@ from rovid.effects import (
     wave_torque,
 )
 from rovid.effects.base import SPEEDS, Actuation, Effect, EffectParameter
-from rovid.errors import ConfigError, nearest
-from rovid.vehicle import Vehicle
+from rovid.ground.errors import ConfigError, nearest
 
 # Every form of every effect, the plain one of each first.
 FORMS: tuple[Effect, ...] = (

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rovid.effects.base import RACE, SPEEDS, Actuation, Effect, EffectParameter, Values, compiled
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
 
 # Thrust against the stream is half as much again at most: beyond, the curve is not known.
 _AGAINST = -0.5

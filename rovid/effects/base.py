@@ -21,9 +21,10 @@ from dataclasses import asdict, dataclass, field
 import numba
 import numpy as np
 
-from rovid.caches import keeps_compiled
-from rovid.trial import FloatArray, Trial
-from rovid.vehicle import ThrustCurve, Vehicle
+from rovid.campaign.trial import Trial
+from rovid.campaign.vehicle import ThrustCurve, Vehicle
+from rovid.ground.arrays import FloatArray
+from rovid.ground.caches import keeps_compiled
 
 # Compiled for the machine at first use; the result is kept on disk. Several may run at once.
 compiled = numba.njit(cache=keeps_compiled(), error_model="numpy", nogil=True)
@@ -32,8 +33,8 @@ compiled = numba.njit(cache=keeps_compiled(), error_model="numpy", nogil=True)
 TERM_PARAMETERS = 4
 TERM_STATES = 2
 
-# What terms read of ``base`` by name, see `rovid.kernels.simulate_effects`. From `BESIDE` on stands what they are told
-# of each interval: the thrusters' race, and the speeds of `SPEEDS`.
+# What terms read of ``base`` by name, see `rovid.model.kernels.simulate_effects`. From `BESIDE` on stands what they are
+# told of each interval: the thrusters' race, and the speeds of `SPEEDS`.
 STIFFNESS, TRIM, WATER, RACE, SURGE, SWAY = 5, 6, 7, 8, 9, 10
 BESIDE, BASE_SIZE = RACE, SWAY + 1
 # Channels of the log that say how fast the vehicle goes ahead and to starboard, m/s.

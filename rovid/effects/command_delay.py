@@ -8,7 +8,7 @@ import numpy as np
 
 from rovid.effects.base import Actuation, Effect, EffectParameter, Values
 from rovid.effects.series import delayed
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
 
 # Evenly over what a command may wait beside the mean, as shares of the most.
 _WAITS = (-0.8, -0.4, 0.0, 0.4, 0.8)

@@ -8,7 +8,7 @@ import numpy as np
 
 from rovid.effects.base import Actuation, Effect, EffectParameter, Values
 from rovid.effects.series import latched, played
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
 
 # A sharp threshold would change the likelihood by steps, without a slope to follow: it is ten percent wide.
 _RAMP = 0.1

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
 
 
 def canonical(numbers: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from rovid.effects.base import Effect, EffectParameter, Values
 from rovid.effects.harmonics import canonical
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
 
 
 def _once(heading: FloatArray, values: Values) -> FloatArray:

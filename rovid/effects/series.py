@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from rovid.effects.base import Actuation, compiled
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
 
 
 def speed_of_thrust(where: Actuation, thrust: FloatArray, time_constant: float) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from rovid.effects.base import Actuation, Effect, EffectParameter, Values
 from rovid.effects.series import slewed, soft_started
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
 
 
 def _both_ways(where: Actuation, command: FloatArray, values: Values) -> FloatArray:

@@ -7,7 +7,7 @@ from typing import Any
 
 from rovid.effects.base import SPEEDS, SURGE, WATER, Actuation, Effect, EffectParameter, Values, compiled
 from rovid.effects.series import speed_of_thrust
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
 
 
 @compiled

@@ -8,7 +8,7 @@ import numpy as np
 
 from rovid.effects.base import Actuation, Effect, EffectParameter, Values
 from rovid.effects.series import lagged
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
 
 _CHANNEL = "supply_voltage"
 _HOUR = 3600.0

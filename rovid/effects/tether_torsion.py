@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rovid.effects.base import Effect, EffectParameter, compiled
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
 
 
 @compiled

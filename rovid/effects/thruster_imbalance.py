@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.effects.base import Actuation, Effect, EffectParameter, Values
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
 
 EFFECT: Effect = Effect(
     id="thruster_imbalance",

@@ -8,7 +8,7 @@ import numpy as np
 
 from rovid.effects.base import Actuation, Effect, EffectParameter, Values
 from rovid.effects.series import lagged, rotor_lagged
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
 
 
 def _of_torque(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:

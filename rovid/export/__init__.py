@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
+from rovid.campaign.vehicle import Thruster, Vehicle
 from rovid.effects import Effect
-from rovid.errors import ConfigError, nearest
 from rovid.export import gz_sim, mujoco, plain, python_vehicle_simulator, stonefish, uuv, vrx
 from rovid.export.base import Subject, Target
 from rovid.export.manoeuvre import PERIOD, Mismatch, compare, manoeuvre, rovid_rate
-from rovid.files import Output
-from rovid.files.form import export_form
-from rovid.parameters import Parameters
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import ConfigError, nearest
+from rovid.ground.files import Output
+from rovid.ground.files.form import export_form
+from rovid.parameters.parameters import Parameters
 from rovid.study import Study
-from rovid.trial import FloatArray
-from rovid.vehicle import Thruster, Vehicle
 
 # Name -> (exporter, file written where none is given).
 EXPORTERS: dict[str, tuple[Callable[[Subject], Target], str]] = {

@@ -6,16 +6,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rovid.campaign.trial import Trial
+from rovid.campaign.vehicle import Thruster, Vehicle
 from rovid.effects import Effect
 from rovid.effects.base import actuation, neutral_commands
 from rovid.effects.thruster_imbalance import BESIDE
-from rovid.model import Model
-from rovid.parameters import Entry
-from rovid.quoting import identifiers, xml_comment
-from rovid.trial import FloatArray, Trial
-from rovid.vehicle import Thruster, Vehicle
+from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.quoting import identifiers, xml_comment
+from rovid.model.model import Model
+from rovid.parameters.parameters import Entry
 
 # Effects without a memory, between the command and the thrust of one thruster: a thrust curve holds them.
 CURVE_EFFECTS = ("thruster_deadband", "thrust_asymmetry", "thrust_curve_shape", "thruster_imbalance")
@@ -193,7 +193,7 @@ def _steady_thrust(subject: Subject, held: list[Effect], index: int, command: Fl
     return np.asarray(thrust[:, index])
 
 
-def _corners(x: FloatArray, y: FloatArray) -> NDArray[np.intp]:
+def _corners(x: FloatArray, y: FloatArray) -> IntArray:
     """Rows between which (m,) ``y`` is straight: Ramer 1972, Douglas and Peucker 1973, by vertical distance."""
     tolerance = _CURVE_TOLERANCE * max(float(np.max(np.abs(y))), 1e-300)
     kept, open_spans = {0, len(x) - 1}, [(0, len(x) - 1)]

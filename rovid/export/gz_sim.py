@@ -11,12 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from rovid.campaign.trial import Trial
 from rovid.effects.base import Actuation, actuation
 from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves
 from rovid.export.manoeuvre import march, thrust_torque
-from rovid.files.form import export_mark
-from rovid.quoting import xml_attribute, xml_comment
-from rovid.trial import FloatArray, Trial
+from rovid.ground.arrays import FloatArray
+from rovid.ground.files.form import export_mark
+from rovid.ground.quoting import xml_attribute, xml_comment
 
 NEWTONS = "Thruster takes newtons: the curves in the file turn commands into them, effects of the curve included."
 _STEP = 0.001  # s, gz-sim's default; DART steps a rate by semi-implicit Euler

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
+from rovid.campaign.trial import Trial
 from rovid.effects.base import neutral_commands
 from rovid.export.base import Curve, Subject
-from rovid.model import Model
-from rovid.trial import FloatArray, Trial
+from rovid.ground.arrays import FloatArray
+from rovid.model.model import Model
 
 # s; every target's step goes into it a whole number of times.
 PERIOD = 0.1

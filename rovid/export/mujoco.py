@@ -13,9 +13,9 @@ import numpy as np
 
 from rovid.export.base import Curve, Subject, Target, curve_keys, curves, numbers
 from rovid.export.manoeuvre import lagged, march, stepped
-from rovid.files.form import export_mark
-from rovid.quoting import xml_attribute
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
+from rovid.ground.files.form import export_mark
+from rovid.ground.quoting import xml_attribute
 
 _STEP = 0.002  # s, MuJoCo's default
 _ACTUATOR_EFFECTS = ("thruster_lag", "command_delay")

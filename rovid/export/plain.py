@@ -10,11 +10,11 @@ import numpy as np
 
 from rovid.export.base import Subject, Target
 from rovid.export.manoeuvre import rovid_rate
-from rovid.files.form import export_mark
-from rovid.model import Model
-from rovid.output import to_json
-from rovid.quoting import identifiers, toml_text
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
+from rovid.ground.files.form import export_mark
+from rovid.ground.numbers import to_json
+from rovid.ground.quoting import identifiers, toml_text
+from rovid.model.model import Model
 
 EQUATION = "inertia*rdot + quadratic_drag*|r|*r + linear_drag*r = sum(yaw_arm*thrust(command)) + effects"
 _AXES = "Yaw is positive in the sense in which the heading grows (NED: clockwise from above); SI units and radians."

@@ -12,9 +12,9 @@ import numpy as np
 
 from rovid.export.base import Curve, Subject, Target, curve_keys, curves
 from rovid.export.manoeuvre import stepped
-from rovid.files.form import export_mark
-from rovid.quoting import python_docstring
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
+from rovid.ground.files.form import export_mark
+from rovid.ground.quoting import python_docstring
 
 _STEP = 0.02  # s, of the simulator's main.py
 # Further terms of the equation of motion as Python, torque in N m.

@@ -15,9 +15,9 @@ from scipy.optimize import nnls
 from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves, numbers
 from rovid.export.manoeuvre import march, thrust_torque
 from rovid.export.rotor import first_order, input_notes, inputs_of
-from rovid.files.form import export_mark
-from rovid.quoting import xml_attribute
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
+from rovid.ground.files.form import export_mark
+from rovid.ground.quoting import xml_attribute
 
 _STEP = 0.002  # s
 _DENSITY = 1025.0  # kg/m^3

@@ -14,9 +14,9 @@ from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys,
 from rovid.export.gz_sim import frame_notes, place
 from rovid.export.manoeuvre import march, settling_time, thrust_torque
 from rovid.export.rotor import first_order, input_notes, inputs_of
-from rovid.files.form import export_mark
-from rovid.quoting import identifiers
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
+from rovid.ground.files.form import export_mark
+from rovid.ground.quoting import identifiers
 
 _STEP = 0.002  # s, of uuv_simulator's worlds
 _FILTER = 0.3

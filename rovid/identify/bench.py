@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.errors import DataError, LogError
-from rovid.tables import Table, offered
-from rovid.trial import FloatArray
-from rovid.vehicle import ThrustCurve
+from rovid.campaign.tables import Table, offered
+from rovid.campaign.vehicle import ThrustCurve
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import DataError, LogError
 
 STANDARD_GRAVITY = 9.80665
 THRUST_UNITS = {

@@ -9,11 +9,12 @@ from statistics import median
 
 import numpy as np
 
+from rovid.campaign.trial import Trial
+from rovid.campaign.vehicle import Vehicle
+from rovid.ground.arrays import FloatArray
 from rovid.identify.estimate import Estimate
-from rovid.model import Model
-from rovid.runs import Run
-from rovid.trial import FloatArray, Trial
-from rovid.vehicle import Vehicle
+from rovid.model.model import Model
+from rovid.motion.runs import Run
 
 # Samples in each period of a simulated swing, and how many periods until it must have come back.
 _SAMPLES, _PERIODS = 400, 2

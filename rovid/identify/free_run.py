@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import least_squares
 
-from rovid.axis import Axis
+from rovid.campaign.axis import Axis
 from rovid.effects import restoring_of
-from rovid.errors import DataError
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import DataError
 from rovid.identify.regression import fit_regression, fit_released
-from rovid.model import Drive, Model
-from rovid.runs import Run
-from rovid.simulation import compare, simulated_rate
-from rovid.trial import FloatArray
+from rovid.model.model import Drive, Model
+from rovid.model.simulation import compare, simulated_rate
+from rovid.motion.runs import Run
 
 # An inertia nearer to nothing, in standard errors, is none: steady holds fit any.
 CERTAINTY = 2.0

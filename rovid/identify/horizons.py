@@ -15,15 +15,14 @@ from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rovid.effects import Effect
 from rovid.effects.base import TERM_STATES
+from rovid.ground.arrays import BoolArray, FloatArray, IntArray
 from rovid.identify.innovations import DISTURBANCE, NOISE, Likelihood, Records, Slopes
-from rovid.model import Drive, Model
-from rovid.rates import body_position, on_grid
-from rovid.runs import Run
-from rovid.trial import FloatArray
+from rovid.model.model import Drive, Model
+from rovid.motion.rates import body_position, on_grid
+from rovid.motion.runs import Run
 
 # How far ahead, in time constants of the vehicle.
 HORIZONS = (0.5, 1.0, 2.0, 4.0, 8.0)
@@ -36,8 +35,6 @@ _MOST_RESTARTS = 600
 _BLOCK, _BLOCKS = 8.0, 12
 # However long the logs are, what a model's form misses returns in all of them: so many readings are there at most.
 _MOST = 200.0
-
-IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -266,7 +263,7 @@ def _course(run: Run, constant: float, between: float) -> Course:
 
 def predictions(records: HorizonRecords, model: Model, drives: Sequence[Drive]) -> FloatArray:
     """(N,) predicted less measured position of every prediction, in rad or m."""
-    from rovid.kernels import predict
+    from rovid.model.kernels import predict
 
     courses, grid = records.courses, records.grid
     if not grid.starts.size:
@@ -282,7 +279,10 @@ def predictions(records: HorizonRecords, model: Model, drives: Sequence[Drive]) 
 
 
 class _Followed(NamedTuple):
-    """What a model makes of a course, as `rovid.kernels.predict` takes it; the measured angle's slope by the true."""
+    """What a model makes of a course, as `rovid.model.kernels.predict` takes it.
+
+    ``slope`` is the measured angle's by the true.
+    """
 
     torque: FloatArray
     beside: FloatArray
@@ -406,7 +406,7 @@ class HorizonLikelihood(Likelihood):
         records: Records,
         limit: float = math.inf,
         effects: tuple[Effect, ...] = (),
-        counted: NDArray[np.bool_] | None = None,
+        counted: BoolArray | None = None,
     ) -> None:
         super().__init__(records, limit, effects, counted)
         own = slice(DISTURBANCE, NOISE + 1)

@@ -8,8 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rovid.axis import Axis
-from rovid.errors import DataError
+from rovid.campaign.axis import Axis
+from rovid.campaign.tables import SINE_COLUMNS, Table
+from rovid.campaign.vehicle import PLAUSIBLE_RATIO
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import DataError
 from rovid.identify.estimate import Estimate
 from rovid.identify.regression import Regression, fit_regression
 from rovid.identify.sine import (
@@ -21,11 +24,8 @@ from rovid.identify.sine import (
     peak_method,
     sine_trials,
 )
-from rovid.model import Model
-from rovid.runs import Run
-from rovid.tables import SINE_COLUMNS, Table
-from rovid.trial import FloatArray
-from rovid.vehicle import PLAUSIBLE_RATIO
+from rovid.model.model import Model
+from rovid.motion.runs import Run
 
 METHODS = {
     "peak": "peak method of the founding paper (biased)",

@@ -10,17 +10,16 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rovid.axis import Axis
+from rovid.campaign.axis import Axis
+from rovid.campaign.vehicle import PLAUSIBLE_RATIO, Vehicle
 from rovid.effects import Effect, restoring_of
 from rovid.effects.base import SPEEDS, Actuation, Scales, actuation, neutral_commands, race
-from rovid.model import MOST_PARTS, Drive, Model
-from rovid.rates import body_position
-from rovid.runs import Run
-from rovid.trial import FloatArray
-from rovid.vehicle import PLAUSIBLE_RATIO, Vehicle
-from rovid.workers import spread
+from rovid.ground.arrays import BoolArray, FloatArray, IntArray
+from rovid.ground.workers import spread
+from rovid.model.model import MOST_PARTS, Drive, Model
+from rovid.motion.rates import body_position
+from rovid.motion.runs import Run
 
 # Coordinates before those of effects and of what weight and buoyancy do: log I, DQ and DL over their scale, log of
 # the disturbance's size and memory, log of the measurement's noise.
@@ -71,7 +70,7 @@ class Records:
     gyro: bool = False
 
     @cached_property
-    def instants(self) -> list[NDArray[np.intp]]:
+    def instants(self) -> list[IntArray]:
         """Where the filter steps to in each run."""
         if self.interval <= 0.0:
             return [np.arange(len(run.trial.time)) for run in self.runs]
@@ -166,17 +165,17 @@ class Records:
         return max(float(np.sqrt(np.nanmean(bends**2) / 6.0)), _RATE_NOISE_FLOOR)
 
     @cached_property
-    def known(self) -> list[NDArray[np.intp]]:
+    def known(self) -> list[IntArray]:
         """Where each run has a position; the first is where the filter starts."""
         return [np.flatnonzero(np.isfinite(angle))[1:] for angle in self.angles]
 
     @cached_property
-    def known_rates(self) -> list[NDArray[np.intp]]:
+    def known_rates(self) -> list[IntArray]:
         """Where each run has a rate that is looked at."""
         return [np.flatnonzero(np.isfinite(rate)) for rate in self.gyro_rates]
 
     @cached_property
-    def looked_at(self) -> list[NDArray[np.intp]]:
+    def looked_at(self) -> list[IntArray]:
         """Instant of each innovation of each run: of the positions, then of the rates."""
         return [np.concatenate(pair) for pair in zip(self.known, self.known_rates, strict=True)]
 
@@ -191,12 +190,12 @@ class Records:
         return [self.start.initial_rate(run.trial) for run in self.runs]
 
     @cached_property
-    def trial(self) -> NDArray[np.intp]:
+    def trial(self) -> IntArray:
         """(N,) index of the run of each innovation."""
         return np.repeat(np.arange(len(self.runs)), [len(at) for at in self.looked_at])
 
     @cached_property
-    def block(self) -> NDArray[np.intp]:
+    def block(self) -> IntArray:
         """(N,) number of the stretch of time of each innovation."""
         length = self.block_seconds
         pieces = [(time[at] / length).astype(np.intp) for time, at in zip(self.times, self.looked_at, strict=True)]
@@ -336,7 +335,7 @@ class Likelihood:
         records: Records,
         limit: float,
         effects: tuple[Effect, ...] = (),
-        counted: NDArray[np.bool_] | None = None,
+        counted: BoolArray | None = None,
     ) -> None:
         self.records = records
         self.limit = limit
@@ -380,7 +379,7 @@ class Likelihood:
         within = np.clip(self.effects[-1].starts, self.low[own], self.high[own])
         return [start for k, start in enumerate(within) if not (within[:k] == start).all(axis=1).any()]
 
-    def like(self, effects: tuple[Effect, ...], counted: NDArray[np.bool_] | None = None) -> Self:
+    def like(self, effects: tuple[Effect, ...], counted: BoolArray | None = None) -> Self:
         """The same question asked of a model with other effects, or of other innovations."""
         return type(self)(self.records, self.limit, effects, counted)
 
@@ -478,7 +477,7 @@ class Likelihood:
 
     def innovations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(N,) innovations in rad and their variances; those not counted are left out."""
-        from rovid.kernels import innovations, innovations_wide
+        from rovid.model.kernels import innovations, innovations_wide
 
         records, model = self.records, self.model(x)
         terms, active = model.terms()
@@ -524,7 +523,7 @@ class Likelihood:
         """(N,) what each innovation adds to the cost."""
         return np.asarray(self.weight * _pieces(error, variance))
 
-    def scores(self, here: Slopes, group: NDArray[np.intp]) -> FloatArray:
+    def scores(self, here: Slopes, group: IntArray) -> FloatArray:
         """(m, p) gradient of the cost over each (N,) ``group``; their scatter tells what the information does not."""
         group = group if self.counted is None else group[self.counted]
         score = here.matrix * here.residual[:, None]
@@ -678,7 +677,7 @@ def _with_curvature(information: FloatArray, been: Sequence[tuple[FloatArray, Fl
     return matrix
 
 
-def _spaced(time: FloatArray, known: NDArray[np.intp], interval: float) -> NDArray[np.intp]:
+def _spaced(time: FloatArray, known: IntArray, interval: float) -> IntArray:
     """The first of ``known`` in each cell of a grid of ``interval`` s, and the last of all."""
     cell = np.floor((time[known] - time[known[0]]) / interval + 1e-6)
     first = np.concatenate(([True], cell[1:] != cell[:-1]))

@@ -9,18 +9,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg, special
 
+from rovid.campaign.vehicle import Vehicle
 from rovid.effects import Effect
-from rovid.errors import DataError
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import DataError
 from rovid.identify.estimate import PER_INERTIA, Estimate
 from rovid.identify.free_run import CERTAINTY, fit_free_run, free_run_r2
 from rovid.identify.horizons import HORIZONS, HorizonLikelihood, HorizonRecords
 from rovid.identify.innovations import BASE, Likelihood, Records
 from rovid.identify.regression import require_inertia
-from rovid.model import Model, unit_of
-from rovid.runs import Run
-from rovid.simulation import compare, simulated_rate
-from rovid.trial import FloatArray
-from rovid.vehicle import Vehicle
+from rovid.model.model import Model, unit_of
+from rovid.model.simulation import compare, simulated_rate
+from rovid.motion.runs import Run
 
 # Upper limits of the disturbance, as shares of the torque in use. Without a limit the disturbance explains whatever
 # the model does not, and the parameters go where they like.

@@ -6,16 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rovid.axis import Axis
+from rovid.campaign.axis import Axis
 from rovid.effects import restoring_of
 from rovid.effects.restoring import columns, from_columns
-from rovid.errors import DataError
+from rovid.ground.arrays import BoolArray, FloatArray, IntArray
+from rovid.ground.errors import DataError
 from rovid.identify.estimate import Estimate, explained, varies
-from rovid.model import Drive, Model, base_names
-from rovid.runs import Run
-from rovid.trial import FloatArray
+from rovid.model.model import Drive, Model, base_names
+from rovid.motion.runs import Run
 
 _DRAGS = slice(1, 3)  # of the unknowns: inertia, quadratic and linear drag, and those of the restoring torque
 # A block has to be long beside the memory of waves and eddies, and there have to be enough of them.
@@ -137,7 +136,7 @@ def require_inertia(estimate: Estimate, certainty: float) -> None:
         raise _not_excited(f"the inertia is {value:.3g} ± {error:.2g} {estimate.unit('inertia')}")
 
 
-def _torque(runs: Sequence[Run]) -> tuple[FloatArray, NDArray[np.intp]]:
+def _torque(runs: Sequence[Run]) -> tuple[FloatArray, IntArray]:
     """(n,) torque and block number at every valid instant of all runs."""
     length = min(_BLOCK_SECONDS, sum(run.valid.sum() * run.rates.kernel.period for run in runs) / _BLOCKS)
     torque, blocks, first = [], [], 0
@@ -198,7 +197,7 @@ def _simulated(runs: Sequence[Run], model: Model) -> tuple[FloatArray, FloatArra
 
 def _bounded(
     instruments: FloatArray, measured: FloatArray, torque: FloatArray, axis: Axis
-) -> tuple[NDArray[np.bool_], FloatArray]:
+) -> tuple[BoolArray, FloatArray]:
     """Which unknowns are free, and all their values; a drag that would turn negative is held at zero."""
     free = np.ones(measured.shape[1], dtype=bool)
     values = _solve(instruments, measured, torque, free)
@@ -213,7 +212,7 @@ def _bounded(
     return free, values
 
 
-def _solve(instruments: FloatArray, measured: FloatArray, torque: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
+def _solve(instruments: FloatArray, measured: FloatArray, torque: FloatArray, free: BoolArray) -> FloatArray:
     values = np.zeros(len(free))
     z, x = instruments[:, free], measured[:, free]
     scale = np.linalg.norm(x, axis=0)
@@ -240,7 +239,7 @@ def _jackknife_covariance(
     instruments: FloatArray,
     measured: FloatArray,
     torque: FloatArray,
-    blocks: NDArray[np.intp],
+    blocks: IntArray,
 ) -> FloatArray:
     """Covariance from leaving out one block at a time, which allows for residuals correlated within blocks."""
     z, x = instruments, measured / (scale := np.linalg.norm(measured, axis=0))

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rovid.model import Model
-from rovid.runs import Run
-from rovid.segments import SineRun, find_sines
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray, IntArray
+from rovid.model.model import Model
+from rovid.motion.runs import Run
+from rovid.motion.segments import SineRun, find_sines
 
 HARMONICS = 9
 _LEAST_GAIN = 0.25
@@ -93,7 +93,7 @@ def _trial(run: Run, sine: SineRun) -> SineTrial | None:
     )
 
 
-def _wave(run: Run, rows: NDArray[np.intp], period: float) -> Wave:
+def _wave(run: Run, rows: IntArray, period: float) -> Wave:
     """Least squares of mean, drift and harmonics, freed of what the filter took from them.
 
     The orbit integral is exact for the whole wave: a share of a harmonic taken away, even from torque and rate alike,
@@ -209,7 +209,7 @@ def peak_reading(wave: Wave, drag: Model) -> float:
 
 def peak_bias(trials: Sequence[SineTrial], model: Model) -> float:
     """What the peak method returns on this ``model``'s own motion under these torques, over its true inertia."""
-    from rovid.kernels import simulate
+    from rovid.model.kernels import simulate
 
     ratios = []
     for trial in trials:

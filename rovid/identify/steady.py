@@ -7,21 +7,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize, special
 
-from rovid.axis import YAW, Axis
+from rovid.campaign.axis import YAW, Axis
+from rovid.campaign.tables import STEADY_COLUMNS, Table
+from rovid.campaign.vehicle import Vehicle
 from rovid.effects import restoring_of
 from rovid.effects.restoring import columns
-from rovid.errors import DataError
+from rovid.ground.arrays import BoolArray, FloatArray
+from rovid.ground.errors import DataError
+from rovid.ground.toml import SMALLEST
 from rovid.identify.estimate import Estimate, explained
-from rovid.model import base_names
-from rovid.runs import Run
-from rovid.segments import MIN_HOLD_SECONDS, Hold, find_holds
-from rovid.tables import STEADY_COLUMNS, Table
-from rovid.toml import SMALLEST
-from rovid.trial import FloatArray
-from rovid.vehicle import Vehicle
+from rovid.model.model import base_names
+from rovid.motion.runs import Run
+from rovid.motion.segments import MIN_HOLD_SECONDS, Hold, find_holds
 
 NAMES = ("quadratic_drag", "linear_drag")
 
@@ -304,9 +303,7 @@ def _under_load(steady: Sequence[SteadyPoint]) -> tuple[SteadyPoint, ...]:
     return tuple(point for point in steady if abs(point.torque) >= least)
 
 
-def _below_zero(
-    names: Sequence[str], values: FloatArray, covariance: FloatArray, free: NDArray[np.bool_]
-) -> str | None:
+def _below_zero(names: Sequence[str], values: FloatArray, covariance: FloatArray, free: BoolArray) -> str | None:
     """What is said of a drag that came out negative; None where both are free and neither did, or one is held."""
     negative = free & (values < 0.0) & np.isin(names, NAMES)
     if not negative.any() or not free.all():
@@ -392,9 +389,7 @@ def _undetermined(points: Sequence[SteadyPoint], axis: Axis) -> dict[str, str]:
     return {}
 
 
-def _torque_error(
-    points: Sequence[SteadyPoint], design: FloatArray, torque: FloatArray, free: NDArray[np.bool_]
-) -> FloatArray:
+def _torque_error(points: Sequence[SteadyPoint], design: FloatArray, torque: FloatArray, free: BoolArray) -> FloatArray:
     if _from_table(points):
         return np.ones(len(points))
     duration = np.array([point.duration for point in points])
@@ -406,7 +401,7 @@ def _torque_error(
     return np.asarray(np.sqrt(within + _between(design, torque, within, free)))
 
 
-def _between(design: FloatArray, torque: FloatArray, within: FloatArray, free: NDArray[np.bool_]) -> float:
+def _between(design: FloatArray, torque: FloatArray, within: FloatArray, free: BoolArray) -> float:
     """Variance of the torque balance from hold to hold, N^2 m^2, that the (k,) variances ``within`` holds leave open.
 
     What a current or a trim does to a hold averages out over no length of it: without this a long rest would outweigh
@@ -426,7 +421,7 @@ def _between(design: FloatArray, torque: FloatArray, within: FloatArray, free: N
 
 
 def _least_squares(
-    design: FloatArray, torque: FloatArray, error: FloatArray, free: NDArray[np.bool_]
+    design: FloatArray, torque: FloatArray, error: FloatArray, free: BoolArray
 ) -> tuple[FloatArray, FloatArray, float]:
     """Values (p,), covariance (p, p) and degrees of freedom; columns that are not ``free`` stay zero.
 
@@ -446,7 +441,7 @@ def _least_squares(
     return values, covariance, float(dof) if dof > 0 and not (known and scatter <= 1.0) else float("inf")
 
 
-def _leave_one_out(design: FloatArray, torque: FloatArray, error: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
+def _leave_one_out(design: FloatArray, torque: FloatArray, error: FloatArray, free: BoolArray) -> FloatArray:
     rows = np.full((len(torque), 3), np.nan)
     for k in range(len(torque)):
         keep = np.arange(len(torque)) != k
@@ -462,7 +457,7 @@ def _directions(
     design: FloatArray,
     torque: FloatArray,
     error: FloatArray,
-    free: NDArray[np.bool_],
+    free: BoolArray,
     axis: Axis,
 ) -> dict[str, Estimate]:
     fits = {}

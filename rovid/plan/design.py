@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rovid.errors import DataError
+from rovid.campaign.trial import Trial
+from rovid.campaign.vehicle import Vehicle
+from rovid.ground.errors import DataError
+from rovid.ground.quoting import csv_line
 from rovid.identify.likelihood import LikelihoodFit
 from rovid.plan.programme import Limits, Pace, programme
 from rovid.plan.worth import DECIDES, Belief, Worth, ranked
-from rovid.quoting import csv_line
-from rovid.trial import Trial
-from rovid.vehicle import Vehicle
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

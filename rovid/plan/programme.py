@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rovid.campaign.trial import Trial
+from rovid.campaign.vehicle import Vehicle
 from rovid.effects.base import actuation
-from rovid.errors import DataError
-from rovid.model import Model
-from rovid.trial import FloatArray, Trial
-from rovid.vehicle import Vehicle
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import DataError
+from rovid.model.model import Model
 
 # s of rest before each run: the filter and the vehicle begin from nothing.
 LEAD = 4.0

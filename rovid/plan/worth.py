@@ -8,14 +8,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rovid.errors import DataError
+from rovid.campaign.trial import Campaign, Trial
+from rovid.campaign.vehicle import Vehicle
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import DataError
+from rovid.ground.workers import spread
 from rovid.identify.innovations import Likelihood, Records
-from rovid.model import Model
+from rovid.model.model import Model
+from rovid.motion.runs import prepare
 from rovid.plan.programme import Limits, Planned
-from rovid.runs import prepare
-from rovid.trial import Campaign, FloatArray, Trial
-from rovid.vehicle import Vehicle
-from rovid.workers import spread
 
 # Log-likelihood that decides, as in the diagnosis.
 DECIDES = 12.0

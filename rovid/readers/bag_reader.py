@@ -16,11 +16,11 @@ from urllib.parse import quote
 
 import lz4.frame
 
-from rovid.config import Config
-from rovid.errors import LogError, nearest
+from rovid.campaign.config import Config
+from rovid.campaign.trial import Remark
+from rovid.ground.errors import LogError, nearest
 from rovid.readers.raw import Contents, RawLog, foreign, library, mapped
 from rovid.readers.topics import Decoder, Listing, Topics
-from rovid.trial import Remark
 
 KIND = "bag"
 _EXTRA = "ros"

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rovid.config import Config
+from rovid.campaign.config import Config
+from rovid.campaign.trial import Remark
 from rovid.readers.columns import Columns, channels_of, missing_topic, numeric_sources, of_sensor, raw_log, split_sensor
 from rovid.readers.raw import Contents, RawLog, foreign, mapped
-from rovid.trial import Remark
 
 KIND = "bin"
 _NAME = "an ArduPilot DataFlash log"

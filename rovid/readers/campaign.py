@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.config import Config
-from rovid.errors import LogError
-from rovid.places import require, search
+from rovid.campaign.config import Config
+from rovid.campaign.tables import CURVE_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS
+from rovid.campaign.trial import Campaign, Remark, Trial
+from rovid.ground.errors import LogError
+from rovid.ground.places import require, search
 from rovid.readers.formats import READERS, read_log
-from rovid.tables import CURVE_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS
-from rovid.trial import Campaign, Remark, Trial
 
 # Progress is worth a bar from here on.
 _LARGE = 20_000_000

@@ -10,13 +10,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rovid.campaign.trial import Remark
+from rovid.ground.arrays import BoolArray, FloatArray, IntArray
 from rovid.readers.raw import typical
-from rovid.trial import FloatArray, Remark
-
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.intp]
 
 TURN = 2.0 * np.pi
 _DEG = np.pi / 180.0

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rovid.config import Signal
-from rovid.errors import LogError, nearest
+from rovid.campaign.config import Signal
+from rovid.campaign.trial import Remark
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import LogError, nearest
 from rovid.readers.instants import seconds
 from rovid.readers.messages import ANGLES, euler
 from rovid.readers.raw import Channel, RawLog
-from rovid.trial import FloatArray, Remark
 
 _SENSOR = re.compile(r"(.*)\[(\d+)\]$")
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from rovid.errors import LogError
-from rovid.tables import offered
+from rovid.campaign.tables import offered
+from rovid.ground.errors import LogError
 
 _HEAD = 1 << 16
 _TAIL = 1 << 16

@@ -15,13 +15,14 @@ from typing import IO, Any
 import numpy as np
 import pandas as pd
 
-from rovid.config import Config, Signal
-from rovid.errors import LogError
-from rovid.guess import CLOCK, NOT_CLOCK, words
+from rovid.campaign.config import Config, Signal
+from rovid.campaign.trial import Remark
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import LogError
 from rovid.readers.csv_header import Layout, last_whole_line, read_layout, refuse_long_lines
 from rovid.readers.instants import epoch_of, stamps
 from rovid.readers.raw import Channel, Contents, RawLog, mapped, time_signal
-from rovid.trial import FloatArray, Remark
+from rovid.readers.words import CLOCK, NOT_CLOCK, words
 
 KIND = "csv"
 _MISSING = ("", "nan", "NaN", "NAN", "-nan")

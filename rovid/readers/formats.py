@@ -9,11 +9,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import cast
 
-from rovid.config import Config
-from rovid.errors import LogError
-from rovid.places import refuse_odd
+from rovid.campaign.config import Config
+from rovid.campaign.trial import Trial
+from rovid.ground.errors import LogError
+from rovid.ground.places import refuse_odd
 from rovid.readers.raw import Contents, RawLog
-from rovid.trial import Trial
 
 
 @dataclass(frozen=True, kw_only=True)

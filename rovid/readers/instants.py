@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from rovid.errors import LogError
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import LogError
 
 _SCALE = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # "time_ms", "t [us]", "stamp(ns)": the unit that a column's own name declares.

@@ -20,7 +20,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
 
-from rovid.errors import LogError
+from rovid.ground.errors import LogError
 from rovid.readers.mcap_chunks import COMPRESSIONS, Damage, unpacked, verify
 from rovid.readers.topics import Handler
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from mcap.records import Channel, Schema
 
-from rovid.errors import LogError
+from rovid.ground.errors import LogError
 from rovid.readers.topics import Decoder
 
 

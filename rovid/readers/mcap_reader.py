@@ -9,13 +9,13 @@ from typing import BinaryIO
 
 from mcap.records import Channel, Schema
 
-from rovid.config import Config, Signal
-from rovid.errors import LogError
+from rovid.campaign.config import Config, Signal
+from rovid.campaign.trial import Remark
+from rovid.ground.errors import LogError
 from rovid.readers.mcap_container import LARGEST, Recording
 from rovid.readers.mcap_messages import decoder
 from rovid.readers.raw import Contents, RawLog, mapped
 from rovid.readers.topics import Handler, Listing, Topics
-from rovid.trial import Remark
 
 KIND = "mcap"
 

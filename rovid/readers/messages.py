@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from rovid.errors import LogError
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import LogError
 
 Getter = Callable[[Any], Any]
 

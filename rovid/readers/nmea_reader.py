@@ -17,13 +17,14 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.config import Config
-from rovid.errors import ConfigError, LogError, nearest
-from rovid.places import odd
+from rovid.campaign.config import Config
+from rovid.campaign.trial import Remark
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import ConfigError, LogError, nearest
+from rovid.ground.places import odd
 from rovid.readers.formats import READERS
 from rovid.readers.instants import EPOCH_FROM, seconds
 from rovid.readers.raw import Channel, Contents, RawLog, foreign
-from rovid.trial import FloatArray, Remark
 
 KIND = "nmea"
 _DAY = 86400.0

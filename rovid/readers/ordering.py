@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rovid.errors import LogError
+from rovid.campaign.trial import Remark
+from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.errors import LogError
 from rovid.readers.raw import sensible
-from rovid.trial import FloatArray, Remark
 
 # Recorders write messages a little out of order; more than this is a clock that was set back.
 _SHUFFLE = 1.0
@@ -105,7 +105,7 @@ def _remark(kind: str, count: int, text: str) -> Remark:
     return Remark(kind=kind, count=int(count), text=text)
 
 
-def _sorted(rows: NDArray[np.intp], time: FloatArray, clock: str, remarks: list[Remark]) -> NDArray[np.intp]:
+def _sorted(rows: IntArray, time: FloatArray, clock: str, remarks: list[Remark]) -> IntArray:
     steps = np.diff(time[rows])
     if not steps.size or steps.min() >= 0 or steps.min() < -_SHUFFLE:
         return rows
@@ -115,13 +115,13 @@ def _sorted(rows: NDArray[np.intp], time: FloatArray, clock: str, remarks: list[
 
 
 def _forward(
-    rows: NDArray[np.intp],
+    rows: IntArray,
     time: FloatArray,
     clock: str,
     place: Callable[[int], str],
     remarks: list[Remark],
     where: str,
-) -> NDArray[np.intp]:
+) -> IntArray:
     stamps = time[rows]
     backward = stamps < np.maximum.accumulate(stamps)
     count = int(np.count_nonzero(backward))
@@ -141,7 +141,7 @@ def _forward(
 
 
 def _merge(
-    rows: NDArray[np.intp], time: FloatArray, values: Mapping[str, FloatArray]
+    rows: IntArray, time: FloatArray, values: Mapping[str, FloatArray]
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
     """One row a stamp; each signal's first value there that is not missing."""
     stamps = time[rows]

@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from rovid.config import Config
-from rovid.errors import LogError, nearest
-from rovid.guess import CLOCK, words
+from rovid.campaign.config import Config
+from rovid.ground.arrays import BoolArray, FloatArray
+from rovid.ground.errors import LogError, nearest
 from rovid.readers.instants import epoch_of, moments, stamps
 from rovid.readers.raw import Channel, Contents, RawLog, foreign, library, mapped, require_room, time_signal
-from rovid.trial import FloatArray
+from rovid.readers.words import CLOCK, words
 
 KIND = "parquet"
 EXTRA = "parquet"
@@ -215,7 +214,7 @@ def _series(path: Path, values: Any) -> pd.Series[Any]:
     return column
 
 
-def _read_numbers(column: pd.Series[Any]) -> tuple[FloatArray, NDArray[np.bool_]]:
+def _read_numbers(column: pd.Series[Any]) -> tuple[FloatArray, BoolArray]:
     """(n,) numbers, NaN where none is; and (n,) whether something else is there."""
     if column.dtype.kind in "biuf":  # 64-bit integers with gaps among them
         return np.asarray(column.to_numpy(dtype=np.float64, na_value=np.nan)), np.zeros(len(column), dtype=np.bool_)

@@ -9,11 +9,11 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rovid.config import Config, Signal
-from rovid.errors import ConfigError, LogError
-from rovid.trial import FloatArray, Remark
+from rovid.campaign.config import Config, Signal
+from rovid.campaign.trial import Remark
+from rovid.ground.arrays import BoolArray, FloatArray
+from rovid.ground.errors import ConfigError, LogError
 
 # Bytes that the numbers of one log may take.
 _ROOM = 512 << 20
@@ -173,7 +173,7 @@ def foreign(path: Path, what: str) -> LogError:
     )
 
 
-def sensible(values: FloatArray) -> NDArray[np.bool_]:
+def sensible(values: FloatArray) -> BoolArray:
     """(n,) where a number was measured: neither missing, nor infinite, nor beyond all units."""
     return np.abs(values) < _ABSURD
 

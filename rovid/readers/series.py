@@ -7,13 +7,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rovid.ground.arrays import BoolArray, FloatArray
 from rovid.readers.cleaning import gap_limit
 from rovid.readers.raw import sensible
-from rovid.trial import FloatArray
-
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -19,15 +19,16 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.axis import YAW
-from rovid.config import Config, Signal
-from rovid.errors import LogError
+from rovid.campaign.axis import YAW
+from rovid.campaign.config import Config, Signal
+from rovid.campaign.trial import Remark, Trial
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import LogError
 from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED, TURNING, Kind, clean
 from rovid.readers.ordering import order
 from rovid.readers.raw import Channel, RawLog, typical
 from rovid.readers.series import Base, Series, common_base
 from rovid.readers.units import refuse_wrong_heading, told_by_gyro
-from rovid.trial import FloatArray, Remark, Trial
 
 _TILTS = ("roll", "pitch")
 _FEWEST = 10

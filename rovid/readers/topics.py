@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rovid.config import Signal
-from rovid.errors import LogError, nearest
+from rovid.campaign.config import Signal
+from rovid.campaign.trial import Remark
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import LogError, nearest
 from rovid.readers.instants import EPOCH_FROM, seconds
 from rovid.readers.messages import (
     ABSENT,
@@ -27,7 +29,6 @@ from rovid.readers.messages import (
     stamp_getter,
 )
 from rovid.readers.raw import Channel, Contents, RawLog
-from rovid.trial import FloatArray, Remark
 
 Decoder = Callable[[bytes], Any]
 Handler = Callable[[bytes, int, int], None]  # payload, log time ns, publish time ns

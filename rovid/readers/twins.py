@@ -12,8 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
+from rovid.campaign.trial import Remark, Trial
+from rovid.ground.arrays import FloatArray
 from rovid.readers.cleaning import gap_limit
-from rovid.trial import FloatArray, Remark, Trial
 
 _TURN = 2.0 * np.pi
 # The shorter covers this much of the longer: one of them may have been cut.

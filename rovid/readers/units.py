@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from rovid.config import Signal
-from rovid.errors import LogError
+from rovid.campaign.config import Signal
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import LogError
 from rovid.readers.raw import Channel, sensible
-from rovid.trial import FloatArray
 
 _DEGREES = 180.0 / math.pi
 _TURN_RAD, _TURN_DEG = 2.0 * math.pi, 360.0

@@ -12,16 +12,17 @@ from typing import TypeVar
 
 from matplotlib.figure import Figure
 
-from rovid.axis import Axis
+from rovid.campaign.axis import Axis
 from rovid.control.design import Control
 from rovid.diagnose.diagnosis import Finding
 from rovid.diagnose.parts import parts_of
-from rovid.files import Output
-from rovid.files.form import png_form, svg_form
+from rovid.ground.files import Output
+from rovid.ground.files.form import png_form, svg_form
+from rovid.ground.numbers import plus_minus
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.steady import DragFit
-from rovid.model import Model
-from rovid.output import plus_minus
+from rovid.model.model import Model
+from rovid.model.simulation import TrialSimulation
 from rovid.report.courses import courses_of
 from rovid.report.evidence import Evidence
 from rovid.report.findings import RIVALS, name_of
@@ -39,7 +40,6 @@ from rovid.report.plots import (
 )
 from rovid.report.residual import left_by_all, residuals_of, sizes
 from rovid.report.text import number, steady_state, unit
-from rovid.simulation import TrialSimulation
 
 # A page with more large trial plots than this is slow to open on a tablet; the overview shows all trials.
 LARGE_PLOTS = 40

@@ -7,21 +7,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
-from rovid.agreement import disagreement
-from rovid.axis import YAW
+from rovid.campaign.axis import YAW
 from rovid.control.design import Control, Options, control_of, setting_of
 from rovid.diagnose.diagnosis import Diagnosis
 from rovid.diagnose.parts import parts_of
 from rovid.diagnose.signals import is_driver
-from rovid.errors import DataError
 from rovid.export import EXPORTERS, Exported, export, subject_of
-from rovid.files import Claim
+from rovid.ground.errors import DataError
+from rovid.ground.files import Claim
 from rovid.identify.estimate import Estimate
-from rovid.model import Model
-from rovid.parameters import Parameters
+from rovid.model.model import Model
+from rovid.model.simulation import TrialSimulation, simulate_runs
+from rovid.parameters.agreement import disagreement
+from rovid.parameters.parameters import Parameters
 from rovid.report.evidence import Evidence
 from rovid.report.page import claim_report, write_report
-from rovid.simulation import TrialSimulation, simulate_runs
 from rovid.study import Study, files_at_hand
 
 _T = TypeVar("_T")

@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from rovid.axis import Axis
+from rovid.campaign.axis import Axis
 from rovid.identify.estimate import Estimate
-from rovid.model import base_names
-from rovid.parameters import Parameters
+from rovid.model.model import base_names
+from rovid.parameters.parameters import Parameters
 from rovid.report.text import NOTHING, number, title
 
 # From here on a shade darker; at the last one parameter can hardly be told from the other.

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from rovid.axis import Axis
+from rovid.campaign.axis import Axis
+from rovid.campaign.trial import Campaign
+from rovid.campaign.vehicle import Vehicle
 from rovid.control.design import Control
 from rovid.diagnose.diagnosis import Diagnosis
 from rovid.export import Exported
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.steady import DragFit
-from rovid.parameters import Parameters
-from rovid.runs import Runs
-from rovid.simulation import TrialSimulation
-from rovid.trial import Campaign
-from rovid.vehicle import Vehicle
+from rovid.model.simulation import TrialSimulation
+from rovid.motion.runs import Runs
+from rovid.parameters.parameters import Parameters
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from rovid.axis import YAW, Axis
+from rovid.campaign.axis import YAW, Axis
+from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes, Explanation
 from rovid.diagnose.diagnosis import INVISIBLE, Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.search import Rival
 from rovid.diagnose.signals import is_driver
 from rovid.effects import Effect
+from rovid.ground.numbers import plus_minus
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS
-from rovid.model import unit_of
-from rovid.output import plus_minus
+from rovid.model.model import unit_of
 from rovid.report.grids import Column, Grid, numbers, words
 from rovid.report.text import NOTHING, column, number, title, unit
-from rovid.vehicle import Vehicle
 
 RIVALS = 8  # that are shown
 

@@ -8,19 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.axis import Axis
+from rovid.campaign.axis import Axis
+from rovid.campaign.trial import Campaign, Trial
+from rovid.campaign.vehicle import Vehicle
+from rovid.ground.numbers import plus_minus
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.identify.steady import DragFit, SteadyPoint
-from rovid.model import base_names, unit_of
-from rovid.output import plus_minus
-from rovid.parameters import sha256
+from rovid.model.model import base_names, unit_of
+from rovid.model.simulation import HORIZONS, TrialSimulation, overall
+from rovid.parameters.parameters import sha256
 from rovid.report.evidence import Evidence
 from rovid.report.plots.inertia import method_interval, method_title
 from rovid.report.text import NOTHING, aligned, arm, column, like, number, positions, steady_state, title, unit
-from rovid.simulation import HORIZONS, TrialSimulation, overall
-from rovid.trial import Campaign, Trial
-from rovid.vehicle import Vehicle
 
 _NORMAL = 1.959964  # two-sided 95 % of the normal distribution
 _DIRECTIONS = {"up": "growing", "down": "falling"}

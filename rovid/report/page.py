@@ -11,14 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rovid import __version__
+from rovid.campaign.vehicle import Vehicle, box_inertia
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.effects import effect_named, restoring_of
-from rovid.errors import visible
-from rovid.files import Claim, Output
-from rovid.files.form import PAGE, png_form
+from rovid.ground.errors import visible
+from rovid.ground.files import Claim, Output
+from rovid.ground.files.form import PAGE, png_form
+from rovid.ground.numbers import plus_minus
 from rovid.identify.inertia import METHODS
-from rovid.model import base_names
-from rovid.output import plus_minus
+from rovid.model.model import base_names
+from rovid.model.simulation import HORIZONS, overall
 from rovid.report import controller, correlations, exports, findings, grids
 from rovid.report.album import Album, make_album, plots_in
 from rovid.report.assets import read_assets
@@ -26,8 +28,6 @@ from rovid.report.evidence import Evidence
 from rovid.report.residual import residuals_of, sizes
 from rovid.report.text import arm, column, number, positions, prose, steady_state, title, unit
 from rovid.report.viewer import viewer_document
-from rovid.simulation import HORIZONS, overall
-from rovid.vehicle import Vehicle, box_inertia
 
 if TYPE_CHECKING:
     from jinja2 import Environment

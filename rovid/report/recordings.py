@@ -7,17 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.errors import ConfigError
-from rovid.files import Claim, Output
-from rovid.files.form import RECORDING, RECORDING_LIBRARY
-from rovid.model import Model
-from rovid.quoting import words
-from rovid.recording import Topic, mcap_bytes, with_unit
+from rovid.campaign.trial import Trial
+from rovid.campaign.vehicle import Vehicle
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import ConfigError
+from rovid.ground.files import Claim, Output
+from rovid.ground.files.form import RECORDING, RECORDING_LIBRARY
+from rovid.ground.quoting import words
+from rovid.model.model import Model
+from rovid.model.simulation import TrialSimulation
+from rovid.motion.runs import Runs
+from rovid.readers.mcap_writer import Topic, mcap_bytes, with_unit
 from rovid.report.residual import Residual, left_by_all
-from rovid.runs import Runs
-from rovid.simulation import TrialSimulation
-from rovid.trial import FloatArray, Trial
-from rovid.vehicle import Vehicle
 
 _SUFFIX = ".mcap"
 

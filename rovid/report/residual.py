@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import signal
 
-from rovid.model import Model
-from rovid.rates import finite_stretches
-from rovid.runs import Run, Runs, prepare
-from rovid.trial import Campaign, FloatArray
-from rovid.vehicle import Vehicle
+from rovid.campaign.trial import Campaign
+from rovid.campaign.vehicle import Vehicle
+from rovid.ground.arrays import FloatArray
+from rovid.model.model import Model
+from rovid.motion.rates import finite_stretches
+from rovid.motion.runs import Run, Runs, prepare
 
 _SEGMENT = 1024
 _SHORTEST = 64
@@ -29,7 +30,7 @@ class Residual:
     drive
         The thrusters', after every effect between command and torque.
     beside
-        Theirs, as in `rovid.model.Drive`.
+        Theirs, as in `rovid.model.model.Drive`.
     left
         T - I rdot - DQ |r| r - DL r, and what weight and buoyancy do off it. Effects in the equation of motion are
         still in it.

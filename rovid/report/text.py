@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from rovid.axis import YAW, Axis
+from rovid.campaign.axis import YAW, Axis
 
 # As wide as a digit and as a point: they fill a column up without showing.
 _FIGURE_SPACE, _POINT_SPACE = "\u2007", "\u2008"

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rovid.axis import Axis
-from rovid.rates import on_grid
+from rovid.campaign.axis import Axis
+from rovid.ground.arrays import FloatArray
+from rovid.model.simulation import TrialSimulation
+from rovid.motion.rates import on_grid
 from rovid.report.evidence import Evidence
 from rovid.report.plots.canvas import extreme_rows
-from rovid.simulation import TrialSimulation
-from rovid.trial import FloatArray
 
 # Numbers of all trials together. In text they take 5.4 bytes each, which leaves more than half of 8 MB to the pictures.
 VALUES = 600_000

@@ -16,10 +16,10 @@ import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-from rovid.config import load_config
-from rovid.errors import RovidError
+from rovid.campaign.config import load_config
+from rovid.ground.errors import RovidError
+from rovid.inspect.first_config import survey
 from rovid.readers import bag_reader, read_log
-from rovid.survey import survey
 from tests.readers.logs import EPOCH, campaign, csv_text, standard, toml, turning
 from tests.readers.recordings import CHANGES, RECORDINGS, TIME, bag, said
 from tests.test_init_survives import changed
@@ -33,10 +33,10 @@ _ALWAYS = 300 * _MB
 _READ = """
 import sys
 from pathlib import Path
-from rovid.config import load_config
-from rovid.errors import RovidError
+from rovid.campaign.config import load_config
+from rovid.ground.errors import RovidError
 from rovid.readers import read_log
-from rovid.survey import survey
+from rovid.inspect.first_config import survey
 folder, name, what = sys.argv[1:]
 try:
     if what == "init":

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.config import Config
-from rovid.errors import LogError
+from rovid.campaign.config import Config
+from rovid.campaign.trial import Campaign
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import LogError
 from rovid.readers import find_logs, read_campaign
-from rovid.trial import Campaign, FloatArray
 from tests.readers.logs import (
     campaign,
     csv_text,

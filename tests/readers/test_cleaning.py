@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from rovid.ground.arrays import FloatArray
 from rovid.readers.cleaning import Cleaned, clean
-from rovid.trial import FloatArray
 
 RNG = np.random.default_rng(3)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.errors import ConfigError, LogError
+from rovid.ground.errors import ConfigError, LogError
 from rovid.readers import read_log
 from rovid.readers.csv_header import Layout
 from tests.readers.logs import campaign, csv_text, kinds, read_csv, standard, toml, turning

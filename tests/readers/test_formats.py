@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from PIL import Image
 
-from rovid.config import FORMATS as KINDS
-from rovid.config import Config, load_config
-from rovid.errors import LogError
+from rovid.campaign.config import FORMATS as KINDS
+from rovid.campaign.config import Config, load_config
+from rovid.campaign.tables import LOG_SUFFIXES
+from rovid.ground.errors import LogError
 from rovid.readers import READERS, read_log
-from rovid.tables import LOG_SUFFIXES
 from tests.conftest import ROOT, Rovid
 from tests.readers.logs import campaign, kinds, toml
 from tests.readers.recordings import CHANGES, HEADING, RECORDINGS, TIME

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from rovid.config import Config
-from rovid.errors import RovidError
+from rovid.campaign.config import Config
+from rovid.ground.errors import RovidError
+from rovid.inspect.first_config import survey, toml_of
 from rovid.readers import read_campaign, read_log
-from rovid.survey import survey, toml_of
 from tests.readers.logs import COMPRESSIONS, ENCODERS, campaign, csv_text, dive, mcap_bytes, standard, toml
 
 # Each example may take two seconds; real ones take milliseconds, so that a hang or an explosion shows.

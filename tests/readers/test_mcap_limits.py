@@ -18,8 +18,8 @@ import zstandard
 from google.protobuf import descriptor_pb2
 from mcap.writer import CompressionType, IndexType, Writer
 
-from rovid.config import Config
-from rovid.errors import LogError
+from rovid.campaign.config import Config
+from rovid.ground.errors import LogError
 from rovid.readers import mcap_reader
 from tests.readers.logs import EPOCH, Message, campaign, dive, finished, mcap_bytes, read_mcap
 
@@ -31,8 +31,8 @@ STATUS = Path("/proc/self/status")
 READ = f"""
 import sys
 from pathlib import Path
-from rovid.config import load_config
-from rovid.errors import RovidError
+from rovid.campaign.config import load_config
+from rovid.ground.errors import RovidError
 from rovid.readers import read_log
 try:
     trial = read_log(Path(sys.argv[2]), load_config(Path(sys.argv[1])))

@@ -18,8 +18,8 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.writer import IndexType, Writer
 
-from rovid.config import Config
-from rovid.errors import LogError
+from rovid.campaign.config import Config
+from rovid.ground.errors import LogError
 from rovid.readers.mcap_reader import read
 from rovid.readers.raw import RawLog
 from tests.readers.logs import COMPRESSIONS, ENCODERS, EPOCH, Message, campaign, dive, finished, mcap_bytes

@@ -16,9 +16,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from rovid.errors import ConfigError, LogError
+from rovid.campaign.trial import Trial
+from rovid.ground.errors import ConfigError, LogError
 from rovid.readers import read_log
-from rovid.trial import Trial
 from tests.readers.logs import EPOCH, campaign, kinds, standard, to_ns, toml, turning
 from tests.readers.recordings import parquet
 
@@ -104,8 +104,8 @@ def test_wrong_columns(change: Mapping[str, Any], words: str, tmp_path: Path) ->
 EVERY_BYTE = """
 import sys
 from pathlib import Path
-from rovid.config import load_config
-from rovid.errors import RovidError
+from rovid.campaign.config import load_config
+from rovid.ground.errors import RovidError
 from rovid.readers import READERS, read_log
 path = Path(sys.argv[1])
 data, config = path.read_bytes(), load_config(path.parent / "rovid.toml")

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from rovid.config import Config
-from rovid.errors import LogError
+from rovid.campaign.config import Config
+from rovid.campaign.trial import Trial
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import LogError
 from rovid.readers.raw import Channel, RawLog
 from rovid.readers.timebase import build
-from rovid.trial import FloatArray, Trial
 from tests.readers.logs import campaign, csv_text, kinds, read_csv, standard, toml, turning
 
 TIME, HEADING = turning()

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.errors import DataError, LogError
+from rovid.campaign.trial import Trial
+from rovid.ground.errors import DataError, LogError
+from rovid.inspect.first_config import survey
 from rovid.readers import read_log
-from rovid.survey import survey
-from rovid.trial import Trial
 from tests.readers.logs import campaign, kinds, toml
 from tests.readers.recordings import HEADING, TIME, Row, attitude, ulog
 

@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rovid.campaign.trial import Campaign, Remark, Trial
+from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.ground.arrays import FloatArray
 from rovid.identify.inertia import fit_inertia
 from rovid.identify.steady import fit_drag, steady_points
-from rovid.parameters import Parameters
+from rovid.model.simulation import simulate_runs
+from rovid.motion.runs import prepare
+from rovid.parameters.parameters import Parameters
 from rovid.report.evidence import Evidence
-from rovid.runs import prepare
-from rovid.simulation import simulate_runs
-from rovid.trial import Campaign, FloatArray, Remark, Trial
-from rovid.vehicle import ThrustCurve, Thruster, Vehicle
 
 INERTIA, QUADRATIC, LINEAR = 30.0, 40.0, 10.0
 PERIOD = 0.05  # s between samples

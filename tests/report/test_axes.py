@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from rovid.axis import AXES
+from rovid.campaign.axis import AXES
 from rovid.effects import restoring_of
-from rovid.files import Claim
+from rovid.ground.files import Claim
 from rovid.identify.steady import SteadyPoint, fit_drag
-from rovid.model import base_names
-from rovid.parameters import Parameters
+from rovid.model.model import base_names
+from rovid.parameters.parameters import Parameters
 from rovid.report import build
 from rovid.report.evidence import Evidence
 from rovid.report.page import write_report

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from rovid.files import Claim
-from rovid.parameters import Parameters, read_parameters
+from rovid.ground.files import Claim
+from rovid.parameters.parameters import Parameters, read_parameters
 from rovid.report import build
 from rovid.report.evidence import Evidence
 from rovid.study import Study

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from rovid.parameters import Entry
+from rovid.parameters.parameters import Entry
 from rovid.report.correlations import of_estimate, of_parameters
 from rovid.report.evidence import Evidence
 

@@ -14,8 +14,8 @@ import pytest
 
 from rovid.diagnose.diagnosis import Diagnosis, Finding
 from rovid.effects import effect_named
-from rovid.files import Claim
-from rovid.parameters import Parameters, read_parameters
+from rovid.ground.files import Claim
+from rovid.parameters.parameters import Parameters, read_parameters
 from rovid.report import build, findings
 from rovid.report.album import Album, make_album
 from rovid.report.evidence import Evidence

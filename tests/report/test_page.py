@@ -12,16 +12,16 @@ from pathlib import Path
 import pytest
 
 from rovid import __version__
-from rovid.errors import OutputError
-from rovid.output import plus_minus
-from rovid.parameters import Entry, Parameters
+from rovid.campaign.trial import Campaign
+from rovid.ground.errors import OutputError
+from rovid.ground.numbers import plus_minus
+from rovid.parameters.parameters import Entry, Parameters
 from rovid.report import album
 from rovid.report.album import Album, make_album
 from rovid.report.evidence import Evidence
 from rovid.report.page import render_page, write_report
 from rovid.report.plots import simulations
 from rovid.report.text import prose
-from rovid.trial import Campaign
 from tests.report.conftest import GAP, identified, make_evidence, make_vehicle
 
 TODAY = date(2026, 3, 7)

@@ -11,12 +11,12 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from rovid.axis import YAW
+from rovid.campaign.axis import YAW
+from rovid.campaign.vehicle import Thruster
 from rovid.report import album
 from rovid.report.evidence import Evidence
 from rovid.report.plots import canvas, inertia, residuals, simulations, sines, steady, thrust
 from rovid.report.residual import residuals_of
-from rovid.vehicle import Thruster
 
 UNITS = ("N m", "rad/s", "kg m²", ", s", "Hz", "deg", ", N", "share", "command", "autocorrelation")
 

@@ -12,11 +12,12 @@ import pytest
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
-from rovid.config import load_config
-from rovid.errors import ConfigError
+from rovid.campaign.config import load_config
+from rovid.campaign.trial import Trial
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import ConfigError
 from rovid.readers import read_log
 from rovid.report.recordings import recording_paths
-from rovid.trial import FloatArray, Trial
 from tests.conftest import SAMPLES, Rovid, run_rovid
 from tests.test_bad_input import assert_one_message
 

@@ -9,7 +9,7 @@ import pytest
 from scipy import signal
 
 from rovid.effects import effect_named
-from rovid.model import Model
+from rovid.model.model import Model
 from rovid.report.evidence import Evidence
 from rovid.report.residual import Residual, autocorrelation, binned, left_by_all, residuals_of, sizes, spectrum
 from tests.report.conftest import INERTIA, LINEAR, PERIOD, QUADRATIC

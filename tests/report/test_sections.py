@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rovid.campaign.vehicle import ThrustCurve, Thruster
 from rovid.control.design import Control
 from rovid.control.measures import limit_cycle
 from rovid.export import EXPORTERS, Exported, Loss
 from rovid.export.manoeuvre import Mismatch
-from rovid.parameters import Entry, Parameters
+from rovid.parameters.parameters import Entry, Parameters
 from rovid.report import build, exports
 from rovid.report.album import Album, make_album
 from rovid.report.controller import gains_grid, runs_grid
@@ -30,7 +31,6 @@ from rovid.report.plots import canvas
 from rovid.report.plots.closed_loop import closed_loop
 from rovid.report.text import number
 from rovid.study import Study
-from rovid.vehicle import ThrustCurve, Thruster
 from tests.conftest import SAMPLES, Rovid, run_rovid
 
 BIAS = Entry(value=1.0, standard_error=0.05, unit="N m", method="maximum likelihood")

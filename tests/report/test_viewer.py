@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rovid.ground.arrays import FloatArray
+from rovid.model.simulation import TrialSimulation
 from rovid.report.album import Album
 from rovid.report.assets import read_assets
 from rovid.report.evidence import Evidence
 from rovid.report.page import render_page
 from rovid.report.viewer import COARSEST, VALUES, series_of, shares, thinned, viewer_document
-from rovid.simulation import TrialSimulation
-from rovid.trial import FloatArray
 from tests.report.conftest import make_evidence
 from tests.report.test_page import Parts
 

@@ -15,13 +15,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from numpy.typing import NDArray
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from rovid.errors import visible
-from rovid.files.form import plot_mark
-from rovid.trial import FloatArray
+from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.errors import visible
+from rovid.ground.files.form import plot_mark
 
 # Okabe and Ito's palette: told apart by every kind of colour vision; markers and dashes say the same again.
 BLACK, BLUE, ORANGE, GREEN, GREY, PALE = "#111111", "#0072B2", "#D55E00", "#009E73", "#767676", "#8CBFE6"
@@ -164,7 +163,7 @@ def extremes(time: FloatArray, values: FloatArray, count: int = _POINTS) -> tupl
     return time[rows], values[rows]
 
 
-def extreme_rows(values: FloatArray, size: int) -> NDArray[np.intp]:
+def extreme_rows(values: FloatArray, size: int) -> IntArray:
     """Where the lowest and highest of each stretch of ``size`` stand, in order; its first where it has no value."""
     padding = -len(values) % size
     blocks = np.pad(values, (0, padding), constant_values=np.nan).reshape(-1, size)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from rovid.diagnose.diagnosis import Finding
+from rovid.model.simulation import TrialSimulation
 from rovid.report.findings import RIVALS, name_of, standing
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, PALE, extremes, sheet, shortened, styled
-from rovid.simulation import TrialSimulation
 
 _LABEL = -0.085  # of the axes' width
 _NAME = 40  # letters beside a bar

@@ -6,7 +6,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from rovid.axis import Axis
+from rovid.campaign.axis import Axis
 from rovid.plan.design import Plan
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, PALE, png, sheet, shortened, styled
 

@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from rovid.axis import Axis
+from rovid.campaign.axis import Axis
+from rovid.ground.arrays import FloatArray
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, extremes, sheet, styled
 from rovid.report.residual import Residual, autocorrelation, binned, spectrum
-from rovid.trial import FloatArray
 
 _DOTS = 6000
 _LONGEST_LAG = 60.0  # s

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from rovid.model.simulation import TrialSimulation
 from rovid.report.plots.canvas import BLUE, extremes, overlay, sheet, shortened, styled
-from rovid.simulation import TrialSimulation
 
 PER_SHEET = 24
 _COLUMNS = 3

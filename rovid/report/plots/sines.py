@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rovid.axis import Axis
+from rovid.campaign.axis import Axis
+from rovid.ground.arrays import FloatArray
 from rovid.identify.sine import SineTrial
-from rovid.model import Model
+from rovid.model.model import Model
 from rovid.report.plots.canvas import BLUE, GREEN, GREY, ORANGE, sheet, shortened, styled
-from rovid.trial import FloatArray
 
 PER_SHEET = 6
 # Of torque (or force), rate and acceleration.

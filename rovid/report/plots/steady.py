@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from rovid.effects import restoring_of
 from rovid.effects.restoring import columns
+from rovid.ground.arrays import BoolArray, FloatArray
 from rovid.identify.estimate import Estimate, student_t
 from rovid.identify.steady import DragFit
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, sheet, styled
 from rovid.report.text import steady_state
-from rovid.trial import FloatArray
 
 _STEPS = 300
 
@@ -91,6 +90,6 @@ def _error_bars(panel: Axes, x: FloatArray, y: FloatArray, errors: FloatArray | 
 def _each_direction(panel: Axes, fit: DragFit, line: FloatArray) -> None:
     """Each direction's own fit, less the fit of both."""
     for name, estimate in fit.directions.items():
-        part: NDArray[np.bool_] = line >= 0 if name == "up" else line <= 0
+        part: BoolArray = line >= 0 if name == "up" else line <= 0
         apart = _drag(estimate, line[part]) - _drag(fit.estimate, line[part])
         panel.plot(line[part], apart, color=ORANGE, linestyle="--")

@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.ground.arrays import FloatArray
+from rovid.motion.runs import Run
 from rovid.report.plots.canvas import BLACK, BLUE, ORANGE, sheet, shortened, styled
 from rovid.report.text import arm
-from rovid.runs import Run
-from rovid.trial import FloatArray
-from rovid.vehicle import ThrustCurve, Thruster, Vehicle
 
 _ROOM = 48  # signs of a name that fit over a single panel
 

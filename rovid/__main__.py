@@ -1,0 +1,5 @@
+"""``python -m rovid``."""
+
+from rovid.commands.cli import main
+
+main()

@@ -1,0 +1,151 @@
+"""The degrees of freedom: what each is measured by, and in what units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from rovid.ground.errors import ConfigError, nearest
+
+
+@dataclass(frozen=True, kw_only=True)
+class Axis:
+    """One degree of freedom, in body axes (SNAME 1950): x forward, y to starboard, z down.
+
+    Attributes
+    ----------
+    positions
+        Signals in rovid.toml that measure the position along it, any of which will do. Its sense is that in which
+        this signal grows.
+    rate
+        The signal that measures its rate.
+    arm
+        Key of a thruster's lever in rovid.toml: m for an angle, the share of the thrust along it otherwise.
+    fixes
+        Signals that tell the position together: where on the map the vehicle is, and its heading.
+    angular
+        Whether it is an angle.
+    rights
+        Whether gravity brings the vehicle back, so that a constant torque tilts it and no more.
+    """
+
+    name: str
+    positions: tuple[str, ...]
+    rate: str
+    arm: str
+    angular: bool
+    fixes: tuple[str, ...] = ()
+    rights: bool = False
+
+    @property
+    def position(self) -> str:
+        """What the position is called, in text and in keys of JSON."""
+        return self.positions[0]
+
+    @property
+    def position_words(self) -> str:
+        """As ``position``, for people."""
+        return self.position.replace("_", " ")
+
+    @property
+    def rate_words(self) -> str:
+        """As ``rate``, for people."""
+        return self.rate.replace("_", " ")
+
+    @property
+    def measures(self) -> str:
+        """Keys of rovid.toml that hold what is measured, for messages."""
+        return self.position if self.angular else f"{self.position} or {self.rate}"
+
+    @property
+    def moves(self) -> str:
+        """What a vehicle does that goes along it."""
+        return "turns" if self.angular else "moves"
+
+    @property
+    def push(self) -> str:
+        """What drives it."""
+        return "torque" if self.angular else "force"
+
+    @property
+    def rate_unit(self) -> str:
+        """Unit of the rate."""
+        return self.unit("rad/s")
+
+    @property
+    def push_unit(self) -> str:
+        """Unit of what drives it."""
+        return self.unit("N m")
+
+    def words(self, text: str) -> str:
+        """``text`` that was written of a torque."""
+        return text.replace("torque", self.push)
+
+    @property
+    def shown(self) -> tuple[str, float]:
+        """Unit in which people read positions, and how many of it are one of SI."""
+        return ("deg", 180.0 / math.pi) if self.angular else ("m", 1.0)
+
+    def in_shown(self, position: float | None) -> float | None:
+        """A position in SI in the unit in which people read it."""
+        return None if position is None else position * self.shown[1]
+
+    def measured(self, *, integrated: bool) -> tuple[str, str, float]:
+        """Name of what is measured, the unit in which people read it, and how many of it are one of SI.
+
+        ``integrated`` where that is the rate alone.
+        """
+        return (self.rate_words, self.rate_unit, 1.0) if integrated else (self.position_words, *self.shown)
+
+    def unit(self, angular: str) -> str:
+        """The unit along this axis of what has the unit ``angular`` in yaw.
+
+        Frequencies have to be left out: theirs is rad/s along any axis.
+        """
+        if self.angular:
+            return angular
+        for turning, straight in _STRAIGHT.items():
+            angular = angular.replace(turning, straight)
+        return angular
+
+
+# In this order: a torque over an angle loses its metre first.
+_STRAIGHT: Mapping[str, str] = {"kg m^2": "kg", "kg m²": "kg", "N m": "N", "(N)^": "N^", "rad": "m", "deg": "m"}
+
+YAW = Axis(name="yaw", positions=("heading",), rate="yaw_rate", arm="yaw_arm", angular=True)
+AXES: Mapping[str, Axis] = {
+    axis.name: axis
+    for axis in (
+        YAW,
+        *(
+            Axis(
+                name=name,
+                positions=(f"{name}_position",),
+                rate=f"{name}_velocity",
+                arm=name,
+                angular=False,
+                fixes=("north", "east", "heading"),
+            )
+            for name in ("surge", "sway")
+        ),
+        Axis(name="heave", positions=("depth", "heave_position"), rate="heave_velocity", arm="heave", angular=False),
+        Axis(name="roll", positions=("roll",), rate="roll_rate", arm="roll_arm", angular=True, rights=True),
+        Axis(name="pitch", positions=("pitch",), rate="pitch_rate", arm="pitch_arm", angular=True, rights=True),
+    )
+}
+
+
+def axis_named(name: str) -> Axis:
+    """The axis of this name.
+
+    Raises
+    ------
+    ConfigError
+        There is none.
+    """
+    if name not in AXES:
+        raise ConfigError(
+            f"is {name!r}; one of {', '.join(AXES)} was expected.", where="--axis", mend=nearest(name, AXES)
+        )
+    return AXES[name]

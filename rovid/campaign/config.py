@@ -1,0 +1,367 @@
+"""rovid.toml -> Vehicle and which column or topic holds which signal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rovid.campaign.axis import AXES, YAW, Axis
+from rovid.campaign.tables import CURVE_COLUMNS, read_table
+from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.ground.errors import NAME_LENGTH, ConfigError, nearest
+from rovid.ground.files import settle
+from rovid.ground.places import odd, refuse_odd, require
+from rovid.ground.toml import number_wanted, read_toml
+
+FILE_NAME = "rovid.toml"
+
+# Factors to SI, by the kind of signal. A thruster command keeps the unit of its bench curve.
+ANGLE = {"deg": math.pi / 180.0, "rad": 1.0}
+ANGULAR_RATE = {"deg/s": math.pi / 180.0, "rad/s": 1.0}
+TORQUE = {"N m": 1.0, "kN m": 1000.0}
+FORCE = {"N": 1.0, "kN": 1000.0}
+LENGTH = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+SPEED = {"m/s": 1.0, "cm/s": 0.01, "mm/s": 0.001, "kn": 1852.0 / 3600.0}
+TIME_UNITS = ("auto", "s", "ms", "us", "ns", "iso8601")
+UNITS: Mapping[str, Mapping[str, float]] = {
+    **{name: ANGLE if axis.angular else LENGTH for axis in AXES.values() for name in axis.positions},
+    **{axis.rate: ANGULAR_RATE if axis.angular else SPEED for axis in AXES.values()},
+    "torque": TORQUE,
+    "force": FORCE,
+    "north": LENGTH,
+    "east": LENGTH,
+}
+_DEFAULT_UNIT = {name: list(units)[-1 if units is ANGULAR_RATE else 0] for name, units in UNITS.items()}
+_VEHICLE_KEYS = ("name", "mass", "length", "width", "height", "rigid_body_inertia")
+_ARMS = tuple(axis.arm for axis in AXES.values())
+_THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside")
+_NOT_SOURCES = ("unit", "sign")
+# Keys of a signal that say where it stands: the formats of `rovid.readers`.
+FORMATS = ("csv", "mcap", "parquet", "bag", "bin", "tlog", "nmea", "ulg")
+
+_ATTITUDE = {"heading": "yaw", "roll": "roll", "pitch": "pitch"}
+# Format -> signal -> (source, unit): what every log of the format calls by one name, so that [signals] need not.
+STANDARD: Mapping[str, Mapping[str, tuple[str, str]]] = {
+    "bin": {"heading": ("ATT.Yaw", "deg"), "roll": ("ATT.Roll", "deg"), "pitch": ("ATT.Pitch", "deg")},
+    "tlog": {name: (f"ATTITUDE.{field}", "rad") for name, field in _ATTITUDE.items()},
+    "ulg": dict.fromkeys(("heading", "roll", "pitch"), ("vehicle_attitude.q", "rad")),
+}
+
+# Format -> another, whose names it takes where it has none of its own.
+SHARED: Mapping[str, str] = {"parquet": "csv", "bag": "mcap"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signal:
+    """Where a signal stands in each log format, and how to bring it to SI.
+
+    Attributes
+    ----------
+    name
+        One of ``UNITS``, time, ``command.<thruster>`` or the user's own name.
+    sources
+        Format (csv, mcap, …) -> column or topic path.
+    unit
+        As the user wrote it.
+    factor
+        Multiplies the logged value; holds the unit's factor and the sign.
+    optional
+        Nobody asked for it, so a log may lack it.
+    """
+
+    name: str
+    sources: Mapping[str, str]
+    unit: str = ""
+    factor: float = 1.0
+    optional: bool = False
+
+    def of(self, kind: str) -> Signal:
+        """With a source for the format ``kind`` where one for its like is named."""
+        other = SHARED.get(kind, kind)
+        return replace(self, sources={kind: self.sources[other], **self.sources}) if other in self.sources else self
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """A read and checked rovid.toml.
+
+    Attributes
+    ----------
+    measured
+        Name of the signal that tells where the vehicle is along the axis, or how fast it goes where none does; the
+        first of ``Axis.fixes`` where they do together; none where another log tells.
+    """
+
+    path: Path
+    vehicle: Vehicle
+    time: Signal
+    signals: Mapping[str, Signal]
+    commands: tuple[Signal, ...]
+    measured: str = "heading"
+
+    @property
+    def axis(self) -> Axis:
+        """The degree of freedom that is looked at."""
+        return self.vehicle.axis
+
+    @property
+    def needed(self) -> tuple[str, ...]:
+        """Names of the signals without which a log says nothing."""
+        fixes = self.axis.fixes
+        measured = fixes if self.measured in fixes else (self.measured,) if self.measured else ()
+        return (*measured, *(signal.name for signal in self.commands))
+
+    def maps(self, kind: str) -> bool:
+        """Whether any signal is mapped to logs of the format ``kind``."""
+        return any(kind in signal.of(kind).sources for signal in (*self.signals.values(), *self.commands))
+
+    def of(self, kind: str) -> Config:
+        """As it applies to logs of the format ``kind``, by `STANDARD` and `SHARED`."""
+        standard = {
+            name: Signal(
+                name=name,
+                sources={kind: source},
+                unit=unit,
+                factor=ANGLE[unit],
+                optional=name not in self.needed,
+            )
+            for name, (source, unit) in STANDARD.get(kind, {}).items()
+        }
+        return replace(
+            self,
+            time=self.time.of(kind),
+            signals={**standard, **{name: signal.of(kind) for name, signal in self.signals.items()}},
+            commands=tuple(signal.of(kind) for signal in self.commands),
+        )
+
+    def wanted(self, kind: str) -> dict[str, Signal]:
+        """Every signal that logs of the format ``kind`` are mapped to, time excepted."""
+        everything = {**self.signals, **{signal.name: signal for signal in self.commands}}
+        return {name: signal for name, signal in everything.items() if kind in signal.sources}
+
+
+def find_config(paths: Sequence[Path]) -> Path:
+    """Nearest rovid.toml at or above the first of ``paths``.
+
+    Raises
+    ------
+    ConfigError
+        There is none, or one of ``paths`` does not exist.
+    """
+    for path in paths:
+        require(path)
+    start = paths[0].resolve()
+    folder = start if start.is_dir() else start.parent
+    settle(folder)  # a `rovid init` that was killed
+    for candidate in (folder, *folder.parents):
+        if (candidate / FILE_NAME).is_file() or odd(candidate / FILE_NAME):
+            return candidate / FILE_NAME
+    raise ConfigError(
+        f"no {FILE_NAME} here or in any folder above it; it says which column holds which signal and what "
+        "the thrusters are.",
+        where=paths[0],
+        mend="Run `rovid init LOGS`, which writes one from the logs.",
+    )
+
+
+def load_config(path: Path, axis: Axis = YAW) -> Config:
+    """Read and check ``path``, of which what concerns ``axis`` is taken.
+
+    Raises
+    ------
+    ConfigError
+        With the place inside the file, what was found and what was wanted.
+    """
+    return _Reader(path, axis).config(read_toml(path))
+
+
+def vehicle_of_tables(paths: Sequence[Path]) -> Vehicle:
+    """The vehicle without its thrusters; a nameless one where there is no rovid.toml, for tables need none."""
+    try:
+        path = find_config(paths)
+    except ConfigError:
+        return Vehicle(name="vehicle", thrusters=())
+    reader = _Reader(path, YAW)
+    return reader.vehicle(reader.table(read_toml(path), "vehicle"), ())
+
+
+class _Reader:
+    """Walks the document; each complaint names the place inside the file."""
+
+    def __init__(self, path: Path, axis: Axis) -> None:
+        self.path = path
+        self.axis = axis
+
+    def complain(self, place: str, message: str, mend: str = "") -> ConfigError:
+        return ConfigError(message, where=f"{self.path}: {place}", mend=mend)
+
+    def config(self, document: Mapping[str, Any]) -> Config:
+        self.known(document, ("vehicle", "thrusters", "signals"), "top level")
+        axis, signals = self.axis, self.signals(self.table(document, "signals"))
+        time = signals.pop("time", Signal(name="time", sources={}, unit="auto"))
+        thrusters = document.get("thrusters", [])
+        if not isinstance(thrusters, list):
+            raise self.complain("thrusters", "must be written [[thrusters]], one block each.")
+        pairs = [pair for index, block in enumerate(thrusters) if (pair := self.thruster(index, block)) is not None]
+        if pairs and axis.push in signals:
+            raise self.complain(
+                f"[signals] {axis.push}",
+                f"stands beside [[thrusters]]; the {axis.push} comes from one of them.",
+                "Delete one.",
+            )
+        push = signals.pop(axis.push, None)
+        if push is not None:
+            pairs = [(Thruster(name=axis.push, arm=1.0, curve=None), push)]
+        measured = self.measured(signals, {kind for _, command in pairs for kind in command.sources})
+        # What rights itself swings when it is let go of, and tells of itself without a drive.
+        if not thrusters and push is None and not axis.rights:
+            raise self.complain("[[thrusters]]", f"there are none, and no {axis.push} is mapped in [signals].")
+        if not pairs and not axis.rights:
+            raise self.complain("[[thrusters]]", f"none has {axis.arm}.", f"Add {axis.arm} = {_example(axis)}.")
+        names = [thruster.name for thruster, _ in pairs]
+        if len(set(names)) < len(names):
+            raise self.complain("[[thrusters]]", f"two have the same name among {names}.", "Name each differently.")
+        return Config(
+            path=self.path,
+            vehicle=self.vehicle(self.table(document, "vehicle"), tuple(thruster for thruster, _ in pairs)),
+            time=time,
+            signals=signals,
+            commands=tuple(signal for _, signal in pairs),
+            measured=measured,
+        )
+
+    def measured(self, signals: Mapping[str, Signal], kinds: Iterable[str]) -> str:
+        """Name of the signal that tells where the vehicle is; logs of ``kinds`` may hold it by a standard name."""
+        axis = self.axis
+        there = set(signals).union(*(STANDARD.get(kind, ()) for kind in kinds))
+        measured = next((name for name in (*axis.positions, axis.rate) if name in there), "")
+        if not measured and axis.fixes and set(axis.fixes) <= there:
+            measured = axis.fixes[0]
+        # A rate alone would leave unknown where the vehicle points: the heading, or the tilt that rights it.
+        if not measured or (axis.angular and measured == axis.rate):
+            wanted = axis.position if axis.angular else f"{' or '.join(axis.positions)} and no {axis.rate}"
+            unit = _DEFAULT_UNIT[axis.position]
+            mend = f'Add {axis.position} = {{ csv = "<column>", unit = "{unit}" }}.'
+            raise self.complain("[signals]", f"has no {wanted}.", mend)
+        return measured
+
+    def table(self, document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+        value = document.get(name, {})
+        if not isinstance(value, dict):
+            raise self.complain(name, f"is {value!r}; a table [{name}] was expected.")
+        return value
+
+    def known(self, table: Mapping[str, Any], keys: Sequence[str], place: str) -> None:
+        for key in table:
+            if key not in keys:
+                raise self.complain(place, f"{key!r} is not known here.", nearest(key, keys))
+
+    def number(self, value: Any, place: str, *, positive: bool = False) -> float:
+        wanted = number_wanted(value, positive=positive)
+        if wanted:
+            raise self.complain(place, f"is {value!r}; {wanted} was expected.")
+        return float(value)
+
+    def name(self, value: Any, place: str) -> str:
+        text = str(value)
+        if len(text) > NAME_LENGTH:
+            raise self.complain(place, f"is a name of {len(text)} characters; {NAME_LENGTH} at most were expected.")
+        return text
+
+    def vehicle(self, table: Mapping[str, Any], thrusters: tuple[Thruster, ...]) -> Vehicle:
+        self.known(table, _VEHICLE_KEYS, "[vehicle]")
+        numbers = {
+            key: self.number(table[key], f"[vehicle] {key}", positive=True) for key in _VEHICLE_KEYS[1:] if key in table
+        }
+        name = self.name(table.get("name", "vehicle"), "[vehicle] name")
+        return Vehicle(name=name, thrusters=thrusters, axis=self.axis, **numbers)
+
+    def thruster(self, index: int, block: Mapping[str, Any]) -> tuple[Thruster, Signal] | None:
+        """The thruster and its command; None for one that does not push along the axis."""
+        place = f"[[thrusters]] number {index + 1}"
+        if not isinstance(block, dict):
+            raise self.complain(place, f"is {block!r}; a block [[thrusters]] was expected.")
+        self.known(block, _THRUSTER_KEYS, place)
+        name = self.name(block.get("name", f"thruster_{index + 1}"), f"{place} name")
+        place = f"[[thrusters]] {name!r}"
+        arm = self.axis.arm
+        if arm not in block and any(other in block for other in _ARMS):
+            return None
+        for key, example in (
+            (arm, _example(self.axis)),
+            ("curve", '"thrust_curve.csv"'),
+            ("command", '{ csv = "…" }'),
+        ):
+            if key not in block:
+                raise self.complain(place, f"has no {key}.", f"Add {key} = {example}.")
+        outside = block.get("outside", "refuse")
+        if outside not in {"refuse", "clamp"}:
+            raise self.complain(f"{place} outside", f'is {outside!r}; "refuse" or "clamp" was expected.')
+        thruster = Thruster(
+            name=name,
+            arm=self.number(block[arm], f"{place} {arm}"),
+            curve=read_curve(self.path.parent / str(block["curve"])),
+            clamp=outside == "clamp",
+            ahead=self.number(block.get("surge", 0.0), f"{place} surge"),
+        )
+        return thruster, self.signal(f"command.{name}", block["command"], f"{place} command")
+
+    def signals(self, table: Mapping[str, Any]) -> dict[str, Signal]:
+        for name in table:
+            self.name(name, f"[signals] {name}")
+        return {name: self.signal(name, value, f"[signals] {name}") for name, value in table.items()}
+
+    def signal(self, name: str, value: Any, place: str) -> Signal:
+        entry = {"csv": value} if isinstance(value, str) else value
+        if not isinstance(entry, dict) or not entry:
+            raise self.complain(place, f'is {value!r}; {{ csv = "<column>", mcap = "<topic.field>" }} was expected.')
+        self.known(entry, (*FORMATS, *_NOT_SOURCES), place)
+        for key, text in entry.items():
+            if key != "sign" and not isinstance(text, str):
+                raise self.complain(f"{place} {key}", f"is {text!r}; text was expected.")
+        sources = {key: text for key, text in entry.items() if key not in _NOT_SOURCES}
+        unit = entry.get("unit", "auto" if name == "time" else _DEFAULT_UNIT.get(name, ""))
+        sign = self.number(entry.get("sign", 1), f"{place} sign")
+        if abs(sign) != 1:
+            raise self.complain(f"{place} sign", f"is {sign:g}; 1 or -1 was expected.")
+        units = dict.fromkeys(TIME_UNITS, 1.0) if name == "time" else UNITS.get(name)
+        if units is not None and unit not in units:
+            raise self.complain(f"{place} unit", f"is {unit!r}; one of {', '.join(units)} was expected.")
+        return Signal(name=name, sources=sources, unit=unit, factor=sign * (units or {}).get(unit, 1.0))
+
+
+def _example(axis: Axis) -> str:
+    return "0.43" if axis.angular else "1.0"
+
+
+def read_curve(path: Path) -> ThrustCurve:
+    """Thrust curve from a CSV with the columns command and thrust_N.
+
+    Raises
+    ------
+    RovidError
+        The file is missing, has other columns, text in a number, fewer than two points or a repeated command.
+    """
+    refuse_odd(path)
+    if not path.is_file():
+        raise ConfigError(
+            "there is no such thrust curve.",
+            where=path,
+            mend="Make one from bench readings with `rovid fit-thruster BENCH.csv -o " + path.name + "`.",
+        )
+    table = read_table(path)
+    command, thrust = (table.numbers(column) for column in CURVE_COLUMNS)
+    order = np.argsort(command, kind="stable")
+    command, thrust = command[order], thrust[order]
+    if len(command) < 2 or np.any(np.diff(command) <= 0):
+        raise ConfigError(
+            f"has {len(command)} points, some at one command; two or more different commands were expected.",
+            where=path,
+            mend="`rovid fit-thruster` turns repeated bench readings into a curve.",
+        )
+    return ThrustCurve(command=command, thrust=thrust)

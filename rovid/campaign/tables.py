@@ -1,0 +1,200 @@
+"""Small tables of numbers: thrust curves, bench readings, steady states, sine trials."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import LogError, nearest
+from rovid.ground.places import refuse_odd, require, search
+from rovid.ground.toml import LARGEST
+
+_FINEST = 1e-3
+# Bytes: a day of bench readings, and no log.
+_SIZE = 64_000_000
+# What makes a folder one of logs and not of tables; a CSV may be either.
+LOG_SUFFIXES = (".mcap", ".parquet", ".bag", ".db3", ".bin", ".tlog", ".nmea", ".ulg")
+_LOOKED_AT = 50  # rows, of which one has to hold a number
+CURVE_COLUMNS = ("command", "thrust_N")
+STEADY_COLUMNS = ("yaw_rate_rad_s", "torque_Nm")
+SINE_COLUMNS = ("period_s", "torque_amplitude_Nm", "peak_yaw_rate_rad_s")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table as text, with the line in the file of each row."""
+
+    path: Path
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    lines: tuple[int, ...]
+
+    def text(self, column: str) -> list[str]:
+        """Every row of ``column``.
+
+        Raises
+        ------
+        LogError
+            There is no such column; the nearest names are offered.
+        """
+        if column not in self.header:
+            raise LogError(f"has no column {column!r}. {offered(column, self.header, self.rows)}", where=self.path)
+        at = self.header.index(column)
+        return [row[at] if at < len(row) else "" for row in self.rows]
+
+    def numbers(self, column: str, *, empty_allowed: bool = False) -> FloatArray:
+        """(n,) numbers of ``column``; NaN for empty cells where those are allowed.
+
+        Raises
+        ------
+        LogError
+            There is no such column, or a cell is not a number.
+        """
+        values = np.empty(len(self.rows))
+        for k, cell in enumerate(self.text(column)):
+            if not cell and empty_allowed:
+                values[k] = np.nan
+                continue
+            try:
+                values[k] = float(cell)
+            except ValueError:
+                values[k] = np.nan
+            if not abs(values[k]) <= LARGEST:
+                raise LogError(
+                    f"{column} is {cell!r}, a number was expected.",
+                    where=f"{self.path}:{self.lines[k]}",
+                    mend="Correct the cell or delete the row.",
+                )
+        return values
+
+    def resolution(self, column: str) -> FloatArray:
+        """(n,) size of the last printed digit of ``column``; no smaller than a thousandth of its largest number.
+
+        Digits beyond were printed, not read.
+        """
+        finest = _FINEST * float(np.max(np.abs(self.numbers(column))))
+        digits = [int(Decimal(cell).as_tuple().exponent) for cell in self.text(column)]
+        return np.array([max(10.0 ** min(digit, 300), finest) for digit in digits])
+
+
+def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> Table:
+    """Read a CSV with a header row; comma, semicolon or tab.
+
+    A file whose first row is all numbers has no header: it takes the names in ``headerless``, if any.
+
+    Raises
+    ------
+    LogError
+        The file cannot be read or holds no rows.
+    """
+    refuse_odd(path, LogError)
+    try:
+        with path.open("rb") as file:
+            content = file.read(_SIZE + 1)
+    except OSError as error:
+        raise LogError(f"cannot be read ({error.strerror}).", where=path) from error
+    if len(content) > _SIZE:
+        raise LogError(f"is larger than {_SIZE / 1e6:g} MB; a table of results was expected.", where=path)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        # Vendors' sheets write the micro sign in their own code page.
+        text = content.decode("cp1252", errors="replace")
+    numbered = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
+    if not numbered:
+        raise LogError("is empty.", where=path)
+    separator = max(",;\t", key=numbered[0][1].count)
+    rows = csv.reader((line for _, line in numbered), delimiter=separator)
+    try:
+        cells = [tuple(cell.strip() for cell in row) for row in rows]
+    except csv.Error as error:
+        raise LogError(f"is no table: {error}.", where=path) from error
+    if separator == ";":
+        cells = [tuple(cell.replace(",", ".") for cell in row) for row in cells]
+    lines = [k for k, _ in numbered]
+    if headerless and len(cells[0]) == len(headerless) and all(map(_is_number, cells[0])):
+        cells.insert(0, headerless)
+        lines.insert(0, 0)
+    if len(cells) < 2:
+        raise LogError("holds a header and no rows.", where=path)
+    return Table(path=path, header=cells[0], rows=tuple(cells[1:]), lines=tuple(lines[1:]))
+
+
+def offered(wanted: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Which columns come near ``wanted``, or what stands in place of a table.
+
+    A file that is no table of numbers may be anybody's: a password file that rovid.toml names for a thrust curve. What
+    it holds is not repeated.
+    """
+    numbers = any(_is_number(cell.replace(",", ".")) for row in rows[:_LOOKED_AT] for cell in row)
+    if len(header) < 2 or not numbers:
+        return "It is no table of numbers under the names of two columns or more."
+    return nearest(wanted, header)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def header(path: Path) -> tuple[str, ...]:
+    """Column names of a CSV; empty where it cannot be read as text."""
+    try:
+        with path.open("rb") as stream:
+            start = stream.read(4096).decode("utf-8-sig", errors="replace")
+    except OSError:
+        return ()
+    lines = [line for line in start.splitlines() if line.strip() and line[0] != "#"]
+    if not lines:
+        return ()
+    return tuple(cell.strip().strip('"') for cell in lines[0].split(max(",;\t", key=lines[0].count)))
+
+
+def find_table(paths: Sequence[Path], columns: Sequence[str]) -> Path | None:
+    """The first table with all ``columns`` among ``paths`` and in their folders; None where there is a log too.
+
+    Raises
+    ------
+    LogError
+        One of ``paths`` is neither file nor folder.
+    """
+    for path in paths:
+        require(path, LogError)
+    inside = {path: search(path, lambda _: None).files for path in paths}
+    if any(map(_is_log, chain.from_iterable(inside.values()))):
+        return None
+    for path, files in inside.items():
+        for one in files:
+            near = path in (one, one.parent)
+            if near and one.suffix.lower() == ".csv" and set(columns) <= set(header(one)) and _is_table(one):
+                return one
+    return None
+
+
+def _is_log(path: Path) -> bool:
+    suffix = path.suffix.lower()
+    return suffix in LOG_SUFFIXES or (suffix == ".csv" and not _is_table(path))
+
+
+def _is_table(path: Path) -> bool:
+    """Whether a CSV is one of the tables rovid knows, which a time column would make a log."""
+    names = header(path)
+    timed = any(name.lower().startswith(("time", "t_s", "stamp")) for name in names)
+    return not timed and any(set(columns) <= set(names) for columns in (CURVE_COLUMNS, STEADY_COLUMNS, SINE_COLUMNS))
+
+
+def curve_text(command: FloatArray, thrust: FloatArray) -> str:
+    """A thrust curve as CSV; the quotes in its header are the mark of what rovid wrote."""
+    rows = [f"{c:.10g},{t:.7g}" for c, t in zip(command, thrust, strict=True)]
+    first, second = CURVE_COLUMNS
+    return "\n".join([f'"{first}",{second}', *rows]) + "\n"

@@ -1,0 +1,183 @@
+"""Frozen records of what was measured, in SI units and radians."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rovid.campaign.axis import YAW, Axis
+from rovid.ground.arrays import BoolArray, FloatArray
+
+
+def read_only(values: ArrayLike) -> FloatArray:
+    """Copy of ``values`` as float64 that nobody can write to."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Remark:
+    """One thing that a reader noticed in a log and what it did about it.
+
+    ``kind`` is a stable word (duplicate, backward, missing, outlier, frozen, gap, truncated, extrapolated,
+    repeated, start, stale, skipped); ``count`` how many samples (or bytes, for truncated) it touches; ``text``
+    a full sentence.
+    """
+
+    kind: str
+    count: int
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trial:
+    """One run of the vehicle.
+
+    All arrays have one row for each instant of ``time``, which is the union of the instants at which the
+    position was measured and those at which a command changed. A position that was not measured at an instant
+    is NaN; a command holds its value until the next instant.
+
+    Attributes
+    ----------
+    name
+        Path of the log, relative to the campaign.
+    path
+        The file itself.
+    time
+        (n,) s, strictly increasing from 0.
+    position
+        (n,) along ``axis``, in yaw the heading: rad, unwrapped, or m; positive in the sense in which the log's grows.
+        NaN where not measured.
+    commands
+        (n, k) each actuator's command in the unit of its thrust curve (N m for a logged torque), held.
+    rate, roll, pitch
+        (n,) rad/s or m/s, rad, rad or None where not logged; linear between neighbours where they have a clock of
+        their own, NaN where those are farther apart than a gap.
+    extras
+        Any further mapped channel, (n,), held, in the unit of the log.
+    reference
+        Median of each further channel over the whole campaign.
+    remarks
+        What the reader noticed.
+    integrated
+        Whether the rate alone was measured, of which ``position`` is then the integral.
+    began
+        s since 1970 at time 0; None where the log does not tell.
+    since
+        s from the beginning of the campaign's first trial to that of this one.
+    whole
+        Name of the trial that this one is a part of; empty where it is none.
+    """
+
+    name: str
+    path: Path
+    time: FloatArray
+    position: FloatArray
+    commands: FloatArray
+    rate: FloatArray | None = None
+    roll: FloatArray | None = None
+    pitch: FloatArray | None = None
+    extras: Mapping[str, FloatArray] = field(default_factory=dict)
+    reference: Mapping[str, float] = field(default_factory=dict)
+    remarks: tuple[Remark, ...] = ()
+    axis: Axis = YAW
+    integrated: bool = False
+    began: float | None = None
+    since: float = 0.0
+    whole: str = ""
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, item.name, read_only(value))
+        extras = {name: read_only(values) for name, values in self.extras.items()}
+        object.__setattr__(self, "extras", MappingProxyType(extras))
+        if self.commands.ndim != 2 or not len(self.commands) == len(self.time) == len(self.position):
+            msg = f"{self.name}: time {self.time.shape}, position {self.position.shape}, {self.commands.shape}"
+            raise ValueError(msg)
+
+    @classmethod
+    def imagined(
+        cls, time: FloatArray, commands: FloatArray, *, name: str = "", reference: Mapping[str, float] | None = None
+    ) -> Self:
+        """A trial that was never run, at rest at zero, of (n,) instants in s and (n, k) commands.
+
+        Each further channel stands at its ``reference``.
+        """
+        channels = reference or {}
+        return cls(
+            name=name,
+            path=Path(name),
+            time=time,
+            position=np.zeros(len(time)),
+            commands=commands,
+            rate=np.zeros(len(time)),
+            extras={channel: np.full(len(time), value) for channel, value in channels.items()},
+            reference=channels,
+        )
+
+    def part(self, where: slice, name: str) -> Self:
+        """The stretch ``where`` as a trial by itself, its time from 0."""
+
+        def cut(values: FloatArray | None) -> FloatArray | None:
+            return None if values is None else values[where]
+
+        return replace(
+            self,
+            name=name,
+            whole=self.whole or self.name,
+            time=self.time[where] - self.time[where][0],
+            position=self.position[where],
+            commands=self.commands[where],
+            rate=cut(self.rate),
+            roll=cut(self.roll),
+            pitch=cut(self.pitch),
+            extras={channel: values[where] for channel, values in self.extras.items()},
+            began=None if self.began is None else self.began + float(self.time[where][0]),
+            since=self.since + float(self.time[where][0]),
+        )
+
+    @property
+    def driven(self) -> bool:
+        """Whether anything drives the vehicle along the axis; else it was let go of, tilted."""
+        return bool(self.commands.shape[1])
+
+    @property
+    def duration(self) -> float:
+        """Length of the record in s."""
+        return float(self.time[-1] - self.time[0])
+
+    @cached_property
+    def measured(self) -> BoolArray:
+        """(n,) where the position was measured."""
+        measured = np.isfinite(self.position)
+        measured.setflags(write=False)
+        return measured
+
+    @property
+    def period(self) -> float:
+        """Median interval between measured positions in s."""
+        return float(np.median(np.diff(self.time[self.measured])))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Campaign:
+    """The trials of one vehicle, in the order of their names, and what was noticed across them."""
+
+    trials: tuple[Trial, ...]
+    sources: tuple[Path, ...]
+    remarks: tuple[Remark, ...] = ()
+
+    @property
+    def samples(self) -> int:
+        """Number of measured positions."""
+        return int(sum(trial.measured.sum() for trial in self.trials))

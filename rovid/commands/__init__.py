@@ -1,0 +1,1 @@
+"""The command line, its manual, and what the shell completes."""

@@ -1,0 +1,64 @@
+"""The values that the shell completes; each Tab imports this, so that nothing here may be slow to import."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import typer
+
+from rovid.campaign.axis import AXES, YAW
+from rovid.ground.errors import RovidError
+from rovid.ground.toml import read_toml
+
+# In the order of `rovid.export.EXPORTERS`, and of `rovid.identify.bench.THRUST_UNITS`; a test compares.
+FORMATS = ("gz-sim", "uuv", "vrx", "stonefish", "mujoco", "ros2", "matlab", "json", "python-vehicle-simulator")
+THRUST_UNITS = ("N", "kN", "kgf", "gf", "lbf")
+# What every model has; of its effects only the parameter file knows.
+BASE = ("inertia", "quadratic_drag", "linear_drag")
+_CATALOGUE = Path(__file__).parents[1] / "effects" / "__init__.py"
+
+
+def axes() -> list[str]:
+    """Names for --axis."""
+    return list(AXES)
+
+
+def formats() -> list[str]:
+    """Formats of `rovid export`."""
+    return list(FORMATS)
+
+
+def thrust_units() -> list[str]:
+    """Units for --unit."""
+    return list(THRUST_UNITS)
+
+
+def effects() -> list[str]:
+    """Ids of the effects, read from the catalogue's own lines: to import them takes a second.
+
+    A line names the module of an effect, which is called as the effect is; a test compares.
+    """
+    lines = ast.parse(_CATALOGUE.read_text(encoding="utf-8")).body
+    forms = (line for line in lines if isinstance(line, ast.AnnAssign) and ast.unparse(line.target) == "FORMS")
+    return sorted(
+        node.value.id
+        for line in forms
+        for node in ast.walk(line)
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
+    )
+
+
+def parameters(context: typer.Context) -> list[str]:
+    """Names for --narrow: those in the parameter file of the command line, or of the plain model."""
+    axis = context.params.get("axis") or YAW.name
+    path = Path(context.params.get("parameters") or parameter_file(axis))
+    try:
+        return list(read_toml(path)["parameters"])
+    except (RovidError, LookupError, TypeError):
+        return list(BASE)
+
+
+def parameter_file(axis: str) -> str:
+    """Name of the parameter file where the command line gives none."""
+    return "parameters.toml" if axis == YAW.name else f"parameters_{axis}.toml"

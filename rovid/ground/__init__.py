@@ -1,0 +1,1 @@
+"""What everything stands on: errors, files, text from elsewhere, numbers, cores."""

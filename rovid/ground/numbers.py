@@ -1,0 +1,49 @@
+"""Results as text: JSON, and numbers rounded to what is known."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+from rovid.ground.quoting import encodable, json_lines
+
+
+def to_json(document: Any) -> str:
+    """JSON text; numbers that are not finite become null."""
+    return json_lines(json.dumps(_finite(document), indent=2, ensure_ascii=False))
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {encodable(str(key)): _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if isinstance(value, str):
+        return encodable(value)
+    if isinstance(value, bool) or value is None:
+        return value
+    if isinstance(value, int):
+        return value
+    number = float(value)
+    return number if math.isfinite(number) else None
+
+
+def plus_minus(value: float, error: float) -> str:
+    """Value and standard error, rounded to two digits of the error, three where it begins with 1 to 3."""
+    if not math.isfinite(error) or error <= 0.0:
+        return f"{value:.4g}"
+    decimals = _decimals(error)
+    return f"{rounded(value, decimals)} ± {rounded(error, decimals)}"
+
+
+def _decimals(error: float) -> int:
+    """Decimals to print; negative to round before the point."""
+    exponent = math.floor(math.log10(error))
+    digits = 3 if error / 10.0**exponent < 4.0 else 2
+    return digits - 1 - exponent
+
+
+def rounded(value: float, decimals: int) -> str:
+    """``value`` with that many decimals, without exponent."""
+    return f"{round(value, decimals):.{max(decimals, 0)}f}"

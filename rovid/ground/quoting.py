@@ -1,0 +1,101 @@
+"""Names and text from elsewhere in the files that rovid writes: one function for each format."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from collections.abc import Collection, Sequence
+from csv import writer
+from xml.sax.saxutils import escape, quoteattr
+
+from rovid.ground.errors import is_visible, visible
+
+# MATLAB's limit of a field's name, the narrowest of those that take identifiers.
+_LONGEST = 63
+# Where a spreadsheet sees a formula begin: ahead of a cell, and of what some countries' settings take for one.
+_FORMULA = re.compile(r"(?:^|[;,|])\s*(?=[=+@-])")
+
+
+def encodable(text: str) -> str:
+    """``text`` with what UTF-8 cannot hold, as of a file's name in another encoding, as an escape."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+def json_lines(text: str) -> str:
+    """A JSON document with what is not visible in its strings as JSON's own escapes."""
+    return "\n".join(
+        line if line.isprintable() else "".join(sign if is_visible(sign) else json.dumps(sign)[1:-1] for sign in line)
+        for line in text.split("\n")
+    )
+
+
+def xml_attribute(text: str) -> str:
+    """An attribute's value with its quotes."""
+    return quoteattr(_xml_signs(text))
+
+
+def xml_comment(text: str) -> str:
+    """Text for a comment, which may hold no two hyphens in a row."""
+    return re.sub("-(?=-)", "- ", escape(_xml_signs(text)))
+
+
+def _xml_signs(text: str) -> str:
+    """``text`` in signs that XML can hold, and without what xacro and Stonefish would work out: ${…} and $(…)."""
+    return re.sub(r"\$(?=[{(])", "$ ", visible(text))
+
+
+def toml_text(text: str) -> str:
+    """A string with its quotes, for TOML and for YAML, which read the same escapes."""
+    return f'"{"".join(map(_toml_sign, encodable(text)))}"'
+
+
+def _toml_sign(sign: str) -> str:
+    if sign in '"\\':
+        return "\\" + sign
+    if is_visible(sign):
+        return sign
+    return f"\\u{ord(sign):04X}" if ord(sign) < 0x10000 else f"\\U{ord(sign):08X}"
+
+
+def python_docstring(text: str) -> str:
+    """Text within three double quotes; a name by itself is a string literal by `repr`."""
+    return visible(text).replace("\\", "\\\\").replace('"', "'")
+
+
+def csv_line(cells: Sequence[str]) -> str:
+    """Names as a line of CSV without its end.
+
+    One that a spreadsheet would take for a formula gets an apostrophe in front, which spreadsheets take for text.
+    """
+    line = io.StringIO()
+    writer(line, lineterminator="").writerow([_csv_cell(visible(cell)) for cell in cells])
+    return line.getvalue()
+
+
+def _csv_cell(text: str) -> str:
+    return _FORMULA.sub(r"\g<0>'", text)
+
+
+def identifiers(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:
+    """Each of ``names`` as XML, YAML, topics and programs take it; no two alike, and none of those ``taken``."""
+    plain = [re.sub(r"[^A-Za-z0-9_]", "_", name) for name in names]
+    return _distinct([name if re.match("[A-Za-z_]", name) else f"_{name}" for name in plain], taken)
+
+
+def words(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:
+    """Each of ``names`` as a column or field, letters of any script kept; no two alike, and none of those ``taken``."""
+    return _distinct([re.sub(r"\W+", "_", name) for name in names], taken)
+
+
+def _distinct(names: Sequence[str], taken: Collection[str]) -> list[str]:
+    given: list[str] = []
+    for name in names:
+        start = one = name[:_LONGEST]
+        count = 1
+        # What is another's own name stays that one's.
+        while one in taken or one in given or (count > 1 and one in names):
+            count += 1
+            one = f"{start[: _LONGEST - len(str(count)) - 1]}_{count}"
+        given.append(one)
+    return given

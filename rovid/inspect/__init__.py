@@ -1,0 +1,1 @@
+"""Before a fit: what the columns hold, a first rovid.toml, what a campaign can tell."""

@@ -1,0 +1,71 @@
+"""What each log holds, and what is wrong with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rovid.campaign.config import Config
+from rovid.campaign.trial import Remark, Trial
+from rovid.ground.errors import RovidError
+from rovid.inspect.advice import Advice, advise
+from rovid.motion.rates import white_noise
+from rovid.motion.segments import find_holds, find_sines
+from rovid.readers import find_logs, read_log
+from rovid.readers.twins import without_twins
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """A row of facts for each readable log, a problem for each other one, and what holds for the folder.
+
+    ``advice`` is what to mind before a fit.
+    """
+
+    rows: tuple[tuple[Trial, dict[str, Any]], ...]
+    problems: dict[str, str]
+    remarks: tuple[Remark, ...]
+    advice: tuple[Advice, ...]
+
+
+def check_logs(paths: Sequence[Path], config: Config) -> Check:
+    """Read every log on its own, so that one bad log does not hide the others."""
+    found, remarks = find_logs(paths, config)
+    rows, problems = [], {}
+    for name, path in found:
+        try:
+            trial = read_log(path, config, name)
+            rows.append((trial, _facts(trial, config)))
+        except RovidError as error:
+            problems[name] = str(error)
+    # One recording in two formats is one run.
+    advice = advise(without_twins([trial for trial, _ in rows], remarks), config.vehicle)
+    return Check(rows=tuple(rows), problems=problems, remarks=tuple(remarks), advice=tuple(advice))
+
+
+def _facts(trial: Trial, config: Config) -> dict[str, Any]:
+    torque = config.vehicle.torque(trial)
+    position = trial.position[trial.measured]
+    measured = trial.rate[trial.measured] if trial.integrated and trial.rate is not None else position
+    noise, travel = white_noise(measured), float(np.sum(np.abs(np.diff(position))))
+    return {
+        "duration": trial.duration,
+        "samples": int(trial.measured.sum()),
+        "sample_rate": 1.0 / trial.period,
+        "measured": config.measured,
+        "noise": noise,
+        "travel": travel,
+        f"{trial.axis.push}_range": [float(torque.min()), float(torque.max())],
+        "held_commands": len(find_holds(trial, config.vehicle, torque)),
+        "sine_runs": len(find_sines(trial, torque)),
+        "remarks": [remark_document(remark) for remark in trial.remarks],
+    }
+
+
+def remark_document(remark: Remark) -> dict[str, Any]:
+    """One remark of a reader."""
+    return {"kind": remark.kind, "count": remark.count, "text": remark.text}

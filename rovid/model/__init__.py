@@ -1,0 +1,1 @@
+"""The model, its compiled loops, and its free-running simulation."""

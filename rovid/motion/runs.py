@@ -1,0 +1,155 @@
+"""A trial made ready for identification: its torque, its rates, and both through one filter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovid.campaign.axis import Axis
+from rovid.campaign.trial import Campaign, Remark, Trial
+from rovid.campaign.vehicle import Vehicle
+from rovid.ground.arrays import BoolArray, FloatArray
+from rovid.ground.errors import ConfigError, DataError
+from rovid.motion.rates import Rates, choose_cutoff, highest_cutoff, rates_of
+from rovid.motion.segments import releases
+
+# A logged rate this far from the position's, as a gain and as a share of the usual rate, spoils the drag.
+_GYRO_GAIN = 0.03
+_GYRO_OFFSET = 0.02
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Run:
+    """One trial with everything derived from it.
+
+    Attributes
+    ----------
+    torque
+        (n,) N m, held, at the trial's own instants.
+    rates
+        Yaw rate and acceleration on a uniform grid of m instants.
+    drive
+        (m,) the torque through the same filter as the rates.
+    """
+
+    trial: Trial
+    torque: FloatArray
+    rates: Rates
+    drive: FloatArray
+
+    @property
+    def valid(self) -> BoolArray:
+        """(m,) where rate, acceleration and torque are all known."""
+        return np.asarray(self.rates.valid & np.isfinite(self.drive))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Runs:
+    """The runs of a campaign, the cut-off they share in Hz (``chosen`` from the data?), and what was left out."""
+
+    items: tuple[Run, ...]
+    cutoff: float
+    chosen: bool
+    remarks: tuple[Remark, ...]
+
+    @property
+    def axis(self) -> Axis:
+        """The degree of freedom that is looked at."""
+        return self.items[0].trial.axis
+
+    @property
+    def integrated(self) -> bool:
+        """Whether the rate alone was measured."""
+        return self.items[0].trial.integrated
+
+    def noise(self) -> tuple[float, float, float]:
+        """Median over the runs of the sensor's noise in what is measured, and what the low pass leaves of it.
+
+        Standard deviations; of the position, or of the rate where that alone was measured, of rate and of acceleration.
+        """
+        rows = [(r.rates.position_noise, r.rates.rate_noise, r.rates.acceleration_noise) for r in self.items]
+        measured, rate, acceleration = np.median(rows, axis=0)
+        return float(measured), float(rate), float(acceleration)
+
+
+def prepare(campaign: Campaign, vehicle: Vehicle, *, cutoff: float | None = None) -> Runs:
+    """Derive torque and rates of every trial, with the cut-off chosen from the data unless it is given.
+
+    Raises
+    ------
+    DataError
+        No trial is long enough for the filter.
+    ConfigError
+        The cut-off is too high for the sampling rate.
+    """
+    trials, remarks = _free(campaign.trials)
+    shared = choose_cutoff(trials) if cutoff is None else cutoff
+    highest = highest_cutoff(trials)
+    if shared > highest * (1.0 + 1e-6):
+        raise ConfigError(
+            f"is {shared:g} Hz; at this sampling rate rates can be had up to {highest:.3g} Hz.", where="--cutoff"
+        )
+    runs = []
+    for trial in trials:
+        torque = vehicle.torque(trial)
+        try:
+            rates = rates_of(trial, cutoff=shared)
+        except DataError as error:
+            remarks.append(Remark(kind="left out", count=len(trial.time), text=str(error)))
+            continue
+        runs.append(Run(trial=trial, torque=torque, rates=rates, drive=rates.held(trial, torque)))
+    if not runs:
+        raise DataError(remarks[0].text if remarks else "there is no trial.")
+    remarks += _gyro_remarks([run for run in runs if _gyro_is_off(run.rates)])
+    return Runs(items=tuple(runs), cutoff=shared, chosen=cutoff is None, remarks=tuple(remarks))
+
+
+def _free(trials: Sequence[Trial]) -> tuple[Sequence[Trial], list[Remark]]:
+    """The trials; of those that nothing drives the stretches in which the vehicle swings after it was let go of."""
+    if all(trial.driven for trial in trials):
+        return trials, []
+    found, remarks = [], []
+    for trial in trials:
+        parts = releases(trial)
+        spans = [f"{trial.time[part][0]:.1f} to {trial.time[part][-1]:.1f} s" for part in parts]
+        names = [trial.name if len(parts) == 1 else f"{trial.name}, {span}" for span in spans]
+        found += [trial.part(part, name) for part, name in zip(parts, names, strict=True)]
+        told = f"swings freely from {', from '.join(spans)}: the rest was left out"
+        text = f"{trial.name} {told if parts else 'was left out: it holds no swings that die out'}."
+        remarks.append(Remark(kind="released" if parts else "left out", count=len(trial.time), text=text))
+    if not found:
+        axis = trials[0].axis
+        raise DataError(
+            f"nothing drives these logs in {axis.name}, and they hold no swings that die out.",
+            mend=f"Give logs of releases, or map what drives the vehicle: [[thrusters]] with {axis.arm}.",
+        )
+    return found, remarks
+
+
+def _gyro_is_off(rates: Rates) -> bool:
+    known = rates.rate[np.isfinite(rates.rate)]
+    typical = float(np.linalg.norm(known)) / max(len(known), 1) ** 0.5
+    return abs(rates.gyro_gain - 1.0) > _GYRO_GAIN or abs(rates.gyro_offset) > _GYRO_OFFSET * typical
+
+
+def _gyro_remarks(off: Sequence[Run]) -> list[Remark]:
+    """Say where a logged rate is not the position's, which a bias, a unit or a sign would do."""
+    if not off:
+        return []
+    axis = off[0].trial.axis
+    gain, offset = np.median([(run.rates.gyro_gain, run.rates.gyro_offset) for run in off], axis=0)
+    text = (
+        f"{', '.join(run.trial.name for run in off)}: the logged {axis.rate_words} is {gain:.3g} times the "
+        f"{axis.position_words}'s rate, with an offset of {offset:.2g} {axis.rate_unit}, and the results rest on it. "
+        f"Check its unit and sign, or delete {axis.rate} in rovid.toml: the {axis.position_words}'s own rate is then "
+        "used."
+    )
+    return [Remark(kind="gyro", count=len(off), text=text)]
+
+
+def channels(runs: Sequence[Run]) -> set[str]:
+    """Further channels that every run has, with readings in one of them at least."""
+    shared = set.intersection(*(set(run.trial.extras) for run in runs))
+    return {name for name in shared if any(np.isfinite(run.trial.extras[name]).any() for run in runs)}

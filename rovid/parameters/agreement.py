@@ -1,0 +1,61 @@
+"""Whether two methods say the same of one parameter, and which one to believe where they do not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from rovid.ground.numbers import plus_minus
+from rovid.identify.estimate import Estimate
+from rovid.identify.horizons import HorizonLikelihood
+from rovid.identify.innovations import Likelihood
+from rovid.parameters.parameters import Entry
+
+# Joint standard errors beyond which two methods do not say the same.
+_APART = 3.0
+_WHOLE = (Likelihood.method, HorizonLikelihood.method)
+_BASE = ("inertia", "quadratic_drag", "linear_drag")
+
+
+def disagreement(entries: Mapping[str, Entry], estimate: Estimate) -> list[str]:
+    """One line on the parameter of ``estimate`` that another method, in ``entries``, has farthest off; none if none is.
+
+    Where both rest on the same logs their errors are not independent, and the line comes late rather than early.
+    """
+    gaps = {name: _gap(entries[name], estimate, name) for name in _BASE if _compared(entries, estimate, name)}
+    worst = max(gaps, key=lambda name: gaps[name], default=None)
+    if worst is None or gaps[worst] <= _APART:
+        return []
+    entry, unit = entries[worst], estimate.unit(worst)
+    here = plus_minus(estimate.value(worst), estimate.standard_error(worst))
+    there = plus_minus(entry.value, entry.standard_error)
+    text = (
+        f"{worst} is {here} {unit} here and {there} {unit} by {entry.method}: {gaps[worst]:.0f} joint standard errors "
+        f"apart. {_advice(entry, estimate)}"
+    )
+    return [text]
+
+
+def _compared(entries: Mapping[str, Entry], estimate: Estimate, name: str) -> bool:
+    if name not in entries or name not in estimate.names or name in estimate.refused:
+        return False
+    same = entries[name].method == estimate.method and entries.keys() >= set(estimate.names)
+    return not same and entries[name].unit == estimate.unit(name)
+
+
+def _gap(entry: Entry, estimate: Estimate, name: str) -> float:
+    joint = math.hypot(entry.standard_error, estimate.standard_error(name))
+    return abs(entry.value - estimate.value(name)) / joint if 0.0 < joint < math.inf else 0.0
+
+
+def _advice(entry: Entry, estimate: Estimate) -> str:
+    mine, other = estimate.method in _WHOLE, entry.method in _WHOLE
+    if mine and other:
+        return "Believe the one whose model has the causes that were found."
+    if mine or other:
+        which = "this one" if mine else "the other"
+        return (
+            f"Believe {which}: it takes all logs at once and knows of disturbances. That they differ may mean that a "
+            "cause is missing, for which `rovid diagnose` looks."
+        )
+    return "Believe neither before `rovid fit`, which takes all logs at once and knows of disturbances."

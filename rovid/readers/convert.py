@@ -1,0 +1,164 @@
+"""Any log that rovid reads -> CSV, MCAP or Parquet, and what rovid.toml has to say to read it again."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from rovid.campaign.config import ANGLE, UNITS, Config
+from rovid.campaign.trial import Trial
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import ConfigError
+from rovid.ground.files import Output
+from rovid.ground.files.form import LOG
+from rovid.ground.places import require
+from rovid.ground.quoting import toml_text, words
+from rovid.readers import read_log
+from rovid.readers.mcap_writer import Topic, mcap_bytes, with_unit
+from rovid.readers.raw import library
+
+_TOPIC = "/trial"
+_TIME = "time_s"
+_COMMAND = "command."
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Converted:
+    """A log in another format.
+
+    Attributes
+    ----------
+    content
+        Of the file.
+    mapping
+        Lines for rovid.toml: where the new log holds what.
+    """
+
+    trial: Trial
+    content: bytes
+    mapping: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Column:
+    """(n,) of one signal in ``unit``; "" where the user alone knows it."""
+
+    signal: str
+    name: str
+    numbers: FloatArray
+    unit: str
+
+
+def output_at(target: Path, log: Path) -> Output:
+    """The output at ``target``; refuse what cannot be written, before ``log`` is read.
+
+    Raises
+    ------
+    ConfigError
+        ``log`` is a folder or no file; ``target`` has no suffix of a format that can be written, or is the log itself.
+    """
+    require(log)
+    if log.is_dir():
+        raise ConfigError("is a folder; one log was expected.", where=log)
+    if target.suffix.lower() not in _WRITERS:
+        raise ConfigError(
+            f"has the suffix {target.suffix!r}; one of {', '.join(_WRITERS)} was expected.", where=f"-o {target}"
+        )
+    if target.exists() and target.samefile(log):
+        raise ConfigError("is the log itself.", where=f"-o {target}", mend="Choose another name.")
+    return Output(target, LOG)
+
+
+def convert(log: Path, config: Config, target: Path) -> Converted:
+    """``log`` as rovid reads it: in order of time, what is no measurement left out, in the format of ``target``.
+
+    Raises
+    ------
+    LogError
+        The log cannot be read, or pyarrow is missing where Parquet is wanted.
+    """
+    trial = read_log(log, config)
+    columns = _columns(trial, config)
+    kind = target.suffix.lower().removeprefix(".")
+    return Converted(
+        trial=trial, content=_WRITERS[target.suffix.lower()](trial, columns, target), mapping=_mapping(columns, kind)
+    )
+
+
+def _columns(trial: Trial, config: Config) -> list[_Column]:
+    axis = trial.axis
+    signals: dict[str, FloatArray | None] = {} if trial.integrated else {axis.position: trial.position}
+    signals |= {
+        axis.rate: trial.rate,
+        "roll": signals.get("roll", trial.roll),
+        "pitch": signals.get("pitch", trial.pitch),
+    }
+    columns: dict[str, _Column] = {}
+    commands = {signal.name: values for signal, values in zip(config.commands, trial.commands.T, strict=True)}
+    for name, values in {**signals, **commands, **trial.extras}.items():
+        if values is not None and np.isfinite(values).any():
+            one = _column(name, values, set(columns))
+            columns[one.name] = one
+    return list(columns.values())
+
+
+def _column(signal: str, values: FloatArray, taken: set[str]) -> _Column:
+    units = UNITS.get(signal, {})
+    unit = "deg" if units is ANGLE else next((unit for unit, factor in units.items() if factor == 1.0), "")
+    [name] = words([with_unit(re.sub(r"\W+", "_", signal), unit)], taken={*taken, _TIME})
+    turned = np.remainder(np.rad2deg(values), 360.0) if signal == "heading" else np.rad2deg(values)
+    return _Column(signal=signal, name=name, numbers=turned if unit == "deg" else values, unit=unit)
+
+
+def _frame(trial: Trial, columns: list[_Column]) -> pd.DataFrame:
+    return pd.DataFrame({_TIME: trial.time, **{column.name: column.numbers for column in columns}})
+
+
+def _csv(trial: Trial, columns: list[_Column], _target: Path) -> bytes:
+    # Digits beyond a nanosecond in a day and a nanodegree are noise of the arithmetic.
+    return _frame(trial, columns).to_csv(index=False, float_format="%.14g", lineterminator="\n").encode()
+
+
+def _parquet(trial: Trial, columns: list[_Column], target: Path) -> bytes:
+    library("pyarrow", "parquet", target)
+    content: bytes = _frame(trial, columns).to_parquet(index=False)
+    return content
+
+
+def _mcap(trial: Trial, columns: list[_Column], _target: Path) -> bytes:
+    fields = {column.name: column.numbers for column in columns}
+    units = {column.name: column.unit for column in columns}
+    return mcap_bytes([Topic(name=_TOPIC, time=trial.time, fields=fields, units=units)])
+
+
+_WRITERS: Mapping[str, Callable[[Trial, list[_Column], Path], bytes]] = {
+    ".csv": _csv,
+    ".mcap": _mcap,
+    ".parquet": _parquet,
+}
+
+
+def _mapping(columns: list[_Column], kind: str) -> str:
+    lines = []
+    for column in columns:
+        if column.signal.startswith(_COMMAND):
+            name = toml_text(column.signal.removeprefix(_COMMAND))
+            lines += ["[[thrusters]]", f"name = {name}", f"command = {_source(column, kind)}", ""]
+    lines += ["[signals]", 'time = { mcap = "log" }' if kind == "mcap" else f'time = {{ {kind} = "{_TIME}" }}']
+    for column in columns:
+        if not column.signal.startswith(_COMMAND):
+            key = column.signal if _BARE.fullmatch(column.signal) else toml_text(column.signal)
+            lines.append(f"{key} = {_source(column, kind)}")
+    return "\n".join(lines) + "\n"
+
+
+def _source(column: _Column, kind: str) -> str:
+    place = f"{_TOPIC}.{column.name}" if kind == "mcap" else column.name
+    unit = f', unit = "{column.unit}"' if column.unit else ""
+    return f"{{ {kind} = {toml_text(place)}{unit} }}"

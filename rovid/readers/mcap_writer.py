@@ -1,0 +1,89 @@
+"""Columns of numbers -> an MCAP recording with JSON messages, as Foxglove, PlotJuggler and rovid itself read it."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovid.ground.arrays import FloatArray
+
+# Unit -> what a name that tells it ends in.
+SUFFIXES: Mapping[str, str] = {
+    "rad": "rad",
+    "deg": "deg",
+    "m": "m",
+    "rad/s": "rad_s",
+    "m/s": "m_s",
+    "N m": "Nm",
+    "N": "N",
+}
+
+
+def with_unit(name: str, unit: str) -> str:
+    """``name`` with its ``unit`` at the end, where that is known."""
+    return f"{name}_{SUFFIXES[unit]}" if unit in SUFFIXES else name
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Topic:
+    """One topic.
+
+    Attributes
+    ----------
+    time
+        (n,) s from the beginning of the recording.
+    fields
+        Name -> (n,) numbers; a message leaves out those that are not finite.
+    units
+        Name -> unit, as the schema tells it; "" where it is not known.
+    """
+
+    name: str
+    time: FloatArray
+    fields: Mapping[str, FloatArray]
+    units: Mapping[str, str]
+
+    def schema(self) -> dict[str, object]:
+        """JSON schema of its messages."""
+        fields = {
+            name: {"type": "number", **({"description": self.units[name]} if self.units.get(name) else {})}
+            for name in self.fields
+        }
+        return {
+            "$schema": "https://json-schema.org/draft/2020-12/schema",
+            "title": self.name.strip("/"),
+            "type": "object",
+            "properties": fields,
+            "additionalProperties": False,
+        }
+
+    def messages(self) -> Iterator[tuple[int, bytes]]:
+        """(ns, text) of every message that holds anything."""
+        columns = [(name, values.tolist(), np.isfinite(values).tolist()) for name, values in self.fields.items()]
+        for at, ns in enumerate(np.rint(self.time * 1e9).astype(np.int64).tolist()):
+            message = {name: values[at] for name, values, known in columns if known[at]}
+            if message:
+                yield ns, json.dumps(message, separators=(",", ":")).encode()
+
+
+def mcap_bytes(topics: Sequence[Topic], library: str = "rovid") -> bytes:
+    """A whole recording, in order of time; ``library`` is what it says to have written it."""
+    from mcap.writer import CompressionType, Writer
+
+    out = io.BytesIO()
+    writer = Writer(out, compression=CompressionType.ZSTD)
+    writer.start(profile="", library=library)
+    messages = []
+    for topic in topics:
+        text = json.dumps(topic.schema()).encode()
+        schema = writer.register_schema(f"rovid.{topic.name.strip('/')}", "jsonschema", text)
+        channel = writer.register_channel(topic.name, "json", schema)
+        messages += [(ns, channel, data) for ns, data in topic.messages()]
+    for ns, channel, data in sorted(messages, key=lambda message: message[:2]):
+        writer.add_message(channel, ns, data, ns)
+    writer.finish()  # type: ignore[no-untyped-call]  # the library leaves its annotation out
+    return out.getvalue()

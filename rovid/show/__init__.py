@@ -1,0 +1,1 @@
+"""Results as JSON, as tables, and a diagnosis in words."""
