@@ -13,7 +13,7 @@ import pytest
 
 from rovid.campaign.axis import AXES, YAW
 from rovid.commands import completion
-from rovid.commands.help import MANUAL
+from rovid.commands.cli import MANUAL
 from rovid.effects import CATALOGUE
 from rovid.export import EXPORTERS
 from rovid.identify.bench import THRUST_UNITS

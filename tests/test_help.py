@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 
 from rovid.campaign.axis import axis_named
 from rovid.commands import cli
-from rovid.commands.help import MANUAL
+from rovid.commands.cli import MANUAL
 from rovid.effects import effect_named
 from rovid.export import EXPORTERS
 from tests.conftest import ROOT, SAMPLES, Rovid, run_rovid

@@ -1,0 +1,60 @@
+"""``rovid diagnose``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from rovid.commands.manual import Page
+from rovid.commands.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
+from rovid.commands.session import claim_of, console, opened, print_json, put, remembered, stored_at, working
+
+PAGE = Page(
+    text="""
+    Reads the logs, fits the plain model, and tries every effect of the catalogue on what it misses. Prints what
+    the simulation gets wrong; the cause by name, with its parameters, the evidence and its rivals; by how much
+    runs that were not fitted are predicted better; what is left unexplained; what the data cannot determine; and
+    which run to do next. Writes the model that it ends with to the parameter file.
+
+    Use it after fit-drag and fit-inertia, or at once. It is the slowest command: ten seconds to minutes, by the
+    length of the logs. Four trials or more let it test on whole trials.
+    """,
+    examples=(
+        ("What the model misses, with the logs that fit-drag remembered", "rovid diagnose"),
+        ("At once, on a folder of logs, into another file", "rovid diagnose sample_logs/rosub_tank -p tank.toml"),
+        ("Along surge", "rovid diagnose sample_logs/surge_tank --axis surge"),
+        ("What the published tables contradict", "rovid diagnose sample_logs/rosub_paper -p paper.toml"),
+    ),
+    see=("rovid fit --effect", "rovid plan", "rovid report", "docs/confusion.md"),
+)
+
+
+def diagnose(
+    logs: OptionalLogs = None,
+    *,
+    axis: AxisName = None,
+    parameters: ParameterFile = None,
+    cutoff: Cutoff = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Say what the simulation gets wrong, and why."""
+    from rovid.parameters.agreement import disagreement
+    from rovid.show.account import show_diagnosis
+    from rovid.show.documents import diagnosis_document
+    from rovid.show.terminal import show_warnings
+
+    stored = stored_at(parameters, axis, force=force)
+    paths = logs or remembered(stored)
+    claim = claim_of([stored.output], paths, force=force)
+    study = opened(paths, cutoff, stored.axis)
+    with working("Diagnosing …") as report:
+        diagnosis = study.diagnosis(report, drag=stored.drag())
+    if (side := diagnosis.extended) is not None:
+        apart = disagreement(stored.entries_of(study.paths), side.estimate)
+        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *apart))
+        put(stored, claim, study, side.estimate, new_logs=bool(logs))
+    if json:
+        print_json(diagnosis_document(diagnosis, study))
+    else:
+        show_diagnosis(console(), diagnosis, study.vehicle)
+        show_warnings(console(), [*study.remarks(), *diagnosis.warnings])

@@ -1,0 +1,75 @@
+"""``rovid export``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rovid.commands import completion
+from rovid.commands.manual import Page
+from rovid.commands.options import Force, Json, ParameterFile
+from rovid.commands.session import busy, claim_of, console, known_at, of_yaw, opened, print_json
+
+PAGE = Page(
+    text="""
+    Reads the parameter file and writes the model in a simulator's own format. Then it puts the numbers of the file
+    into that simulator's equation, with its signs and time step, runs it beside rovid's model, and prints the
+    largest difference of the yaw rate in percent of its range. What the format cannot hold is listed with its
+    size. Yaw alone.
+
+    Thrusters and the largest rate come from the logs that the parameter file remembers, where they are there.
+    """,
+    examples=(
+        ("For Gazebo", "rovid export gz-sim -o model.sdf"),
+        ("For uuv_simulator, as YAML", "rovid export uuv -o uuv.yaml"),
+        ("As JSON, from another parameter file", "rovid export json -p paper.toml -o paper.json"),
+    ),
+    see=("rovid fit", "rovid control", "docs/export.md"),
+)
+
+
+def export(
+    format: Annotated[  # noqa: A002 - the word that the help shows
+        str,
+        typer.Argument(
+            metavar="FORMAT",
+            help=f"One of {', '.join(completion.FORMATS)}.",
+            autocompletion=completion.formats,
+        ),
+    ],
+    *,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="Where it goes; gz_sim.sdf and the like if not given. uuv writes .xacro or .yaml.",
+            show_default=False,
+        ),
+    ] = None,
+    parameters: ParameterFile = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Write the model in the format of a simulator."""
+    from rovid.export import export as make
+    from rovid.export import exporter, subject_of
+    from rovid.show.documents import export_document
+    from rovid.show.terminal import show_export
+
+    function, target = exporter(format, output)
+    stored = of_yaw(known_at(parameters))
+    stored.model()
+    claim = claim_of([target], stored.logs, stored.path, force=force)
+    there = bool(stored.logs) and all(path.exists() for path in stored.logs)
+    study = opened(stored.logs, None, stored.axis) if there else None
+    with busy("Simulating …"):
+        made = make(function, subject_of(stored, study))
+    claim.write({target: made.content})
+    if json:
+        print_json(export_document(format, str(target.path), made))
+    else:
+        show_export(console(), target.path, made)

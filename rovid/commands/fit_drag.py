@@ -1,0 +1,60 @@
+"""``rovid fit-drag``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from rovid.commands.fit_inertia import estimate_inertia
+from rovid.commands.manual import Page
+from rovid.commands.options import AxisName, Cutoff, Force, Json, Logs, ParameterFile
+from rovid.commands.session import busy, claim_of, compared, console, opened, print_json, put, stored_at
+
+PAGE = Page(
+    text="""
+    Reads logs with held commands, or a table of steady turns with the columns command, yaw_rate_rad_s and
+    torque_Nm. Fits T = DQ |r| r + DL r and writes quadratic_drag (N m s^2/rad^2) and linear_drag (N m s/rad), with
+    standard errors, to the parameter file, which from then on remembers the logs: later commands need no LOGS.
+
+    Use it first of the fits. It wants four levels or more, both ways, each held for five time constants and a
+    minute. Roll and pitch have no steady turns; there it finds inertia and drag together.
+    """,
+    examples=(
+        ("Drag in yaw, into parameters.toml", "rovid fit-drag sample_logs/rosub_tank"),
+        (
+            "From a table of steady turns, into another file",
+            "rovid fit-drag sample_logs/rosub_paper/table3.csv -p paper.toml",
+        ),
+        ("Drag in surge, into parameters_surge.toml", "rovid fit-drag sample_logs/surge_tank --axis surge"),
+    ),
+    see=("rovid check", "rovid fit-inertia", "rovid fit"),
+)
+
+
+def fit_drag(
+    logs: Logs,
+    *,
+    axis: AxisName = None,
+    parameters: ParameterFile = None,
+    cutoff: Cutoff = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Find drag from steady turns."""
+    from rovid.show.documents import drag_document
+    from rovid.show.terminal import show_drag, show_fit
+
+    stored = stored_at(parameters, axis, force=force)
+    claim = claim_of([stored.output], logs, force=force)
+    study = opened(logs, cutoff, stored.axis)
+    if stored.axis.rights:
+        # No constant torque turns what rights itself steadily: drag comes with the inertia.
+        estimate_inertia(study, stored, claim, new_logs=True, json=json)
+        return
+    with busy("Fitting drag …"):
+        result = study.drag()
+    result = replace(result, estimate=compared(stored, study, result.estimate))
+    stored = put(stored, claim, study, result.estimate, new_logs=True)
+    if json:
+        print_json(drag_document(result, study))
+    else:
+        show_fit(console(), result, show_drag, study, stored)

@@ -1,0 +1,89 @@
+"""``rovid report``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rovid.commands.manual import Page
+from rovid.commands.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
+from rovid.commands.session import console, opened, print_json, remembered, stored_at, working
+
+PAGE = Page(
+    text="""
+    Reads the logs and the parameter file; drag and inertia that the file does not hold yet are fitted and written
+    to it. Writes a folder with index.html, which needs no other file and no network, and the plots as PNG and SVG:
+    verdict, parameters, every trial to zoom in, diagnosis, controller and exports. Prints where the page is.
+
+    Use it last, or at once on a new folder of logs. The diagnosis takes most of the time; unlike that of rovid
+    diagnose, it leaves the parameter file as it is.
+    """,
+    examples=(
+        ("With the logs that fit-drag remembered, into report/", "rovid report"),
+        ("At once, on a folder of logs", "rovid report sample_logs/rosub_tank -p tank.toml -o tank_report"),
+        ("Quickly: fits and simulation alone", "rovid report --no-diagnosis --no-control --no-export"),
+    ),
+    see=("rovid diagnose", "rovid control", "rovid export"),
+)
+
+
+def report(
+    logs: OptionalLogs = None,
+    *,
+    axis: AxisName = None,
+    parameters: ParameterFile = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FOLDER",
+            help="Where page and plots go; report if not given, report_AXIS for another axis than yaw.",
+            show_default=False,
+        ),
+    ] = None,
+    diagnosis: Annotated[
+        bool, typer.Option("--diagnosis/--no-diagnosis", help="With or without what the simulation misses, and why.")
+    ] = True,
+    control: Annotated[
+        bool, typer.Option("--control/--no-control", help="With or without a heading controller.")
+    ] = True,
+    export: Annotated[
+        bool, typer.Option("--export/--no-export", help="With or without what each simulator's format holds.")
+    ] = True,
+    cutoff: Cutoff = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Write everything on one page."""
+    from rovid.campaign.axis import YAW
+    from rovid.report.build import build_report
+    from rovid.show.documents import axis_document
+
+    stored = stored_at(parameters, axis, force=force)
+    study = opened(logs or remembered(stored), cutoff, stored.axis)
+    folder = output or Path("report" if stored.axis is YAW else f"report_{stored.axis.name}")
+    with working("Fitting drag and inertia …") as report_progress:
+        page = build_report(
+            stored,
+            study,
+            folder,
+            diagnosed=diagnosis,
+            controlled=control,
+            exported=export,
+            force=force,
+            report=report_progress,
+        )
+    if json:
+        print_json(
+            {
+                "schema": "rovid-report/1",
+                **axis_document(stored.axis),
+                "page": str(page),
+                "parameters": str(stored.path),
+            }
+        )
+    else:
+        console().print(str(page), highlight=False, soft_wrap=True)

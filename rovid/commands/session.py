@@ -1,0 +1,168 @@
+"""What every command does around its work: files at hand, a session with the logs, words on the screen."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from rovid.commands import completion
+from rovid.ground.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from rovid.campaign.axis import Axis
+    from rovid.ground.files import Claim, Output
+    from rovid.identify.estimate import Estimate
+    from rovid.parameters.parameters import Parameters
+    from rovid.study import Study
+
+
+def claim_of(outputs: Sequence[Output], logs: Sequence[Path], *read: Path, force: bool) -> Claim:
+    """Leave to write ``outputs``, but never over ``read`` or what is where the logs are."""
+    from rovid.ground.files import Claim
+    from rovid.study import files_at_hand
+
+    return Claim(outputs, force=force, protected=[*files_at_hand(logs), *read])
+
+
+def compared(stored: Parameters, study: Study, estimate: Estimate) -> Estimate:
+    """``estimate``, with a warning where another method said another thing of the same logs."""
+    from rovid.parameters.agreement import disagreement
+
+    apart = disagreement(stored.entries_of(study.paths), estimate)
+    return replace(estimate, warnings=(*estimate.warnings, *apart))
+
+
+def put(stored: Parameters, claim: Claim, study: Study, estimate: Estimate, *, new_logs: bool) -> Parameters:
+    """Put an estimate into the parameter file, and the logs that it is of where they are new to the file."""
+
+    def change(now: Parameters) -> Parameters:
+        if new_logs:
+            now = now.with_logs(study.paths, study.vehicle.name, study.campaign)
+        return now.with_estimate(estimate)
+
+    return stored.update(claim, change)
+
+
+def opened(paths: Sequence[Path], cutoff: float | None, axis: Axis) -> Study:
+    """What the logs at ``paths`` hold, made ready."""
+    from rovid.study import open_study
+
+    announce_compilation()
+    return open_study(paths, cutoff=cutoff, axis=axis)
+
+
+def announce_compilation() -> None:
+    """Say why the first run on a machine takes some seconds longer."""
+    if not sys.stderr.isatty():
+        return
+    from rovid.model.kernels import is_compiled
+
+    if not is_compiled():
+        sys.stderr.write("Compiling the simulation for this machine, once …\n")
+
+
+@contextmanager
+def working(text: str) -> Iterator[Callable[[str], None]]:
+    """As ``busy``, with a function that changes the text."""
+    if not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    from rovid.ground.screen import Screen
+
+    screen = Screen(stderr=True)
+    with screen.status(text) as status:
+        yield lambda words: status.update(screen.render_str(words))
+
+
+@contextmanager
+def busy(text: str) -> Iterator[None]:
+    """Show a person that work goes on; nothing where nobody watches."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rovid.ground.screen import Screen
+
+    with Screen(stderr=True).status(text):
+        yield
+
+
+def stored_at(path: Path | None, axis: str | None, *, force: bool = False) -> Parameters:
+    """The parameter file that is there, or an empty one; where forced, in place of anything else."""
+    from rovid.campaign.axis import YAW, axis_named
+    from rovid.ground.files.form import PARAMETERS
+    from rovid.parameters.parameters import Parameters
+
+    where = _parameter_file(path, axis)
+    if where.exists() and not (force and where.is_file() and not PARAMETERS.marks(where)):
+        return known_at(where, axis)
+    return Parameters(path=where, axis=axis_named(axis) if axis else YAW)
+
+
+def known_at(path: Path | None, axis: str | None = None) -> Parameters:
+    """The parameter file, which has to be there and of this axis."""
+    from rovid.parameters.parameters import read_parameters
+
+    stored = read_parameters(_parameter_file(path, axis))
+    if axis and stored.axis.name != axis:
+        raise ConfigError(
+            f"holds the parameters of {stored.axis.name}, and --axis says {axis}.",
+            where=stored.path,
+            mend="Give another file with -p.",
+        )
+    return stored
+
+
+def _parameter_file(path: Path | None, axis: str | None) -> Path:
+    from rovid.campaign.axis import YAW, axis_named
+
+    known = axis_named(axis) if axis else YAW
+    return path or Path(completion.parameter_file(known.name))
+
+
+def of_yaw(stored: Parameters) -> Parameters:
+    """``stored``, which has to be of yaw."""
+    from rovid.campaign.axis import YAW
+
+    if stored.axis is not YAW:
+        raise ConfigError(
+            f"holds the parameters of {stored.axis.name}; those of yaw were expected.",
+            where=stored.path,
+            mend="Give the file of yaw with -p.",
+        )
+    return stored
+
+
+def remembered(stored: Parameters) -> list[Path]:
+    """The logs that the parameter file remembers; it has to."""
+    if not stored.logs:
+        raise ConfigError(
+            "remembers no logs."
+            if stored.path.exists()
+            else "there is no such parameter file, and no logs were given.",
+            where=stored.path,
+            mend="Give LOGS, or run `rovid fit-drag LOGS` first.",
+        )
+    return list(stored.logs)
+
+
+def print_json(document: Any) -> None:
+    """Print the one document that --json asks for."""
+    from rovid.ground.numbers import to_json
+
+    typer.echo(to_json(document))
+
+
+def console() -> Console:
+    """What tables are printed on."""
+    from rovid.ground.screen import Screen
+
+    # A pipe has no width; rich would fold tables at 80 columns.
+    return Screen(width=None if sys.stdout.isatty() else 160)
