@@ -15,7 +15,8 @@ from rovid.campaign.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read
 from rovid.campaign.trial import Campaign
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes, explain
-from rovid.diagnose.diagnosis import Diagnosis, diagnose
+from rovid.diagnose.diagnosis import diagnose
+from rovid.diagnose.record import Diagnosis
 from rovid.effects import Effect, forms_for, supply_sag
 from rovid.ground.errors import ConfigError, DataError, nearest
 from rovid.ground.files.form import PLAN

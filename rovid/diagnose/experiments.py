@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rovid.diagnose.diagnosis import Diagnosis, Finding
+from rovid.diagnose.record import Diagnosis, Finding
 from rovid.effects import CATALOGUE, Effect
 from rovid.plan.design import command_rows
 

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from rovid.campaign.axis import Axis
 from rovid.control.design import Control
-from rovid.diagnose.diagnosis import Finding
 from rovid.diagnose.parts import parts_of
+from rovid.diagnose.record import Finding
 from rovid.ground.files import Output
 from rovid.ground.files.form import png_form, svg_form
 from rovid.ground.numbers import plus_minus

@@ -9,8 +9,8 @@ from typing import TypeVar
 
 from rovid.campaign.axis import YAW
 from rovid.control.design import Control, Options, control_of, setting_of
-from rovid.diagnose.diagnosis import Diagnosis
 from rovid.diagnose.parts import parts_of
+from rovid.diagnose.record import Diagnosis
 from rovid.diagnose.signals import is_driver
 from rovid.export import EXPORTERS, Exported, export, subject_of
 from rovid.ground.errors import DataError

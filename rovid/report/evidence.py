@@ -9,7 +9,7 @@ from rovid.campaign.axis import Axis
 from rovid.campaign.trial import Campaign
 from rovid.campaign.vehicle import Vehicle
 from rovid.control.design import Control
-from rovid.diagnose.diagnosis import Diagnosis
+from rovid.diagnose.record import Diagnosis
 from rovid.export import Exported
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.steady import DragFit

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes, Explanation
-from rovid.diagnose.diagnosis import INVISIBLE, Diagnosis, Finding, Side, not_identifiable
+from rovid.diagnose.record import INVISIBLE, Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.search import Rival
 from rovid.diagnose.signals import is_driver
 from rovid.effects import Effect

@@ -12,8 +12,8 @@ from rovid.campaign.axis import Axis
 from rovid.campaign.vehicle import Vehicle
 from rovid.control.design import Control, RunResult
 from rovid.diagnose.amplitudes import Amplitudes
-from rovid.diagnose.diagnosis import INVISIBLE, Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
+from rovid.diagnose.record import INVISIBLE, Diagnosis, Finding, Side, not_identifiable
 from rovid.ground.numbers import plus_minus
 from rovid.ground.screen import led
 from rovid.identify.inertia import METHODS

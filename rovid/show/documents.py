@@ -14,8 +14,8 @@ from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.trial import Remark, Trial
 from rovid.control.design import Control, RunResult
 from rovid.diagnose.amplitudes import Amplitudes
-from rovid.diagnose.diagnosis import Ahead, Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
+from rovid.diagnose.record import Ahead, Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.signals import is_driver, signal_of
 from rovid.export import Exported
 from rovid.export.manoeuvre import Mismatch

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rovid.diagnose.diagnosis import Diagnosis, Finding
+from rovid.diagnose.record import Diagnosis, Finding
 from rovid.effects import effect_named
 from rovid.ground.files import Claim
 from rovid.parameters.parameters import Parameters, read_parameters

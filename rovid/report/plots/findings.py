@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from rovid.diagnose.diagnosis import Finding
+from rovid.diagnose.record import Finding
 from rovid.model.simulation import TrialSimulation
 from rovid.report.findings import RIVALS, name_of, standing
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, PALE, extremes, sheet, shortened, styled

@@ -1,0 +1,284 @@
+"""From the models that a search ended with to what is said of them: estimates, findings, suspects."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy import linalg
+
+from rovid.diagnose.heldout import errors_ahead, log_likelihood, simulate_folds
+from rovid.diagnose.odds import ESTABLISHED, POSSIBLE
+from rovid.diagnose.record import Ahead, Diagnosis, Finding, Side
+from rovid.diagnose.search import Fitted, Found, Promise, worth
+from rovid.diagnose.signals import PREFIX, is_driver
+from rovid.diagnose.swell import Swell
+from rovid.diagnose.work import Suspected, Work, undecided
+from rovid.effects import CATALOGUE, Effect
+from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import DataError
+from rovid.identify.estimate import Estimate
+from rovid.identify.free_run import CERTAINTY
+from rovid.identify.horizons import HORIZONS, time_constant
+from rovid.identify.likelihood import (
+    TRUSTED_R2,
+    canonical,
+    covariance,
+    form_doubt,
+    likelihood_is_white,
+    physical,
+    scale_doubt,
+    simulated_r2,
+)
+from rovid.identify.regression import require_inertia
+from rovid.model.model import without_form
+from rovid.plan.design import Plan, plan
+from rovid.plan.programme import Limits
+from rovid.plan.worth import Belief
+
+# A model of another form that explains so much of what one explains is as good, where neither explains all.
+_NEARLY = 0.9
+
+
+def concluded(work: Work, found: Sequence[Found], warnings: list[str]) -> Diagnosis:
+    """What is said of ``work``, whose final model has what was ``found``."""
+    base, final = work.refined(work.base), work.refined(work.final)
+    white = likelihood_is_white(final.likelihood, final.x)
+    estimate = _across_forms(work, _estimate(final, white=white))
+    base_estimate = _estimate(base, white=likelihood_is_white(base.likelihood, base.x))
+    # What is missing makes one of them uncertain; where both are, the vehicle was not excited.
+    require_inertia(min(base_estimate, estimate, key=_uncertainty), CERTAINTY)
+    estimate = estimate.with_scale_doubt(scale_doubt(final.likelihood, final.x))
+    warnings.extend(estimate.warnings)
+    findings = [_finding(work, one, estimate) for one in found if not is_driver(one.effect)]
+    findings = [replace(one, plan=_telling(work, one)) if one.undecided else one for one in findings]
+    signals = tuple((one.effect, one.worth) for one in found if is_driver(one.effect))
+    at_limit = final.likelihood.at_limit(final.x)
+    if at_limit:
+        warnings.append(
+            f"What is left would be a disturbance above {100 * final.likelihood.limit:.2g} % of the torque in use: "
+            "something is still missing, and it follows no other logged signal."
+        )
+    suspects = tuple(_suspect(work, one) for one in work.suspects())
+    extended = _side(work, work.final, final, estimate, work.final)
+    if work.swell is not None and work.swell.fitted is not None and work.swell.confidence >= POSSIBLE:
+        waves = _waves(work.swell, work.swell.fitted)
+        if waves.confidence >= ESTABLISHED:
+            findings, extended = [*findings, waves], _with_waves(extended, waves)
+        else:
+            suspects = tuple(sorted((*suspects, waves), key=lambda one: -one.confidence))
+    unexplained = bool(signals) or at_limit or simulated_r2(final.likelihood, final.x) < TRUSTED_R2
+    verdict = "found" if findings else "suspected" if suspects else "unexplained" if unexplained else "nothing_found"
+    disturbance, _ = final.likelihood.disturbance(final.x)
+    return Diagnosis(
+        verdict=verdict,
+        base=_side(work, work.base, base, base_estimate, work.search.without_any(work.final)),
+        extended=extended,
+        findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
+        suspects=suspects,
+        horizons=_ahead_of(work),
+        signals=signals,
+        unexplained_share=disturbance**2 / (disturbance**2 + work.full.torque**2),
+        noise_floor=_noise_floor(final),
+        detectable=_detectable(work),
+        warnings=tuple(warnings),
+    )
+
+
+def _side(work: Work, quick: Fitted, fitted: Fitted, estimate: Estimate, fair: Fitted) -> Side:
+    """``fair`` is the same model with as much disturbance as the other side has, for only such likelihoods compare."""
+    held = replace(simulate_folds(quick, work.folds(quick)), log_likelihood=log_likelihood(work.folds(fair)))
+    return Side(model=fitted.likelihood.model(fitted.x), estimate=estimate, held_out=held)
+
+
+def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
+    x = canonical(fitted.likelihood, fitted.x)
+    names = fitted.likelihood.model(x).names
+    doubt, said = form_doubt(fitted.likelihood, x)
+    # What follows a signal is a dependence; it is no parameter of the vehicle.
+    at = [k for k, name in enumerate(names) if not name.startswith(PREFIX)]
+    estimate = Estimate(
+        names=tuple(names[k] for k in at),
+        values=physical(fitted.likelihood, x)[at],
+        covariance=(covariance(fitted.likelihood, x, sandwich=not white) + doubt)[np.ix_(at, at)],
+        axis=fitted.likelihood.records.axis,
+        method=fitted.likelihood.method,
+        samples=len(fitted.likelihood.records.trial),
+        warnings=tuple(said),
+    )
+    return estimate if fitted.likelihood.records.driven else estimate.undriven()
+
+
+def _across_forms(work: Work, estimate: Estimate) -> Estimate:
+    """``estimate`` with what models nearly as good, of another form or cause each, say of its parameters besides.
+
+    To the variance comes that between the models (Hoeting et al. 1999). Each has its weight by the likelihood where the
+    innovations are white; else none is nature's form, and all that explain nearly as much have the same weight.
+    """
+    final, search = work.final, work.search
+    white = likelihood_is_white(final.likelihood, final.x)
+    moved, weights = [], []
+    for effect in final.effects:
+        rest = search.without(final, effect)
+        earned = worth(final) - worth(rest)
+        for fit in search.extensions(rest):
+            if not fit.plausible or is_driver(fit.effects[-1]) or fit.key == final.key:
+                continue
+            alike = not white and worth(fit) - worth(rest) >= _NEARLY * earned
+            weights.append(1.0 if alike else math.exp(min(worth(fit) - worth(final), 0.0)))
+            moved.append(_moved(estimate, fit))
+    share = np.array(weights) / (1.0 + sum(weights))
+    off = np.array(moved).reshape(-1, len(estimate.names))
+    return replace(estimate, covariance=estimate.covariance + off.T @ (off * share[:, np.newaxis]))
+
+
+def _moved(estimate: Estimate, fit: Fitted) -> FloatArray:
+    """(p,) how far each parameter of ``estimate`` is elsewhere in ``fit``; zero where that has none like it."""
+    model = fit.likelihood.model(canonical(fit.likelihood, fit.x))
+    there = dict(zip(_alike(model.names, fit.effects), model.values.tolist(), strict=True))
+    here = zip(_alike(estimate.names, fit.effects), estimate.values.tolist(), strict=True)
+    return np.array([there.get(name, value) - value for name, value in here])
+
+
+def _alike(names: Sequence[str], effects: Sequence[Effect]) -> list[str]:
+    """``names`` of parameters, those of forms that share an effect's parameters without the form."""
+    apart = {effect.key for effect in effects if effect.each_thruster}
+    return [name if name.rpartition(".")[0] in apart else without_form(name) for name in names]
+
+
+def _uncertainty(estimate: Estimate) -> float:
+    return estimate.standard_error("inertia") / estimate.value("inertia")
+
+
+def _untried(work: Work, effect: Effect) -> tuple[Effect, ...]:
+    """Causes that pass for ``effect`` and that no log tells of, where not all is explained."""
+    tried = {candidate.id for candidate in work.search.candidates}
+    axis = work.full.axis.name
+    passing = (other for other in CATALOGUE if effect.id in other.rivals and other.needs and other.id not in tried)
+    return tuple(other for other in passing if work.by_horizons and (not other.axes or axis in other.axes))
+
+
+def _finding(work: Work, found: Found, estimate: Estimate) -> Finding:
+    effect, held_out_gain = found.effect, work.held_out_gain(found.effect)
+    return Finding(
+        effect=effect,
+        estimate=_own(estimate, effect),
+        gain=found.gain,
+        worth=found.worth,
+        held_out_gain=held_out_gain,
+        confidence=work.confidence(found, held_out_gain),
+        rivals=found.rivals,
+        undecided=(*undecided(found, work.margin(found.worth)), *_untried(work, effect)),
+    )
+
+
+def _suspect(work: Work, suspected: Suspected) -> Finding:
+    """What is said of a cause that is not established: its size where it is put in beside the final model."""
+    rival, fitted = suspected.rival, work.refined(suspected.rival.fitted)
+    estimate = _estimate(fitted, white=False)
+    return Finding(
+        effect=rival.effect,
+        estimate=_own(estimate, rival.effect),
+        gain=work.final.cost - rival.fitted.cost,
+        worth=rival.gain,
+        held_out_gain=suspected.held_out_gain,
+        confidence=suspected.confidence,
+        rivals=tuple(one for one in work.search.candidates_beside(work.final) if one.effect is not rival.effect),
+        undecided=(*(other.effect for other in suspected.others), *_untried(work, rival.effect)),
+    )
+
+
+def _waves(swell: Swell, fitted: Fitted) -> Finding:
+    effect, estimate = fitted.effects[-1], _estimate(fitted, white=False)
+    return Finding(
+        effect=effect,
+        estimate=_own(estimate, effect),
+        gain=swell.gain,
+        worth=swell.worth,
+        held_out_gain=swell.held_out_gain,
+        confidence=swell.confidence,
+        rivals=(),
+        undecided=(),
+    )
+
+
+def _own(estimate: Estimate, effect: Effect) -> Estimate:
+    """Of the parameters of ``effect`` alone."""
+    at = [estimate.names.index(f"{effect.key}.{parameter.name}") for parameter in effect.parameters]
+    names, scatter = tuple(estimate.names[k] for k in at), estimate.covariance[np.ix_(at, at)]
+    return replace(estimate, names=names, values=estimate.values[at], covariance=scatter)
+
+
+def _with_waves(side: Side, waves: Finding) -> Side:
+    """``side`` with waves, which no free-running simulation shows, beside all else."""
+    model, estimate, own = side.model, side.estimate, waves.estimate
+    effects = (*model.effects, waves.effect)
+    values = (*model.effect_values, *own.values.tolist())
+    return replace(
+        side,
+        model=replace(model, effects=effects, effect_values=values),
+        estimate=replace(
+            estimate,
+            names=(*estimate.names, *own.names),
+            values=np.concatenate((estimate.values, own.values)),
+            covariance=linalg.block_diag(estimate.covariance, own.covariance),
+        ),
+    )
+
+
+def _ahead_of(work: Work) -> tuple[Ahead, ...]:
+    base, extended = (errors_ahead(fitted, work.folds(fitted), work.pieces) for fitted in (work.base, work.final))
+    constant = time_constant(work.full.start, work.full.rate)
+    return tuple(
+        Ahead(seconds=horizon * constant, base=float(one), extended=float(other))
+        for horizon, one, other in zip(HORIZONS, base, extended, strict=True)
+        if math.isfinite(one) and math.isfinite(other)
+    )
+
+
+def _telling(work: Work, finding: Finding) -> Plan | None:
+    """Runs that would tell ``finding`` from its nearest rival; None where there is no such run."""
+    rival = next((one for one in finding.rivals if one.effect is finding.undecided[0]), None)
+    if rival is None:
+        return None  # it could not be tried: no run tells without its signal
+    models = {finding.effect.title: work.final, rival.effect.title: rival.fitted}
+    if any(is_driver(effect) for fitted in models.values() for effect in fitted.effects):
+        return None  # nobody knows what the signal will be
+    vehicle = work.full.vehicle
+    assert vehicle is not None  # noqa: S101 - a diagnosis has one
+    beliefs = []
+    for name, fitted in models.items():
+        full = work.refined(fitted)
+        beliefs.append(Belief.of(name, full.likelihood, full.x, covariance(full.likelihood, full.x, sandwich=False)))
+    try:
+        return plan(beliefs, vehicle, [run.trial for run in work.full.runs], Limits())
+    except DataError:
+        return None
+
+
+def _noise_floor(fitted: Fitted) -> float:
+    """RMS rate that the disturbance drives, and what the low pass leaves of the sensor's noise."""
+    noise = float(np.median([run.rates.rate_noise for run in fitted.likelihood.records.runs]))
+    return math.hypot(fitted.likelihood.driven_rate(fitted.x), noise)
+
+
+def _detectable(work: Work) -> tuple[tuple[Effect, float], ...]:
+    """Size of each effect not found that would have been seen, to first order."""
+    work.search.extensions(work.final)
+    plain: dict[str, Promise] = {}
+    for promise in work.search.promises[work.final.key]:
+        if not is_driver(promise.effect):
+            plain.setdefault(promise.effect.id, promise)
+    scales, sizes = work.full.scales, []
+    for promise in plain.values():
+        size, start = promise.effect.parameters[0], promise.effect.parameters[0].starts[0]
+        price = 0.5 * math.log(work.final.likelihood.count) * len(promise.effect.parameters)
+        if promise.power > 0.0 and not size.endless:
+            share = math.sqrt((work.search.threshold + price) / promise.power)
+            seen = abs(share * (start - size.null))
+            # What would have to be larger than there is would not be seen at all.
+            real = seen <= max(size.high - size.null, size.null - size.low)
+            sizes.append((promise.effect, seen * scales.of(size) if real else math.inf))
+    return tuple(sizes)

@@ -1,0 +1,131 @@
+"""What a diagnosis says: findings and suspects, before and after, what is left."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from rovid.campaign.vehicle import Vehicle
+from rovid.diagnose.amplitudes import Amplitudes
+from rovid.diagnose.heldout import HeldOut
+from rovid.diagnose.search import Rival
+from rovid.effects import Effect
+from rovid.identify.estimate import Estimate
+from rovid.model.model import Model
+from rovid.plan.design import Plan
+
+# No data along one axis show these: the same motion comes of other inertia and drag.
+NEVER_SHOWN = ("thrust_scale", "rate_scale")
+INVISIBLE = {
+    "thrust_scale": "a common scale of all thrust",
+    "rate_scale": "a constant scale of the rate",
+    "thruster_imbalance": "an imbalance between thrusters",
+    "inertia": "the inertia, and with it the size of every torque and drag, where nothing drives the vehicle",
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Finding:
+    """One cause that was named, or is suspected.
+
+    Attributes
+    ----------
+    estimate
+        Of the parameters of ``effect`` alone.
+    gain
+        Log-likelihood that the effect gains.
+    worth
+        The same less the price of its parameters, as that of its rivals is.
+    held_out_gain
+        The same on trials that were not fitted.
+    confidence
+        Probability that the cause, or one of those not told from it, acts.
+    rivals
+        Other causes in its place, best first.
+    undecided
+        Those of them that these data do not rule out, and causes that could not be tried for want of a signal.
+    plan
+        Runs that would tell it from the first of those; None where it is decided.
+    """
+
+    effect: Effect
+    estimate: Estimate
+    gain: float
+    worth: float
+    held_out_gain: float
+    confidence: float
+    rivals: tuple[Rival, ...]
+    undecided: tuple[Effect, ...]
+    plan: Plan | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Side:
+    """One of the two models: its estimate, its free-running model and how it does on trials not fitted."""
+
+    model: Model
+    estimate: Estimate
+    held_out: HeldOut
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ahead:
+    """RMS position error so many ``seconds`` after a restart, in rad or m, on trials that were not fitted."""
+
+    seconds: float
+    base: float
+    extended: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Diagnosis:
+    """What `rovid diagnose` says.
+
+    Attributes
+    ----------
+    verdict
+        found, suspected, nothing_found, unexplained or too_little_data.
+    base, extended
+        None where there was too little data.
+    findings
+        What is established, the strongest first.
+    suspects
+        What is likely or possible, the most likely first; it is not in the extended model.
+    horizons
+        How far both models are off from half to eight time constants ahead.
+    signals
+        Logged signals that drive what no effect explains, with the log-likelihood each gains.
+    unexplained_share
+        Variance of the disturbance torque over that of all torque, the thrusters' and its own.
+    noise_floor
+        In the unit of the rate; what a perfect model would miss of it.
+    detectable
+        Each effect that was not found, and the size of its first parameter that would have been seen, in its unit;
+        infinite where none would.
+    missing
+        What there is too little of.
+    amplitudes
+        What tables show, where there are no logs.
+    """
+
+    verdict: str
+    base: Side | None = None
+    extended: Side | None = None
+    findings: tuple[Finding, ...] = ()
+    suspects: tuple[Finding, ...] = ()
+    horizons: tuple[Ahead, ...] = ()
+    signals: tuple[tuple[Effect, float], ...] = ()
+    unexplained_share: float = math.nan
+    noise_floor: float = math.nan
+    detectable: tuple[tuple[Effect, float], ...] = ()
+    warnings: tuple[str, ...] = ()
+    missing: str = ""
+    amplitudes: Amplitudes | None = None
+
+
+def not_identifiable(vehicle: Vehicle) -> tuple[str, ...]:
+    """What data of ``vehicle`` cannot show at all."""
+    if not vehicle.thrusters:
+        return ("inertia", "rate_scale")
+    thrusters = [thruster for thruster in vehicle.thrusters if thruster.curve is not None]
+    return NEVER_SHOWN if len(thrusters) > 1 else (*NEVER_SHOWN, "thruster_imbalance")

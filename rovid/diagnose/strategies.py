@@ -1,0 +1,169 @@
+"""The two ways to look for causes: by predictions some time ahead, and by each next reading."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rovid.diagnose.odds import ESTABLISHED, PRIOR_ODDS
+from rovid.diagnose.parts import Piece
+from rovid.diagnose.search import MARGIN, Fitted, Promise, Report, Search, by_cause, screen, worth
+from rovid.diagnose.swell import Swell, swell
+from rovid.diagnose.work import Work
+from rovid.effects import Effect
+from rovid.ground.arrays import FloatArray
+from rovid.identify.free_run import free_run_r2
+from rovid.identify.horizons import HorizonLikelihood, HorizonRecords, time_constant
+from rovid.identify.innovations import DISTURBANCE, Likelihood, Records
+from rovid.identify.likelihood import (
+    TRUSTED_R2,
+    UNLIMITED,
+    colour,
+    fit_base,
+    likelihood_is_white,
+    loosened,
+    simulated_r2,
+)
+
+# By predictions an addition has to gain so much log-likelihood: with the number of causes tried it is then established.
+_MARGIN_AHEAD = math.log(ESTABLISHED / (1.0 - ESTABLISHED) / PRIOR_ODDS)
+# The search looks at readings this share of the vehicle's time constant apart, and no farther than so many seconds.
+_THINNED, _THINNED_SECONDS = 0.05, 0.2
+# For waves so many readings do, this share of the time constant apart at most.
+_READINGS, _THINNED_WAVES = 6000, 0.1
+# Fewer predictions than so many tell nothing: the logs are too short beside the vehicle's time constant.
+_FEWEST_READINGS = 2.0
+# The best of so many more causes may be missing together from what predictions found; slopes promise such a share.
+_TOGETHER, _SHARE = 3, 0.25
+# A search after which no more predictions count than so many times those before is the last.
+_MORE = 1.2
+# So many of the likeliest models tell how many predictions count.
+_COUNTED = 6
+
+
+def by_horizons(full: Records, pieces: Sequence[Piece], candidates: Sequence[Effect], report: Report) -> Work:
+    """Search by predictions some time ahead.
+
+    What is missing makes errors correlate for long, so that little counts. With the right cause they do so for less:
+    the correlation is that which the best next cause would leave, whether that is claimed in the end or not.
+    """
+    records = HorizonRecords.of(full, full.start)
+    base = final = _ahead((), records, HorizonLikelihood(records).first())
+    if records.readings < _FEWEST_READINGS:
+        return Work(Search([], report), records, base, base, pieces)
+    # No phase of a wave is known to a prediction.
+    listed = [effect for effect in candidates if not effect.wave]
+    while True:
+        search = Search(listed, report, thorough=_is_far_off, margin=_MARGIN_AHEAD, least=0.0)
+        final = search.run(final)
+        others = (final, *(fitted for fitted in search.extensions(final) if fitted.plausible))
+        likeliest = sorted(others, key=worth, reverse=True)[:_COUNTED]
+        counted = (records.counting(fitted.likelihood.model(fitted.x)) for fitted in likeliest)
+        closer = max(counted, key=lambda one: one.readings)
+        if closer.readings < _MORE * records.readings:
+            return Work(search, records, base, final, pieces)
+        records = closer
+        base, final = (_ahead(fitted.effects, records, fitted.x) for fitted in (base, final))
+
+
+def sea_of(full: Records, forms: Sequence[Effect], pieces: Sequence[Piece]) -> Callable[[Fitted], Swell]:
+    """What looks for waves beside a model, by each next reading, over some of the readings."""
+    wave = next((form for form in forms if form.wave), None)
+    seconds = sum(float(np.ptp(run.trial.time)) for run in full.runs)
+    farthest = _THINNED_WAVES * time_constant(full.start, full.rate)
+    interval = max(interval_of(full), min(seconds / _READINGS, farthest))
+    few = Records(full.runs, full.vehicle, full.start, interval=interval)
+    return lambda beside: swell(few, beside, wave, pieces)
+
+
+def by_innovations(full: Records, candidates: Sequence[Effect], ahead: Work, report: Report) -> Work | None:
+    """Search by the likelihood of each next reading, over some of the readings, from what ``ahead`` found on.
+
+    None where that does not explain all: each next reading would then not tell what is missing.
+    """
+    report("Looking at each next reading …")
+    quick = replace(full, interval=interval_of(full))
+    few = quick if ahead.swell is None else ahead.swell.plain.likelihood.records
+    # Where it is hopeless over few readings it is so over more, which would take long to say.
+    if few.interval > quick.interval and _is_hopeless_over(few, candidates, ahead):
+        return None
+    base = _base_of(quick)
+    begun = _begun(base, ahead)
+    search = Search(_beside(begun, candidates), report, hopeless=_is_hopeless)
+    pieces = [Piece(number, -math.inf, math.inf, run) for number, run in enumerate(full.runs)]
+    work = Work(search, full, base, search.run(begun), pieces)
+    return None if search.given_up or not work.explains else work
+
+
+def _base_of(records: Records) -> Fitted:
+    likelihood, x, _ = fit_base(records, free_run_r2(records.runs, records.start))
+    return Fitted(likelihood, x, likelihood.cost(x))
+
+
+def _beside(begun: Fitted, candidates: Sequence[Effect]) -> list[Effect]:
+    """What each next reading is searched for: waves take long, and are found without such a search."""
+    wavy = any(effect.wave for effect in begun.effects)
+    return [effect for effect in candidates if wavy or not effect.wave]
+
+
+def _is_hopeless_over(records: Records, candidates: Sequence[Effect], ahead: Work) -> bool:
+    begun = _begun(_base_of(records), ahead)
+    taken = {effect.id for effect in begun.effects}
+    more = [effect for effect in _beside(begun, candidates) if effect.id not in taken]
+    return _is_hopeless(begun, screen(begun, more))
+
+
+def _begun(base: Fitted, ahead: Work) -> Fitted:
+    """``base`` with the effects that predictions found, and with the waves beside them."""
+    found, waves = ahead.final, ahead.swell
+    effects, own = found.effects, found.x[found.likelihood.base :]
+    if waves is not None and waves.fitted is not None and waves.confidence >= ESTABLISHED:
+        effects, own = waves.fitted.effects, waves.fitted.x[waves.fitted.likelihood.base :]
+    if not effects:
+        return base
+    x = np.concatenate((base.x, own))
+    x[:DISTURBANCE] = found.x[:DISTURBANCE]
+    likelihood = base.likelihood.like(effects)
+    x, _ = likelihood.climb(np.clip(x, likelihood.low, likelihood.high))
+    likelihood, x = loosened(likelihood, x)
+    return Fitted(likelihood, x, likelihood.cost(x))
+
+
+def _is_hopeless(current: Fitted, promises: Sequence[Promise]) -> bool:
+    """Whether no causes more can leave white innovations and a disturbance within its limit.
+
+    They would have to gain what whitening the innovations does, and what a larger disturbance does, or some share of
+    it, for slopes may mislead. Where a disturbance above its limit gains nothing it is real: no cause takes it away.
+    """
+    likelihood, x = current.likelihood, current.x
+    lacking = 0.0
+    if likelihood.at_limit(x):
+        likelihood = Likelihood(likelihood.records, UNLIMITED, likelihood.effects, likelihood.counted)
+        x, cost = likelihood.climb(x)
+        lacking = current.cost - cost
+        if lacking < MARGIN:
+            return True
+    if not likelihood_is_white(likelihood, x):
+        lacking += colour(likelihood, x)
+    best = [forms[0].gain for forms in by_cause(promises)]
+    return sum(best[:_TOGETHER]) < _SHARE * lacking
+
+
+def _ahead(effects: tuple[Effect, ...], records: HorizonRecords, x: FloatArray) -> Fitted:
+    likelihood = HorizonLikelihood(records, effects=effects)
+    return Fitted(likelihood, *likelihood.climb(x))
+
+
+def _is_far_off(fitted: Fitted) -> bool:
+    """Whether the plain model misses so much that slopes do not tell what would help."""
+    return not fitted.effects and simulated_r2(fitted.likelihood, fitted.x) < TRUSTED_R2
+
+
+def interval_of(full: Records) -> float:
+    """How far apart, in s, the readings are that a search looks at."""
+    wanted = min(_THINNED * time_constant(full.start, full.rate), _THINNED_SECONDS)
+    period = float(np.median([run.trial.period for run in full.runs]))
+    return wanted if wanted >= 2.0 * period else 0.0

@@ -1,0 +1,277 @@
+"""The search, its two models, and what of it holds on trials that were not fitted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+from rovid.diagnose.heldout import Fold, cross_validate, log_likelihood
+from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence
+from rovid.diagnose.parts import Piece
+from rovid.diagnose.scatter import of_one_trial, stands_out
+from rovid.diagnose.search import Fitted, Found, Key, Rival, Search, worth
+from rovid.diagnose.signals import is_driver
+from rovid.diagnose.size import one_size, size_of
+from rovid.diagnose.swell import Swell
+from rovid.effects import Effect
+from rovid.identify.horizons import HorizonLikelihood
+from rovid.identify.innovations import Records
+from rovid.identify.likelihood import likelihood_is_white
+
+# A rival is beaten by so much log-likelihood, and by such a share of what the effect gains, up to so much more.
+_BEATEN = (6.0, 0.03, 40.0)
+# An effect that differs from nothing by fewer standard errors, as printed, is not claimed: by every reading, and by
+# predictions, which count as few.
+_SIGNIFICANT, _SIGNIFICANT_AHEAD = 3.5, 2.0
+# Nor is one suspected that differs from nothing by fewer.
+_SUSPECTED_SIZE = 1.0
+# What is surer than that is likely.
+_LIKELY, _EVEN = "is likely, and not established", 0.5
+# Of suspects: one that has a tenth of another's odds is told from it.
+_TOLD = math.log(10.0)
+# A rival with this share of an effect's gain is compared with it over every reading.
+_CLOSE = 0.8
+_DECISIONS = 3
+# So often a search goes on without what a test refused.
+_REFUSALS = 6
+
+
+@dataclass(eq=False)
+class Work:
+    """The search, its two models, and their trials held out."""
+
+    search: Search
+    full: Records
+    base: Fitted
+    final: Fitted
+    pieces: Sequence[Piece]
+    sea: Callable[[Fitted], Swell] | None = None
+    swell: Swell | None = None
+    shrunk: list[Effect] = field(default_factory=list)
+    _folds: dict[Key, list[Fold]] = field(default_factory=dict)
+    _refined: dict[Key, Fitted] = field(default_factory=dict)
+
+    @property
+    def by_horizons(self) -> bool:
+        """Whether the simulation misses so much that predictions some time ahead are what is looked at."""
+        return isinstance(self.base.likelihood, HorizonLikelihood)
+
+    @property
+    def explains(self) -> bool:
+        """Whether the final model leaves white innovations, and no more disturbance than there may be."""
+        likelihood, x = self.final.likelihood, self.final.x
+        return likelihood_is_white(likelihood, x) and not likelihood.at_limit(x)
+
+    def settle(self) -> None:
+        """Look for waves beside the final model, and leave out what is not there for each next reading.
+
+        The search goes on without that.
+        """
+        if self.sea is None:
+            return
+        for _ in range(_REFUSALS):
+            self.search.report("Looking for waves …")
+            self.swell = self.sea(self.final)
+            idle = [one for one in self.final.effects if not one_size(self.final, self.swell.likelier, one)]
+            if not idle:
+                return
+            for effect in idle:
+                self.shrunk.append(effect)
+                self.search.bar(effect)
+                self.final = self.search.without(self.final, effect)
+            self.final = self.search.run(self.final)
+        self.final = self.base
+        self.swell = self.sea(self.final)
+
+    def decide(self) -> None:
+        """Let every reading decide between an effect and a close rival: the quick look may have taken the wrong one."""
+        for _ in range(_DECISIONS):
+            found = (self.found(effect) for effect in self.final.effects)
+            pairs = ((one, rival) for one in found for rival in one.rivals if rival.gain > one.worth)
+            # A mere signal that is little better takes no name's place.
+            named = (rival for one, rival in pairs if is_driver(one.effect) or not is_driver(rival.effect))
+            allowed = (rival for rival in named if self.search.allows(rival.effect))
+            if (better := next(allowed, None)) is None:
+                return
+            self.final = better.fitted
+
+    def found(self, effect: Effect) -> Found:
+        """What ``effect`` gains, its close rivals compared over every reading."""
+        found = self.search.found(self.final, effect)
+        close = [
+            rival for rival in found.rivals[:2] if rival.gain > _CLOSE * found.worth and not is_driver(rival.effect)
+        ]
+        if not close or self.final.likelihood.records is self.full:
+            return found
+        here = worth(self.refined(self.final))
+        exact = {r.effect.id: found.worth + worth(self.refined(r.fitted)) - here for r in close}
+        rivals = (replace(rival, gain=exact.get(rival.effect.id, rival.gain)) for rival in found.rivals)
+        return replace(found, rivals=tuple(sorted(rivals, key=lambda rival: -rival.gain)))
+
+    def refined(self, fitted: Fitted) -> Fitted:
+        """The same model fitted to every reading, once."""
+        if fitted.key not in self._refined:
+            likelihood = type(fitted.likelihood)(self.full, fitted.likelihood.limit, fitted.effects)
+            self._refined[fitted.key] = Fitted(likelihood, *likelihood.climb(fitted.x, tolerance=0.05))
+        return self._refined[fitted.key]
+
+    def folds(self, fitted: Fitted) -> list[Fold]:
+        """Each fourth of the trials predicted from the others, worked out once for a model."""
+        if fitted.key not in self._folds:
+            self._folds[fitted.key] = cross_validate(fitted, self.pieces)
+        return self._folds[fitted.key]
+
+    def held_out_gain(self, effect: Effect) -> float:
+        """Log-likelihood of trials not fitted that ``effect`` gains."""
+        scores = (self.folds(model) for model in (self.final, self.search.without(self.final, effect)))
+        full, rest = map(log_likelihood, scores)
+        return full - rest
+
+    def decided(self) -> list[str]:
+        """Decide between rivals and leave out what does not hold; what is said of that."""
+        self.decide()
+        return self.confirm()
+
+    def confirm(self) -> list[str]:
+        """Leave out what does not hold on trials not fitted, or is no larger than its uncertainty; say so.
+
+        The search goes on without it: what it stood in for may now be found. What is likely and not established stays
+        in until the end, so that nothing is taken up in its place.
+        """
+        warnings, likely = self._remainder(), list[str]()
+        for _ in range(_REFUSALS):
+            doubts = ((one, self._doubt(one)) for one in self.final.effects if one.key not in likely)
+            effect, doubt = next(((effect, doubt) for effect, doubt in doubts if doubt), (None, ""))
+            if effect is None:
+                break
+            warnings.append(f"{effect.title} {doubt}: it is not claimed.")
+            self.search.bar(effect)
+            if doubt == _LIKELY:
+                likely.append(effect.key)
+                continue
+            self.final = self.search.run(self.search.without(self.final, effect))
+            self.decide()
+            self.settle()
+        for effect in [one for one in self.final.effects if one.key in likely]:
+            self.final = self.search.without(self.final, effect)
+        while likely and (effect := next((one for one in self.final.effects if self._doubt(one)), None)):
+            warnings.append(f"{effect.title} shows only beside what is not established: it is not claimed.")
+            self.final = self.search.without(self.final, effect)
+        # Its own limit of the disturbance suits a model without effects best.
+        self.final = self.final if self.final.effects else self.base
+        return warnings
+
+    def _remainder(self) -> list[str]:
+        """What would be added, were not so much explained already that it may be the form of that."""
+        following = self.search.best_extension(self.final)
+        if following is None or worth(following) - worth(self.final) < self.search.threshold:
+            return []
+        effect, gain = following.effects[-1], self.final.cost - following.cost
+        why = (
+            "enough for a cause; but the search ended before it was taken up"
+            if self.search.pays(following, self.final)
+            else "little beside what was found: nature's form of that is never quite the equation's, and this may be "
+            "no more than the difference"
+        )
+        return [f"{effect.title} would gain a log-likelihood of {gain:.0f}, {why}. It is not claimed."]
+
+    def _doubt(self, effect: Effect) -> str:
+        gain, size = self.held_out_gain(effect), significance(self.final, effect)
+        if gain <= 0.0:
+            return f"fits these trials but predicts trials not fitted worse (log-likelihood {gain:.1f})"
+        if self.final.beyond(effect):
+            return "would be larger here than there is"
+        if size < (_SIGNIFICANT_AHEAD if self.by_horizons else _SIGNIFICANT):
+            return f"is only {size:.1f} standard errors away from nothing"
+        sure = self.confidence(self.found(effect), gain)
+        if sure < ESTABLISHED:
+            return _LIKELY if sure >= _EVEN else "is possible, and not established"
+        return ""
+
+    def confidence(self, found: Found, held_out_gain: float) -> float:
+        """Probability that the cause, or one not told from it, acts; on trials not fitted it has to gain too."""
+        # A signal that the cause follows, or that follows it, is not another cause.
+        worths = {rival.effect.id: rival.gain for rival in found.rivals if not is_driver(rival.effect)}
+        worths[found.effect.id] = found.worth
+        alike = (found.effect.id, *(effect.id for effect in undecided(found, self.margin(found.worth))))
+        rest = self.search.without(self.final, found.effect)
+        white = likelihood_is_white(self.final.likelihood, self.final.x)
+        # Part of it may be no more than how nature's form of the others differs from the equations'.
+        less = max(found.worth - held_out_gain, 0.0) + self.search.form_doubt(rest, white=white)
+        sure = confidence({name: worth - less for name, worth in worths.items()}, alike, self.search.tried)
+        return min(sure, stands_out(self.final, found.effect)) if of_one_trial(found.effect) and not white else sure
+
+    def margin(self, worth: float) -> float:
+        """By so much a rival is beaten of a cause that is worth so much.
+
+        Where the model explains the data to the noise, likelihood decides; else part of any gain is that of its form.
+        """
+        white = likelihood_is_white(self.final.likelihood, self.final.x)
+        return _BEATEN[0] + (0.0 if white else min(_BEATEN[1] * worth, _BEATEN[2]))
+
+    def suspects(self) -> list[Suspected]:
+        """Causes that are likely or possible beside the final model, the most likely first.
+
+        The first stands for its class; each other for itself, were it the one that acts.
+        """
+        beside = self.search.candidates_beside(self.final)
+        named = [rival for rival in beside if not is_driver(rival.effect)]
+        passed = {effect.id for effect in self.shrunk} | set(() if self.swell is None else self.swell.passed_for)
+        left = [rival for rival in named if rival.gain > 0.0 and rival.effect.id not in passed]
+        white = likelihood_is_white(self.final.likelihood, self.final.x)
+        doubt = self.search.form_doubt(self.final, white=white)
+
+        def odds(names: Collection[Rival], less: float = 0.0) -> float:
+            worths = {rival.effect.id: rival.gain - doubt - less for rival in left}
+            return confidence(worths, [rival.effect.id for rival in names], self.search.tried)
+
+        # Whether one acts takes a fit: only those are asked that are possible if they do.
+        acts = cache(self._acts)
+        found: list[Suspected] = []
+        for rival in left.copy():
+            least = max(rival.gain - _TOLD, 0.0)
+            near = [] if found else [other for other in left if other is not rival and other.gain > least]
+            if odds([rival, *near]) < POSSIBLE:
+                break
+            if not acts(rival):
+                left.remove(rival)
+                continue
+            alike = [other for other in near if acts(other)]
+            gain = log_likelihood(self.folds(rival.fitted)) - log_likelihood(self.folds(self.final))
+            sure = odds([rival, *alike], max(rival.gain - gain, 0.0))
+            if of_one_trial(rival.effect) and not white:
+                sure = min(sure, stands_out(rival.fitted, rival.effect))
+            if sure >= POSSIBLE:
+                found.append(Suspected(rival, sure, gain, tuple(alike)))
+        return sorted(found, key=lambda one: -one.confidence)
+
+    def _acts(self, rival: Rival) -> bool:
+        """Whether ``rival`` has a size, and where predictions are looked at, each next reading shows as much of it."""
+        if significance(rival.fitted, rival.effect) < _SUSPECTED_SIZE:
+            return False
+        return self.swell is None or one_size(rival.fitted, self.swell.likelier, rival.effect)
+
+
+@dataclass(frozen=True, eq=False)
+class Suspected:
+    """A cause that is likely or possible beside the final model, and the ``others`` that it is not told from."""
+
+    rival: Rival
+    confidence: float
+    held_out_gain: float
+    others: tuple[Rival, ...]
+
+
+def undecided(found: Found, margin: float) -> tuple[Effect, ...]:
+    """Rivals of ``found`` that neither beat it by ``margin`` nor are so beaten; of a mere signal that is not asked."""
+    return tuple(
+        rival.effect for rival in found.rivals if abs(rival.gain - found.worth) < margin and not is_driver(rival.effect)
+    )
+
+
+def significance(fitted: Fitted, effect: Effect) -> float:
+    """Distance of the effect's size from nothing, in standard errors."""
+    away, error = size_of(fitted, effect, sandwich=not likelihood_is_white(fitted.likelihood, fitted.x))
+    return abs(away) / error if error > 0.0 else math.inf
