@@ -13,10 +13,13 @@ import numpy as np
 
 from rovid.campaign.axis import YAW
 from rovid.effects import effect_named
+from rovid.identify.certainty import covariance, physical
 from rovid.identify.free_run import fit_free_run, free_run_r2
-from rovid.identify.innovations import Likelihood, Records
-from rovid.identify.likelihood import covariance, fit_base, likelihood_is_white, physical, with_effects
-from rovid.model.model import base_names
+from rovid.identify.innovations import Likelihood
+from rovid.identify.likelihood import fit_base, with_effects
+from rovid.identify.records import Records
+from rovid.identify.whiteness import likelihood_is_white
+from rovid.model.names import base_names
 from rovid.study import open_study
 
 

@@ -21,7 +21,8 @@ from rovid.effects import effect_named
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import fit_inertia
 from rovid.identify.likelihood import fit_likelihood
-from rovid.identify.steady import fit_drag, steady_points
+from rovid.identify.steady import fit_drag
+from rovid.identify.steady_points import steady_points
 from rovid.motion.runs import prepare
 from rovid.readers import read_campaign
 from tools.cases import Case, all_cases, truth_of

@@ -25,7 +25,8 @@ from rovid.effects import CATALOGUE, FORMS, Effect, EffectParameter
 from rovid.effects.base import SPEEDS
 from rovid.effects.thruster_imbalance import BESIDE, of_thruster
 from rovid.ground.arrays import FloatArray
-from rovid.model.model import Drive, Model
+from rovid.model.drive import Drive
+from rovid.model.model import Model
 from rovid.report.plots.canvas import BLACK, BLUE, ORANGE, PALE, png, sheet, styled
 
 FOLDER = Path(__file__).parent / "effects"

@@ -22,9 +22,11 @@ from rovid.ground.errors import ConfigError, DataError, nearest
 from rovid.ground.files.form import PLAN
 from rovid.ground.toml import read_toml
 from rovid.identify.estimate import Estimate
-from rovid.identify.inertia import InertiaFit, fit_inertia, fit_inertia_table, unlike_rigid_body
+from rovid.identify.inertia import InertiaFit, fit_inertia, unlike_rigid_body
+from rovid.identify.inertia_table import fit_inertia_table
 from rovid.identify.likelihood import LikelihoodFit, fit_likelihood
-from rovid.identify.steady import DragFit, fit_drag, points_from_table, steady_points
+from rovid.identify.steady import DragFit, fit_drag
+from rovid.identify.steady_points import points_from_table, steady_points
 from rovid.motion.runs import Runs, channels, prepare
 from rovid.plan.design import Plan, belief_of, plan, require_drive
 from rovid.plan.programme import Limits

@@ -17,7 +17,7 @@ from rovid.commands.cli import MANUAL
 from rovid.effects import CATALOGUE
 from rovid.export import EXPORTERS
 from rovid.identify.bench import THRUST_UNITS
-from rovid.model.model import base_names
+from rovid.model.names import base_names
 from tests.conftest import run_rovid
 from tests.test_house import HEAVY
 

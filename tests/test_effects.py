@@ -15,7 +15,8 @@ from rovid.effects import CATALOGUE, FORMS, MOTION, Effect, effect_named, forms_
 from rovid.effects.base import BASE_SIZE, REFERENCE_RATE, TERM_PARAMETERS, TERM_STATES, Actuation, Scales
 from rovid.effects.series import latched, rotor_lagged, soft_started
 from rovid.ground.arrays import FloatArray
-from rovid.model.model import Drive, Model
+from rovid.model.drive import Drive
+from rovid.model.model import Model
 from tests.synthetic import trial
 
 # The table of DESIGN.md, in its order.

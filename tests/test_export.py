@@ -23,7 +23,7 @@ from rovid.campaign.vehicle import Vehicle
 from rovid.export import EXPORTERS
 from rovid.export.manoeuvre import compare
 from rovid.ground.arrays import FloatArray
-from rovid.parameters.parameters import read_parameters
+from rovid.parameters.reading import read_parameters
 from tests.conftest import SAMPLES, Rovid, run_rovid
 
 # s; commands of the tests' own manoeuvre are held so long, in V.

@@ -24,7 +24,7 @@ from rovid.ground.errors import ConfigError, OutputError
 from rovid.ground.files import Claim, Output
 from rovid.ground.files import journal as journal_module
 from rovid.ground.files.form import C_SOURCE, CURVE, LOG, PAGE, PARAMETERS, PLAN, RECORDING, Form, export_form, png_form
-from rovid.parameters.parameters import read_parameters
+from rovid.parameters.reading import read_parameters
 from tests.conftest import ROOT, run_rovid
 
 SCHEMA = 'schema = "rovid-parameters/1"\n'
@@ -617,7 +617,9 @@ UPDATE = """
     from dataclasses import replace
     from pathlib import Path
     from rovid.ground.files import Claim
-    from rovid.parameters.parameters import Entry, Parameters, read_parameters
+    from rovid.parameters.parameters import Entry, Parameters
+    from rovid.parameters.reading import read_parameters
+    from rovid.parameters.update import update
 
     path, name = Path(sys.argv[1]), sys.argv[2]
     before = read_parameters(path) if path.exists() else Parameters(path=path)
@@ -627,7 +629,7 @@ UPDATE = """
     entry = Entry(value=1.0, standard_error=0.1, unit="", method="")
     for at in range(20):
         key = f"bias_torque.{name}{at}"
-        before.update(claim, lambda now: replace(now, entries=dict(now.entries) | {key: entry}))
+        update(before, claim, lambda now: replace(now, entries=dict(now.entries) | {key: entry}))
 """
 
 

@@ -10,17 +10,20 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from rovid.diagnose.fitted import Fitted, climbed
 from rovid.diagnose.heldout import cross_validate, errors_ahead, log_likelihood
 from rovid.diagnose.odds import ESTABLISHED, confidence
 from rovid.diagnose.parts import Piece, pieces_of
 from rovid.diagnose.scatter import stands_out
-from rovid.diagnose.search import Fitted, climbed
 from rovid.diagnose.size import one_size
 from rovid.effects import MOTION, Effect, effect_named
 from rovid.effects.base import STIFFNESS, TERM_PARAMETERS, TERM_STATES, TRIM
-from rovid.identify.horizons import HORIZONS, HorizonLikelihood, HorizonRecords, predictions, time_constant
-from rovid.identify.innovations import Likelihood, Records
-from rovid.identify.likelihood import covariance, form_doubt, whitening_gain
+from rovid.identify.certainty import covariance, form_doubt
+from rovid.identify.courses import HORIZONS
+from rovid.identify.horizons import HorizonLikelihood, HorizonRecords, predictions, time_constant
+from rovid.identify.innovations import Likelihood
+from rovid.identify.records import Records
+from rovid.identify.whiteness import whitening_gain
 from rovid.model.kernels import predict, simulate_effects
 from rovid.model.model import Model
 from rovid.motion.rates import rates_of

@@ -13,7 +13,7 @@ from rovid.ground.errors import DataError, LogError
 from rovid.ground.numbers import plus_minus
 from rovid.identify.bench import bench_readings, fit_bench
 from rovid.identify.estimate import Estimate
-from rovid.identify.inertia import fit_inertia_table
+from rovid.identify.inertia_table import fit_inertia_table
 
 SAMPLES = Path(__file__).parent.parent / "sample_logs"
 PAPER_SINES = SAMPLES / "rosub_paper" / "sine_trials.csv"

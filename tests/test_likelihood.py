@@ -18,10 +18,13 @@ from scipy.stats import chi2
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.effects import MOTION, effect_named
 from rovid.ground.arrays import FloatArray
+from rovid.identify.certainty import covariance
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import fit_free_run
-from rovid.identify.innovations import Likelihood, Records
-from rovid.identify.likelihood import LIMITS, covariance, fit_likelihood, innovations_are_white
+from rovid.identify.innovations import Likelihood
+from rovid.identify.likelihood import LIMITS, fit_likelihood
+from rovid.identify.records import Records
+from rovid.identify.whiteness import innovations_are_white
 from rovid.model.kernels import effects_along, innovations, innovations_wide, simulate
 from rovid.model.model import Model
 from rovid.motion.rates import rates_of

@@ -13,7 +13,8 @@ import pytest
 
 from rovid.ground.errors import ConfigError
 from rovid.identify.estimate import Estimate
-from rovid.parameters.parameters import Parameters, Source, read_parameters
+from rovid.parameters.parameters import Parameters, Source
+from rovid.parameters.reading import read_parameters
 
 NAMES = ("inertia", "quadratic_drag", "linear_drag")
 MATRIX = r"(?s)matrix = \[.*?\n\]"

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rovid.diagnose.search import Fitted, Promise, screen, shortlist
+from rovid.diagnose.fitted import Fitted
+from rovid.diagnose.screening import Promise, screen, shortlist
 from rovid.effects import Effect, effect_named
 from rovid.ground.arrays import FloatArray
 from rovid.identify.innovations import Likelihood, Slopes

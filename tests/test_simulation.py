@@ -11,8 +11,9 @@ from scipy.integrate import solve_ivp
 
 from rovid.effects import effect_named
 from rovid.ground.arrays import FloatArray
+from rovid.model.drive import Drive
 from rovid.model.kernels import simulate
-from rovid.model.model import Drive, Model, initial_rate
+from rovid.model.model import Model, initial_rate
 from rovid.model.simulation import compare, overall, simulate_runs
 from rovid.motion.rates import body_position, rates_of
 from rovid.motion.runs import Run

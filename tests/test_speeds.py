@@ -14,7 +14,8 @@ from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.effects import effect_named, forms_for
 from rovid.effects.base import SPEEDS
 from rovid.ground.arrays import FloatArray
-from rovid.model.model import Drive, Model
+from rovid.model.drive import Drive
+from rovid.model.model import Model
 from tests.conftest import Rovid
 from tests.synthetic import trial
 from tests.test_effects import WHERE

@@ -10,7 +10,8 @@ import pytest
 from rovid.campaign.axis import AXES
 from rovid.campaign.tables import read_table
 from rovid.ground.errors import DataError
-from rovid.identify.steady import SteadyPoint, fit_drag, long_run_variance, points_from_table
+from rovid.identify.steady import fit_drag
+from rovid.identify.steady_points import SteadyPoint, long_run_variance, points_from_table
 
 PAPER = Path(__file__).parent.parent / "sample_logs" / "rosub_paper" / "table3.csv"
 

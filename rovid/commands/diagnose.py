@@ -40,7 +40,7 @@ def diagnose(
     """Say what the simulation gets wrong, and why."""
     from rovid.parameters.agreement import disagreement
     from rovid.show.account import show_diagnosis
-    from rovid.show.documents import diagnosis_document
+    from rovid.show.diagnosis_documents import diagnosis_document
     from rovid.show.terminal import show_warnings
 
     stored = stored_at(parameters, axis, force=force)

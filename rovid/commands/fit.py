@@ -58,7 +58,7 @@ def fit(
 ) -> None:
     """Fit all parameters by maximum likelihood."""
     from rovid.effects import effect_named
-    from rovid.show.documents import likelihood_document
+    from rovid.show.fit_documents import likelihood_document
     from rovid.show.terminal import show_fit, show_likelihood
 
     effects = tuple(effect_named(name) for name in dict.fromkeys(effect or ()))

@@ -40,7 +40,7 @@ def fit_drag(
     json: Json = False,
 ) -> None:
     """Find drag from steady turns."""
-    from rovid.show.documents import drag_document
+    from rovid.show.fit_documents import drag_document
     from rovid.show.terminal import show_drag, show_fit
 
     stored = stored_at(parameters, axis, force=force)

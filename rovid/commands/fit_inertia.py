@@ -56,7 +56,7 @@ def fit_inertia(
 
 def estimate_inertia(study: Study, stored: Parameters, claim: Claim, *, new_logs: bool, json: bool) -> None:
     """Fit, put what was found into the parameter file, and print it."""
-    from rovid.show.documents import inertia_document
+    from rovid.show.fit_documents import inertia_document
     from rovid.show.terminal import show_fit, show_inertia
 
     with busy("Fitting inertia …"):

@@ -77,7 +77,7 @@ def fit_thruster(
     from rovid.ground.files import Claim, Output
     from rovid.ground.files.form import CURVE
     from rovid.identify.bench import THRUST_UNITS, bench_readings, fit_bench
-    from rovid.show.documents import bench_document
+    from rovid.show.fit_documents import bench_document
     from rovid.show.terminal import show_bench
 
     if unit is not None and unit not in THRUST_UNITS:

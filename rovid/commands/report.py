@@ -60,7 +60,7 @@ def report(
     """Write everything on one page."""
     from rovid.campaign.axis import YAW
     from rovid.report.build import build_report
-    from rovid.show.documents import axis_document
+    from rovid.show.fit_documents import axis_document
 
     stored = stored_at(parameters, axis, force=force)
     study = opened(logs or remembered(stored), cutoff, stored.axis)

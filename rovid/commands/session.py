@@ -42,13 +42,14 @@ def compared(stored: Parameters, study: Study, estimate: Estimate) -> Estimate:
 
 def put(stored: Parameters, claim: Claim, study: Study, estimate: Estimate, *, new_logs: bool) -> Parameters:
     """Put an estimate into the parameter file, and the logs that it is of where they are new to the file."""
+    from rovid.parameters.update import update
 
     def change(now: Parameters) -> Parameters:
         if new_logs:
             now = now.with_logs(study.paths, study.vehicle.name, study.campaign)
         return now.with_estimate(estimate)
 
-    return stored.update(claim, change)
+    return update(stored, claim, change)
 
 
 def opened(paths: Sequence[Path], cutoff: float | None, axis: Axis) -> Study:
@@ -108,7 +109,7 @@ def stored_at(path: Path | None, axis: str | None, *, force: bool = False) -> Pa
 
 def known_at(path: Path | None, axis: str | None = None) -> Parameters:
     """The parameter file, which has to be there and of this axis."""
-    from rovid.parameters.parameters import read_parameters
+    from rovid.parameters.reading import read_parameters
 
     stored = read_parameters(_parameter_file(path, axis))
     if axis and stored.axis.name != axis:

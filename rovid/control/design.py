@@ -13,6 +13,7 @@ from rovid.control.allocation import Allocation, allocate
 from rovid.control.law import Law, holds
 from rovid.control.loop import Course, Plant, run_closed
 from rovid.control.measures import Measures, measure
+from rovid.control.setting import WAVE_PERIOD, Manoeuvre, Options, Setting, manoeuvres
 from rovid.control.tuning import (
     BANDWIDTHS,
     Loop,
@@ -25,112 +26,19 @@ from rovid.control.tuning import (
     linearised,
 )
 from rovid.ground.arrays import FloatArray
-from rovid.ground.errors import ConfigError, DataError
+from rovid.ground.errors import DataError
 from rovid.model.model import Model
 from rovid.parameters.parameters import Parameters
 
-# Of the torque in use: of the disturbance that every run has, and of a current or waves where a run is about them.
-_DISTURBANCE, _PUSH = 0.02, 0.1
-_WAVE_PERIOD = 8.0  # s
+# Of the torque in use: of the disturbance that every run has.
+_DISTURBANCE = 0.02
 # The rate's filter, as a share of one over the bandwidth and in periods of the controller.
 _FILTER_SHARE, _FILTER_PERIODS = 0.05, 2.0
 # rad of heading error that may ask for all the torque there is; share of the torque in use that the noise may ask for.
 _FULL_TORQUE_ERROR, _NOISE_SHARE = 0.2, 0.1
-# Of the paper's instrument, and of a vehicle that is known by its parameters alone.
-_HEADING_NOISE, _MIDDLING_RATE = math.radians(0.01), 0.15
 _DRAWS = 60
 # A run lasts so many time constants of the slower closed-loop mode, and s at least.
 _LENGTHS, _SHORTEST = 15.0, 60.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """What the user asks for; see `rovid control --help`.
-
-    Raises
-    ------
-    ConfigError
-        A number is not what it has to be.
-    """
-
-    kp: float | None = None
-    kd: float | None = None
-    damping: float = 0.7
-    bandwidth: float | None = None
-    period: float = 0.1
-    delay: float = 0.0
-    rate_filter: float | None = None
-    steps: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        positive = {"--kp": self.kp, "--damping": self.damping, "--bandwidth": self.bandwidth, "--period": self.period}
-        for name, value in positive.items():
-            if value is not None and not (math.isfinite(value) and value > 0.0):
-                raise ConfigError(f"is {value:g}; a number above zero was expected.", where=name)
-        for name, value in {"--kd": self.kd, "--delay": self.delay, "--rate-filter": self.rate_filter}.items():
-            if value is not None and not (math.isfinite(value) and value >= 0.0):
-                raise ConfigError(f"is {value:g}; zero or a number above it was expected.", where=name)
-        if (self.kp is None) != (self.kd is None):
-            raise ConfigError("needs the other gain too.", where="--kp" if self.kd is None else "--kd")
-        if self.kp is not None and self.bandwidth is not None:
-            raise ConfigError("says what --kp and --kd say already.", where="--bandwidth", mend="Leave one out.")
-        self.parsed_steps()
-
-    def parsed_steps(self) -> list[tuple[float, float]]:
-        """(from, to) in deg of each of ``steps``; to the nearest turn, as the controller takes the shorter way."""
-        found = []
-        for text in self.steps:
-            first, _, last = text.partition(":")
-            try:
-                found.append((float(first), float(first) + math.remainder(float(last) - float(first), 360.0)))
-            except ValueError as error:
-                raise ConfigError(
-                    f"is {text!r}; two headings in deg were expected, as in 20:120.", where="--step"
-                ) from error
-        return found
-
-
-def setting_of(options: Options, model: Model, heading_noise: float | None, torque_in_use: float | None) -> Setting:
-    """The loop's setting; a heading noise of 0.01 deg and the drag of a middling rate where no log says."""
-    return Setting(
-        period=options.period,
-        delay=options.delay,
-        rate_filter=options.rate_filter,
-        heading_noise=_HEADING_NOISE if heading_noise is None else heading_noise,
-        torque_in_use=model.drag(np.array(_MIDDLING_RATE)).item() if torque_in_use is None else torque_in_use,
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Setting:
-    """What the user and the logs say of the loop.
-
-    Attributes
-    ----------
-    period, delay
-        s; of the controller, and from a heading to the command that it leads to.
-    rate_filter
-        s, time constant of the low pass of the rate; None: chosen with the bandwidth.
-    heading_noise, torque_in_use
-        rad and N m.
-    """
-
-    period: float = 0.1
-    delay: float = 0.0
-    rate_filter: float | None = None
-    heading_noise: float = 0.0
-    torque_in_use: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Manoeuvre:
-    """One run: from rest at ``start`` to ``wanted``, in deg; ``current`` and ``waves`` in N m."""
-
-    name: str
-    start: float
-    wanted: float
-    current: float = 0.0
-    waves: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,26 +92,6 @@ class Control:
     margins: Margins
     spread: Spread | None
     runs: tuple[RunResult, ...]
-
-
-def paper_runs() -> tuple[Manoeuvre, ...]:
-    """The three closed-loop runs of Ramesh et al. 2013."""
-    return (
-        Manoeuvre(name="90 to 200 deg", start=90.0, wanted=200.0),
-        Manoeuvre(name="20 to 120 deg", start=20.0, wanted=120.0),
-        Manoeuvre(name="hold 120 deg, pushed to 100", start=100.0, wanted=120.0),
-    )
-
-
-def manoeuvres(steps: Sequence[tuple[float, float]], torque_in_use: float) -> tuple[Manoeuvre, ...]:
-    """The paper's runs, the user's ``steps`` in deg, and a hold against current and waves."""
-    push = _PUSH * torque_in_use
-    return (
-        *paper_runs(),
-        *(Manoeuvre(name=f"{a:g} to {b % 360.0:g} deg", start=a, wanted=b) for a, b in steps),
-        Manoeuvre(name="hold 120 deg, current sets in", start=120.0, wanted=120.0, current=push),
-        Manoeuvre(name="hold 120 deg, waves", start=120.0, wanted=120.0, waves=push),
-    )
 
 
 def law_for(model: Model, allocation: Allocation, setting: Setting, kp: float, kd: float) -> Law:
@@ -394,7 +282,7 @@ def run_manoeuvre(
     wanted = np.full(count, math.radians(manoeuvre.wanted))
     time = law.period * np.arange(count)
     steady = np.where(time >= 0.25 * time[-1], manoeuvre.current, 0.0)
-    push: FloatArray = steady + manoeuvre.waves * np.sin(2.0 * math.pi / _WAVE_PERIOD * time)
+    push: FloatArray = steady + manoeuvre.waves * np.sin(2.0 * math.pi / WAVE_PERIOD * time)
     start = math.radians(manoeuvre.start)
     course = run_closed(law, allocation, plant, wanted, start, push=push, seed=seed)
     quiet = run_closed(law, allocation, plant.quiet(), wanted, start, push=steady)

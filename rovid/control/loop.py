@@ -14,7 +14,8 @@ from rovid.control.allocation import Allocation, bare_actuation
 from rovid.control.law import Law
 from rovid.effects.base import SPEEDS, TERM_STATES, Actuation
 from rovid.ground.arrays import FloatArray
-from rovid.model.model import Drive, Model
+from rovid.model.drive import Drive
+from rovid.model.model import Model
 
 # s; no tick of the plant is longer, lest the mean of a torque that acts late in it be all that is known of it.
 _LONGEST_TICK = 0.1

@@ -17,7 +17,8 @@ from rovid.effects.base import Scales
 from rovid.ground.arrays import FloatArray
 from rovid.ground.workers import spread
 from rovid.identify.estimate import Estimate
-from rovid.identify.inertia import InertiaFit, table_drag
+from rovid.identify.inertia import InertiaFit
+from rovid.identify.inertia_table import table_drag
 from rovid.model.model import Model
 
 # Periods of a simulated sine, the last of which is looked at, and samples in each.

@@ -9,31 +9,26 @@ from dataclasses import replace
 import numpy as np
 from scipy import linalg
 
+from rovid.diagnose.fitted import Fitted, Found, worth
 from rovid.diagnose.heldout import errors_ahead, log_likelihood, simulate_folds
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE
 from rovid.diagnose.record import Ahead, Diagnosis, Finding, Side
-from rovid.diagnose.search import Fitted, Found, Promise, worth
+from rovid.diagnose.screening import Promise
 from rovid.diagnose.signals import PREFIX, is_driver
 from rovid.diagnose.swell import Swell
 from rovid.diagnose.work import Suspected, Work, undecided
 from rovid.effects import CATALOGUE, Effect
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
+from rovid.identify.certainty import covariance, form_doubt, physical
+from rovid.identify.courses import HORIZONS
 from rovid.identify.estimate import Estimate
 from rovid.identify.free_run import CERTAINTY
-from rovid.identify.horizons import HORIZONS, time_constant
-from rovid.identify.likelihood import (
-    TRUSTED_R2,
-    canonical,
-    covariance,
-    form_doubt,
-    likelihood_is_white,
-    physical,
-    scale_doubt,
-    simulated_r2,
-)
+from rovid.identify.horizons import time_constant
+from rovid.identify.likelihood import TRUSTED_R2, canonical, scale_doubt, simulated_r2
 from rovid.identify.regression import require_inertia
-from rovid.model.model import without_form
+from rovid.identify.whiteness import likelihood_is_white
+from rovid.model.names import without_form
 from rovid.plan.design import Plan, plan
 from rovid.plan.programme import Limits
 from rovid.plan.worth import Belief

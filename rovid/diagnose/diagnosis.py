@@ -13,7 +13,7 @@ from rovid.diagnose.strategies import by_horizons, by_innovations, sea_of
 from rovid.effects import forms_for
 from rovid.ground.errors import DataError
 from rovid.identify.free_run import fit_free_run
-from rovid.identify.innovations import Records
+from rovid.identify.records import Records
 from rovid.motion.runs import Runs, channels
 
 _BY_HORIZONS = (

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovid.diagnose.fitted import Fitted
 from rovid.diagnose.parts import Piece
-from rovid.diagnose.search import Fitted
 from rovid.ground.arrays import FloatArray, IntArray
-from rovid.identify.horizons import HORIZONS, HorizonRecords, predictions
-from rovid.identify.innovations import Likelihood, Records
+from rovid.identify.courses import HORIZONS
+from rovid.identify.horizons import HorizonRecords, predictions
+from rovid.identify.innovations import Likelihood
+from rovid.identify.records import Records
 from rovid.model.simulation import HORIZONS as SECONDS
 from rovid.model.simulation import overall, simulate_runs
 

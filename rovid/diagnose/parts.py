@@ -13,7 +13,7 @@ from rovid.ground.arrays import IntArray
 from rovid.ground.errors import DataError
 from rovid.identify.free_run import fit_free_run
 from rovid.identify.horizons import time_constant
-from rovid.identify.innovations import Records
+from rovid.identify.records import Records
 from rovid.motion.rates import highest_cutoff
 from rovid.motion.runs import Run, Runs, prepare
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 from scipy import special
 
-from rovid.diagnose.search import Fitted, climbed
+from rovid.diagnose.fitted import Fitted, climbed
 from rovid.effects import Effect, supply_sag
-from rovid.identify.likelihood import covariance, physical
+from rovid.identify.certainty import covariance, physical
 
 # By so much, as a share, a supply, a propeller and a temperature differ from trial to trial, before the logs are looked
 # at; so many trials more would tell as much.

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from rovid.diagnose.search import Fitted, climbed
+from rovid.diagnose.fitted import Fitted, climbed
 from rovid.effects import Effect
-from rovid.identify.likelihood import covariance, physical
+from rovid.identify.certainty import covariance, physical
 
 _ITERATIONS = 20
 # What shrinks to less than this share, by more than so many standard errors, is no longer the same cause.

@@ -8,25 +8,21 @@ from dataclasses import replace
 
 import numpy as np
 
+from rovid.diagnose.fitted import Fitted, worth
 from rovid.diagnose.odds import ESTABLISHED, PRIOR_ODDS
 from rovid.diagnose.parts import Piece
-from rovid.diagnose.search import MARGIN, Fitted, Promise, Report, Search, by_cause, screen, worth
+from rovid.diagnose.screening import Promise, by_cause, screen
+from rovid.diagnose.search import MARGIN, Report, Search
 from rovid.diagnose.swell import Swell, swell
 from rovid.diagnose.work import Work
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
 from rovid.identify.free_run import free_run_r2
 from rovid.identify.horizons import HorizonLikelihood, HorizonRecords, time_constant
-from rovid.identify.innovations import DISTURBANCE, Likelihood, Records
-from rovid.identify.likelihood import (
-    TRUSTED_R2,
-    UNLIMITED,
-    colour,
-    fit_base,
-    likelihood_is_white,
-    loosened,
-    simulated_r2,
-)
+from rovid.identify.innovations import DISTURBANCE, Likelihood
+from rovid.identify.likelihood import TRUSTED_R2, UNLIMITED, fit_base, loosened, simulated_r2
+from rovid.identify.records import Records
+from rovid.identify.whiteness import colour, likelihood_is_white
 
 # By predictions an addition has to gain so much log-likelihood: with the number of causes tried it is then established.
 _MARGIN_AHEAD = math.log(ESTABLISHED / (1.0 - ESTABLISHED) / PRIOR_ODDS)

@@ -9,13 +9,14 @@ from functools import cached_property
 
 import numpy as np
 
+from rovid.diagnose.fitted import Fitted, climbed, worth
 from rovid.diagnose.heldout import cross_validate, log_likelihood
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence
 from rovid.diagnose.parts import Piece
-from rovid.diagnose.search import Fitted, climbed, worth
 from rovid.effects import Effect
-from rovid.identify.innovations import BASE, DISTURBANCE, Likelihood, Records
+from rovid.identify.innovations import BASE, DISTURBANCE, Likelihood
 from rovid.identify.likelihood import UNLIMITED
+from rovid.identify.records import Records
 
 _FIRST_ITERATIONS, _ITERATIONS = 3, 20
 _BEGUN = 3

@@ -7,18 +7,19 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 
+from rovid.diagnose.fitted import Fitted, Found, Key, Rival, worth
 from rovid.diagnose.heldout import Fold, cross_validate, log_likelihood
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence
 from rovid.diagnose.parts import Piece
 from rovid.diagnose.scatter import of_one_trial, stands_out
-from rovid.diagnose.search import Fitted, Found, Key, Rival, Search, worth
+from rovid.diagnose.search import Search
 from rovid.diagnose.signals import is_driver
 from rovid.diagnose.size import one_size, size_of
 from rovid.diagnose.swell import Swell
 from rovid.effects import Effect
 from rovid.identify.horizons import HorizonLikelihood
-from rovid.identify.innovations import Records
-from rovid.identify.likelihood import likelihood_is_white
+from rovid.identify.records import Records
+from rovid.identify.whiteness import likelihood_is_white
 
 # A rival is beaten by so much log-likelihood, and by such a share of what the effect gains, up to so much more.
 _BEATEN = (6.0, 0.03, 40.0)

@@ -13,7 +13,7 @@ from scipy import special
 from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.trial import read_only
 from rovid.ground.arrays import FloatArray
-from rovid.model.model import unit_of
+from rovid.model.names import unit_of
 
 # What the unit of a torque, and of all that is larger with it, ends in where the inertia is not known.
 PER_INERTIA = " per kg m^2"
@@ -35,7 +35,7 @@ class Estimate:
     names
         In the order of ``values`` and ``covariance``.
     values, covariance
-        (p,) and (p, p) in the units of ``rovid.model.model.unit_of``.
+        (p,) and (p, p) in the units of ``rovid.model.names.unit_of``.
     degrees_of_freedom
         Of the residual scale behind the covariance; infinite where it was known beforehand.
     method

@@ -12,7 +12,8 @@ from rovid.effects import restoring_of
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
 from rovid.identify.regression import fit_regression, fit_released
-from rovid.model.model import Drive, Model
+from rovid.model.drive import Drive
+from rovid.model.model import Model
 from rovid.model.simulation import compare, simulated_rate
 from rovid.motion.runs import Run
 

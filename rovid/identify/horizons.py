@@ -19,103 +19,17 @@ import numpy as np
 from rovid.effects import Effect
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import BoolArray, FloatArray, IntArray
-from rovid.identify.innovations import DISTURBANCE, NOISE, Likelihood, Records, Slopes
-from rovid.model.model import Drive, Model
-from rovid.motion.rates import body_position, on_grid
-from rovid.motion.runs import Run
+from rovid.identify.courses import GRID, HORIZONS, MOST_RESTARTS, RESTARTS, Course, Grid, course_of, means_on, motion_of
+from rovid.identify.innovations import DISTURBANCE, NOISE, Likelihood, Slopes
+from rovid.identify.records import Records
+from rovid.model.drive import Drive
+from rovid.model.model import Model
+from rovid.motion.rates import on_grid
 
-# How far ahead, in time constants of the vehicle.
-HORIZONS = (0.5, 1.0, 2.0, 4.0, 8.0)
-# Restarts for a horizon are a quarter of it apart, and no less than so many time constants; those for a longer one are
-# among those for a shorter. Drives and courses are followed on a grid.
-_RESTARTS, _GRID = 0.25, 0.1
-# Nor are there more of them than so many, for no more tell anything new.
-_MOST_RESTARTS = 600
 # Time constants that a stretch lasts whose errors are taken together.
 _BLOCK, _BLOCKS = 8.0, 12
 # However long the logs are, what a model's form misses returns in all of them: so many readings are there at most.
 _MOST = 200.0
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Grid:
-    """Where predictions begin and end, on the grid of one run or on those of several, one after the other.
-
-    Attributes
-    ----------
-    starts, ends
-        (N,) indices of the restart and of the end of each prediction.
-    restarts, reach, number
-        (m,) indices of the restarts, each once, and the steps to the farthest end from each; (N,) which of them is that
-        of each prediction.
-    run, period
-        (m,) index of the run of each restart, and s from each instant of its grid to the next.
-    """
-
-    starts: IntArray
-    ends: IntArray
-    restarts: IntArray
-    reach: IntArray
-    number: IntArray
-    run: IntArray
-    period: FloatArray
-
-    @classmethod
-    def joined(cls, courses: Sequence[Course]) -> Self:
-        """Those of all ``courses``."""
-        grids = [course.grid for course in courses]
-        before = np.cumsum([0, *(len(course.time) for course in courses[:-1])])
-        earlier = np.cumsum([0, *(len(grid.restarts) for grid in grids[:-1])])
-        return cls(
-            starts=np.concatenate([grid.starts + at for grid, at in zip(grids, before, strict=True)]),
-            ends=np.concatenate([grid.ends + at for grid, at in zip(grids, before, strict=True)]),
-            restarts=np.concatenate([grid.restarts + at for grid, at in zip(grids, before, strict=True)]),
-            reach=np.concatenate([grid.reach for grid in grids]),
-            number=np.concatenate([grid.number + at for grid, at in zip(grids, earlier, strict=True)]),
-            run=np.concatenate([np.full(len(grid.restarts), k) for k, grid in enumerate(grids)]),
-            period=np.concatenate([grid.period for grid in grids]),
-        )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Course:
-    """What was measured of one run, on a grid.
-
-    Attributes
-    ----------
-    time
-        (n,) s.
-    angle, rate
-        (n,) about the body's axis, as measured; NaN where not known.
-    turned, moving
-        (n,) the angle since the first known, and the rate, bridged where the filter has none: at the ends of a trial,
-        where the water already moves.
-    torque
-        (n,) N m, mean from each instant to the next, of the thrusters by their bench curves.
-    held, since
-        (n,) which of the log's samples is held at each instant, and for how many s it has been.
-    horizon
-        (N,) index of the horizon of each prediction.
-    grid
-        Where predictions begin and end.
-    """
-
-    run: Run
-    time: FloatArray
-    angle: FloatArray
-    rate: FloatArray
-    turned: FloatArray
-    moving: FloatArray
-    torque: FloatArray
-    held: IntArray
-    since: FloatArray
-    horizon: IntArray
-    grid: Grid
-
-    @property
-    def period(self) -> float:
-        """Seconds from each instant to the next."""
-        return float(self.time[1] - self.time[0]) if len(self.time) > 1 else self.run.rates.kernel.period
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -163,8 +77,8 @@ class HorizonRecords(Records):
     def courses(self) -> list[Course]:
         """What was measured of each run."""
         total = sum(float(np.ptp(run.trial.time)) for run in self.runs)
-        between = max(_RESTARTS * self.time_constant, total / _MOST_RESTARTS)
-        return [_course(run, self.time_constant, between) for run in self.runs]
+        between = max(RESTARTS * self.time_constant, total / MOST_RESTARTS)
+        return [course_of(run, self.time_constant, between) for run in self.runs]
 
     @cached_property
     def grid(self) -> Grid:
@@ -209,58 +123,6 @@ def time_constant(model: Model, rate: float) -> float:
     return min(constant, 2.0 / model.swing) if model.swing > 0.0 else constant
 
 
-def _course(run: Run, constant: float, between: float) -> Course:
-    """``constant`` and the time ``between`` restarts in s."""
-    rates, trial = run.rates, run.trial
-    period = rates.kernel.period
-    every = max(round(_GRID * constant / period), 1)
-    time = rates.time[::every]
-    angle = on_grid(trial, body_position(trial), rates.time)[::every]
-    rate = rates.rate[::every]
-    known = np.isfinite(angle)
-    gaps = np.concatenate(([0], np.cumsum(~known)))
-    restarts = np.flatnonzero(np.isfinite(rate) & known)
-    steps = max(round(between / (every * period)), 1)
-    starts, horizons, ends = [], [], []
-    for at, horizon in enumerate(HORIZONS):
-        length = max(round(horizon * constant / (every * period)), 1)
-        apart = steps * max(round(0.25 * horizon / _RESTARTS), 1)
-        first = restarts[(restarts % apart == 0) & (restarts + length < len(time))]
-        # How far the vehicle turned inside a gap is not measured.
-        whole = first[gaps[first + length + 1] == gaps[first]]
-        starts.append(whole)
-        horizons.append(np.full(len(whole), at))
-        ends.append(whole + length)
-    start, end = np.concatenate(starts), np.concatenate(ends)
-    first, number = np.unique(start, return_inverse=True)
-    reach = np.zeros(len(first), dtype=np.intp)
-    np.maximum.at(reach, number, end - start)
-    turned, moving = _motion(time, angle, rate)
-    held = np.clip(np.searchsorted(trial.time, time, side="right") - 1, 0, len(trial.time) - 1)
-    since = time - trial.time[held]
-    return Course(
-        run=run,
-        time=time,
-        angle=angle,
-        rate=rate,
-        turned=turned,
-        moving=moving,
-        torque=_means(trial.time, run.torque, time, held, since),
-        held=held,
-        since=since,
-        horizon=np.concatenate(horizons),
-        grid=Grid(
-            starts=start,
-            ends=end,
-            restarts=first,
-            reach=reach,
-            number=number,
-            run=np.zeros(len(first), dtype=np.intp),
-            period=np.full(len(first), every * period),
-        ),
-    )
-
-
 def predictions(records: HorizonRecords, model: Model, drives: Sequence[Drive]) -> FloatArray:
     """(N,) predicted less measured position of every prediction, in rad or m."""
     from rovid.model.kernels import predict
@@ -301,34 +163,17 @@ def _followed(course: Course, model: Model, drive: Drive) -> _Followed:
         every = round(course.period / course.run.rates.kernel.period)
         slope = np.interp(time, trial.time, gain)
         rate = course.rate / slope
-        turned, moving = _motion(time, course.angle + off[::every], rate)
+        turned, moving = motion_of(time, course.angle + off[::every], rate)
     torque, beside = course.torque, np.zeros((len(time), drive.beside.shape[1]))
     if model.acts_on_drive:
-        torque = _means(trial.time, drive.torque, time, course.held, course.since)
+        torque = means_on(trial.time, drive.torque, time, course.held, course.since)
     for column, series in zip(beside.T, drive.beside.T, strict=True):
         if series.any():
-            column[:] = _means(trial.time, series, time, course.held, course.since)
+            column[:] = means_on(trial.time, series, time, course.held, course.since)
     states = np.zeros((len(time), 0, TERM_STATES))
     if model.remembers:
         _, states = model.along(trial, course.period, (moving, turned, torque), beside)
     return _Followed(torque, beside, rate, turned, states, slope)
-
-
-def _motion(time: FloatArray, angle: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n,) angle since the first known one, and the rate, bridged by the angle's slope."""
-    turned = angle - angle[int(np.argmax(np.isfinite(angle)))]
-    if len(time) < 2:
-        return turned, rate
-    return turned, np.where(np.isfinite(rate), rate, np.gradient(turned, time[1] - time[0]))
-
-
-def _means(time: FloatArray, series: FloatArray, grid: FloatArray, held: IntArray, since: FloatArray) -> FloatArray:
-    """(n,) means from each instant of ``grid`` to the next of a ``series`` that is held between the instants ``time``.
-
-    At each instant of the grid the sample ``held`` has been so for ``since`` seconds.
-    """
-    area = np.concatenate(([0.0], np.cumsum(series[:-1] * np.diff(time))))[held] + series[held] * since
-    return np.append(np.diff(area) / np.diff(grid), series[-1])
 
 
 def _shares(records: HorizonRecords, errors: FloatArray) -> FloatArray:
@@ -418,7 +263,7 @@ class HorizonLikelihood(Likelihood):
 
     def _bound_states(self) -> None:
         """Keep the states of effects no faster than the grid: such an effect is told by no prediction."""
-        grid = _GRID * self.records.time_constant
+        grid = GRID * self.records.time_constant
         at = self.base
         for effect in self.effects:
             for parameter in effect.parameters if effect.fastest else ():

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import linalg, special
 
 from rovid.campaign.vehicle import Vehicle
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
+from rovid.identify.certainty import TRIAL_ITERATIONS, covariance, form_doubt, physical
 from rovid.identify.estimate import PER_INERTIA, Estimate
 from rovid.identify.free_run import CERTAINTY, fit_free_run, free_run_r2
-from rovid.identify.horizons import HORIZONS, HorizonLikelihood, HorizonRecords
-from rovid.identify.innovations import BASE, Likelihood, Records
+from rovid.identify.horizons import HorizonLikelihood, HorizonRecords
+from rovid.identify.innovations import Likelihood
+from rovid.identify.records import Records
 from rovid.identify.regression import require_inertia
-from rovid.model.model import Model, unit_of
+from rovid.identify.whiteness import likelihood_is_white
+from rovid.model.model import Model
 from rovid.model.simulation import compare, simulated_rate
 from rovid.motion.runs import Run
 
@@ -34,14 +35,7 @@ TRUSTED_R2 = 0.93
 _R2_LOSS = 0.01
 # Where the disturbance is at its limit, the fit is tried again with this many times as much.
 _LOOSER = 2.5
-_TRIALS, _TRIAL_ITERATIONS = 8, 4
-# Runs that tell by their scatter how much the kind of run has to say.
-_FEWEST_RUNS = 3
-# Of the horizons the middle one, between short and long; their answers are apart from so many joint errors on.
-_MIDDLE, _APART = len(HORIZONS) // 2, 3.0
-_WHITE_LAGS = 20
-_WHITE_P = 1e-3
-_KURTOSIS = 1.0
+_TRIALS = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -159,7 +153,7 @@ def with_effects(bare: Likelihood, x: FloatArray, effects: tuple[Effect, ...]) -
         begins = [np.concatenate((begin, start)) for begin in better for start in likelihood.starts()]
         better = sorted(begins, key=likelihood.cost)[:_TRIALS]
     # A few steps tell which of the better starts leads lowest.
-    best, _ = min((likelihood.climb(begin, iterations=_TRIAL_ITERATIONS) for begin in better), key=lambda pair: pair[1])
+    best, _ = min((likelihood.climb(begin, iterations=TRIAL_ITERATIONS) for begin in better), key=lambda pair: pair[1])
     best, _ = likelihood.climb(best)
     if isinstance(likelihood, HorizonLikelihood):
         # What the effects explain made the errors correlate: now more predictions count.
@@ -188,101 +182,6 @@ def simulated_r2(likelihood: Likelihood, x: FloatArray) -> float:
     pairs = zip(runs, likelihood.records.drives(model), strict=True)
     simulated = [simulated_rate(run, model, drive) for run, drive in pairs]
     return compare(np.concatenate([run.rates.rate for run in runs]), np.concatenate(simulated)).r2
-
-
-def covariance(likelihood: Likelihood, x: FloatArray, *, sandwich: bool) -> FloatArray:
-    """Of all parameters: inverse information, or the sandwich that allows for coloured innovations."""
-    # All of them, a drag at its bound too: to take its zero for certain would make the rest look certain.
-    here = likelihood.flatter_slopes(x)
-    plain = inverse = _inverse(here.matrix.T @ here.matrix)
-    if sandwich:
-        inverse = _sandwich(plain, likelihood.scores(here, likelihood.records.block))
-        by_run = likelihood.scores(here, likelihood.records.trial)
-        if len(by_run) >= _FEWEST_RUNS:
-            # Each kind of run may ask for parameters of its own, where the model's form is not nature's.
-            ratio = np.diag(_sandwich(plain, by_run)) / np.maximum(np.diag(inverse), 1e-300)
-            wider = np.sqrt(np.maximum(ratio, 1.0))
-            inverse = inverse * np.outer(wider, wider)
-        # What has no slope has no scatter of it either, which is no certainty.
-        flat = np.asarray(~here.matrix.any(axis=0))
-        inverse = np.where(flat | flat[:, np.newaxis], plain, inverse)
-    inflated = float(np.median(np.sqrt(np.diag(inverse)[:3] / np.diag(plain)[:3])))
-    for at, parameter in enumerate(likelihood.parameters, start=BASE):
-        if parameter.stairs and (reach := _reach(likelihood, x, at)) is not None:
-            # Stairs have no curvature: how far it goes until the likelihood has fallen says how sure it is, and no
-            # surer than the step over which its slopes were taken, for where nature's threshold is in that is not told.
-            reach = max(inflated * reach, parameter.step * abs(x[at]) / math.sqrt(3.0))
-            factor = np.where(np.arange(len(x)) == at, reach / math.sqrt(inverse[at, at]), 1.0)
-            inverse = inverse * np.outer(factor, factor)
-    held = likelihood.low == likelihood.high
-    inverse = np.where(held | held[:, np.newaxis], 0.0, inverse)
-    shown, size = likelihood.of_model(x)
-    return np.asarray(inverse[np.ix_(shown, shown)] * np.outer(size, size))
-
-
-def form_doubt(likelihood: Likelihood, x: FloatArray) -> tuple[FloatArray, list[str]]:
-    """(p, p) what is added to the sandwich of all parameters for a form that is not nature's, and what is said of it.
-
-    Predictions miss much the same in every stretch of the logs, which then scatters less than their errors would by
-    chance: the information, which counts those, is the least that is not known.
-
-    Short horizons and long ones would ask for the same parameters, were the model right. Half of what they are apart
-    beyond chance is how far another choice of horizons might move them.
-    """
-    names = likelihood.model(x).names
-    if not isinstance(likelihood, HorizonLikelihood):
-        return np.zeros((len(names), len(names))), []
-    scatter, least = (np.diag(covariance(likelihood, x, sandwich=sandwich)) for sandwich in (True, False))
-    doubt = np.diag(np.maximum(least - scatter, 0.0))
-    horizon = likelihood.records.horizon
-    parts = [likelihood.like(likelihood.effects, part) for part in (horizon < _MIDDLE, horizon > _MIDDLE)]
-    if min(part.count for part in parts) <= len(x):
-        return doubt, []
-    fits = [part.climb(x, iterations=2 * _TRIAL_ITERATIONS)[0] for part in parts]
-    short, long = (physical(part, at) for part, at in zip(parts, fits, strict=True))
-    chance = np.sum(
-        [np.diag(covariance(part, at, sandwich=True)) for part, at in zip(parts, fits, strict=True)], axis=0
-    )
-    apart = short - long
-    half = 0.5 * np.sign(apart) * np.sqrt(np.maximum(apart**2 - chance, 0.0))
-    worst = int(np.argmax(np.abs(apart[:3]) / np.sqrt(np.maximum(chance[:3], 1e-300))))
-    if abs(apart[worst]) <= _APART * math.sqrt(chance[worst]):
-        return doubt + np.outer(half, half), []
-    name, unit = names[worst].replace("_", " "), unit_of(names[worst], likelihood.records.axis)
-    said = (
-        f"Predictions up to one time constant ahead ask for another {name} ({short[worst]:.3g} {unit}) than those from "
-        f"four on ({long[worst]:.3g} {unit}): something is still missing. Where commands answer the motion believe "
-        "the short ones. The standard errors include half of the difference."
-    )
-    return doubt + np.outer(half, half), [said]
-
-
-def _sandwich(inverse: FloatArray, scores: FloatArray) -> FloatArray:
-    scores = scores - scores.mean(axis=0)
-    return np.asarray(inverse @ (scores.T @ scores * len(scores) / (len(scores) - 1)) @ inverse)
-
-
-def _reach(likelihood: Likelihood, x: FloatArray, at: int) -> float | None:
-    """How far coordinate ``at`` may go, all else held, until half a unit of log-likelihood is lost; None if never."""
-    best = likelihood.cost(x)
-    reaches = []
-    for way in (1.0, -1.0):
-        step = way * 1e-4 * max(abs(x[at]), 1e-3)
-        while abs(step) < max(abs(x[at]), 1.0):
-            moved = x.copy()
-            moved[at] += step
-            if not likelihood.low[at] <= moved[at] <= likelihood.high[at]:
-                break
-            if likelihood.cost(moved) > best + 0.5:
-                reaches.append(abs(step))
-                break
-            step *= 1.5
-    return max(reaches, default=None)
-
-
-def physical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
-    """All parameters of the model in their units."""
-    return likelihood.model(x).values
 
 
 def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float) -> LikelihoodFit:
@@ -369,61 +268,3 @@ def _warnings(likelihood: Likelihood, model: Model, *, white: bool, at_limit: bo
     drags = ("quadratic_drag", "linear_drag")
     texts += [f"{name} is held at zero, its lower bound." for name in drags if getattr(model, name) == 0.0]
     return texts
-
-
-def likelihood_is_white(likelihood: Likelihood, x: FloatArray) -> bool:
-    """Whether the normalised innovations at ``x`` are white and free of heavy tails."""
-    return innovations_are_white(_normalised(likelihood, x))
-
-
-def colour(likelihood: Likelihood, x: FloatArray) -> float:
-    """Log-likelihood that a model gains at least that leaves the innovations at ``x`` white; see `whitening_gain`."""
-    return whitening_gain(_normalised(likelihood, x))
-
-
-def whitening_gain(series: Sequence[FloatArray]) -> float:
-    """Log-likelihood that ``series`` would gain, were each value predicted from those before it.
-
-    Half the count of the logarithm of how much the variance falls in an autoregression (Ljung 1999, section 16.4).
-    """
-    lags = range(_WHITE_LAGS + 1)
-    power = np.array([sum(float(z[lag:] @ z[: len(z) - lag]) for z in series if len(z) > lag) for lag in lags])
-    if power[0] <= 0.0:
-        return 0.0
-    # The least noise keeps a series that repeats itself exactly from having no predictor.
-    predictor = linalg.solve_toeplitz(power[:-1] + 1e-9 * power[0] * (np.arange(_WHITE_LAGS) == 0), power[1:])
-    left = 1.0 - float(predictor @ power[1:]) / power[0]
-    return -0.5 * sum(len(z) for z in series) * math.log(max(left, 1e-12))
-
-
-def _normalised(likelihood: Likelihood, x: FloatArray) -> list[FloatArray]:
-    """Innovations of each run over their standard deviations."""
-    error, variance = likelihood.innovations(x)
-    trial = likelihood.records.trial
-    trial = trial if likelihood.counted is None else trial[likelihood.counted]
-    z = error / np.sqrt(variance)
-    return [z[trial == number] for number in np.unique(trial)]
-
-
-def _inverse(information: FloatArray) -> FloatArray:
-    """Inverse of the information; a direction in which the likelihood is flat gets a large variance."""
-    power = np.diag(information)
-    size = np.sqrt(np.where(power > 0.0, power, 1.0))
-    values, vectors = np.linalg.eigh(information / np.outer(size, size))
-    return np.asarray((vectors / np.maximum(values, 1e-9)) @ vectors.T / np.outer(size, size))
-
-
-def innovations_are_white(series: Sequence[FloatArray]) -> bool:
-    """Whether normalised innovations are white (Ljung-Box over all trials) and without heavy tails.
-
-    Spikes leave innovations white, so that the kurtosis is looked at too.
-    """
-    count = sum(len(z) for z in series)
-    power = sum(float(z @ z) for z in series)
-    statistic = 0.0
-    for lag in range(1, _WHITE_LAGS + 1):
-        product = sum(float(z[lag:] @ z[:-lag]) for z in series if len(z) > lag)
-        statistic += (product / power) ** 2 / (count - lag)
-    p_value = float(special.gammaincc(_WHITE_LAGS / 2.0, count * (count + 2.0) * statistic / 2.0))
-    fourth = sum(float(np.sum(z**4)) for z in series) * count / power**2
-    return p_value > _WHITE_P and fourth - 3.0 < _KURTOSIS

@@ -13,7 +13,9 @@ from rovid.effects.restoring import columns, from_columns
 from rovid.ground.arrays import BoolArray, FloatArray, IntArray
 from rovid.ground.errors import DataError
 from rovid.identify.estimate import Estimate, explained, varies
-from rovid.model.model import Drive, Model, base_names
+from rovid.model.drive import Drive
+from rovid.model.model import Model
+from rovid.model.names import base_names
 from rovid.motion.runs import Run
 
 _DRAGS = slice(1, 3)  # of the unknowns: inertia, quadratic and linear drag, and those of the restoring torque

@@ -281,7 +281,7 @@ def advance(
     push, other
         N m of the thrusters, on which effects depend, and of what else there is.
     beside
-        What else effects are told of the interval, see `rovid.model.model.Drive`.
+        What else effects are told of the interval, see `rovid.model.drive.Drive`.
     state, work
         (m, TERM_STATES) states of the effects, moved on; (3, m, TERM_STATES) room.
     stiffness
@@ -324,7 +324,7 @@ def simulate_effects(
     torque
         (n,) N m; each value the mean until the next instant.
     moment, beside
-        (n,) N m s^2 and (n, 3), see `rovid.model.model.Drive`.
+        (n,) N m s^2 and (n, 3), see `rovid.model.drive.Drive`.
     base
         Inertia, quadratic and linear drag, the position at the first instant, the fastest rate of the effects' own
         states in 1/s, the stiffness of the restoring torque in N m/rad and where it is level, and room for the rate
@@ -383,7 +383,7 @@ def predict(
     period
         (m,) s.
     torque, beside
-        (n,) N m and (n, 3), see `rovid.model.model.Drive`; means over each interval of a grid.
+        (n,) N m and (n, 3), see `rovid.model.drive.Drive`; means over each interval of a grid.
     rate, angle, states
         (n,), (n,) and (n, k, TERM_STATES) on the measured course.
     starts, reach
@@ -605,7 +605,7 @@ def innovations(  # noqa: PLR0915 - the covariance is written out term by term, 
     Parameters
     ----------
     time, torque, beside, moment, scatter
-        (n,) s; the others from each instant to the next, see `rovid.model.model.Drive`.
+        (n,) s; the others from each instant to the next, see `rovid.model.drive.Drive`.
     angle, rate
         (n,) measured angle in rad and rate in rad/s; NaN where not measured.
     base, terms, kinds

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,122 +13,18 @@ from numpy.typing import NDArray
 from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
-from rovid.effects import MOTION, Actuation, Effect, effect_named, restoring_of
-from rovid.effects.base import (
-    BASE_SIZE,
-    SPEEDS,
-    TERM_PARAMETERS,
-    TERM_STATES,
-    actuation,
-    bridged,
-    finer,
-    race,
-)
+from rovid.effects import MOTION, Actuation, Effect, restoring_of
+from rovid.effects.base import BASE_SIZE, SPEEDS, TERM_PARAMETERS, TERM_STATES, actuation, bridged, finer, race
 from rovid.ground.arrays import FloatArray, IntArray
+from rovid.model.drive import MOST_PARTS, Drive
+from rovid.model.names import base_names
 from rovid.motion.rates import body_position, on_grid, uniform_grid
 
-# Names of the base model's parameters, and the unit of each in yaw.
-UNITS = {
-    "inertia": "kg m^2",
-    "quadratic_drag": "N m s^2/rad^2",
-    "linear_drag": "N m s/rad",
-}
 _START_SECONDS = 2.0
 _START_SAMPLES = 5
 _START_SWING = 0.5  # rad of the phase of a swing about its level
 _FIXED_POINT_TURNS = 6
 _NUDGE = 1e-4  # rad
-# Into how many the interval between two samples is cut for an effect that acts within it.
-MOST_PARTS = 8
-
-
-def base_names(axis: Axis) -> tuple[str, ...]:
-    """Names of the base model's parameters along ``axis``, as they stand in the parameter file and in JSON."""
-    restoring = restoring_of(axis)
-    return (*UNITS, *(parameter.name for parameter in (restoring.parameters if restoring else ())))
-
-
-def unit_of(name: str, axis: Axis = YAW) -> str:
-    """Unit of a parameter, ``inertia`` or ``thruster_lag.time_constant``, along ``axis``.
-
-    Raises
-    ------
-    ConfigError
-        There is no such effect.
-    """
-    key, _, parameter = name.rpartition(".")
-    if name in UNITS:
-        return axis.unit(UNITS[name])
-    effect = effect_named(key) if key else restoring_of(axis)
-    unit = next((p.unit for p in (effect.parameters if effect else ()) if p.name == parameter), "")
-    return unit if parameter.endswith("frequency") else axis.unit(unit)
-
-
-def effect_ids(names: Iterable[str]) -> list[str]:
-    """Keys of the effects among parameter names, each once."""
-    return list(dict.fromkeys(name.rpartition(".")[0] for name in names if "." in name))
-
-
-def without_form(name: str) -> str:
-    """A parameter's name without the form of its effect."""
-    key, dot, parameter = name.rpartition(".")
-    return key.partition(":")[0] + dot + parameter
-
-
-@dataclass(frozen=True, eq=False)
-class Drive:
-    """What drives one trial, from each instant to the next.
-
-    Attributes
-    ----------
-    torque
-        (n,) N m, its mean.
-    moment
-        (n,) N m s^2; integral of torque less mean times the time left. A torque that comes late in the interval gives
-        the same rate at its end, but less angle, by ``moment / inertia``.
-    beside
-        (n, 3) what else the terms of effects are told: the thrusters' race in N^0.5 m^2, which is the sum over them of
-        the root of their thrust times their arm squared, and the speeds `SPEEDS` in m/s. Zeros where no effect asks.
-    scatter
-        (n,) N^2 m^2 s^2; variance of the impulse, where an effect leaves open when a torque acts. Zeros elsewhere.
-    """
-
-    torque: FloatArray
-    moment: FloatArray
-    beside: FloatArray
-    scatter: FloatArray
-
-    @classmethod
-    def held(cls, torque: FloatArray, beside: FloatArray | None = None, scatter: FloatArray | None = None) -> Self:
-        """Of a torque that is held from each instant to the next."""
-        nothing = np.zeros(len(torque))
-        beside = np.zeros((len(torque), 1 + len(SPEEDS))) if beside is None else beside
-        return cls(torque, nothing, beside, nothing if scatter is None else scatter)
-
-    def mapped(self, function: Callable[[FloatArray], FloatArray]) -> Self:
-        """With ``function`` of each series."""
-        beside = np.column_stack([function(column) for column in self.beside.T])
-        return type(self)(function(self.torque), function(self.moment), beside, function(self.scatter))
-
-    def between(self, time: FloatArray, at: IntArray) -> Self:
-        """From each of the instants ``time[at]`` to the next; ``time`` in s are those of the series."""
-        length, ends = np.diff(time), time[at]
-        middle = 0.5 * (time[1:] + time[:-1])
-
-        def total(values: FloatArray) -> FloatArray:
-            shape = (len(at) - 1, *values.shape[1:])
-            return np.asarray(np.add.reduceat(values[: at[-1]], at[:-1])) if values.any() else np.zeros(shape)
-
-        impulse = self.torque[:-1] * length
-        area, beside = total(impulse), total(self.beside[:-1] * length[:, None])
-        leverage = total(self.moment[:-1] - impulse * middle) + area * ends[1:]
-        span = np.diff(ends)
-        return type(self)(
-            np.append(area / span, self.torque[at[-1]]),
-            np.append(leverage - 0.5 * area * span, 0.0),
-            np.vstack((beside / span[:, None], self.beside[at[-1]])),
-            np.append(total(self.scatter[:-1]), 0.0),
-        )
 
 
 @dataclass(frozen=True, kw_only=True)

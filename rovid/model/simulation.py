@@ -9,7 +9,8 @@ import numpy as np
 
 from rovid.campaign.vehicle import Vehicle
 from rovid.ground.arrays import FloatArray
-from rovid.model.model import Drive, Model
+from rovid.model.drive import Drive
+from rovid.model.model import Model
 from rovid.motion.rates import body_position, on_grid
 from rovid.motion.runs import Run
 

@@ -3,38 +3,30 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import os
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from rovid import __version__
-from rovid.campaign.axis import YAW, Axis, axis_named
+from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.trial import Campaign
 from rovid.effects import effect_named
 from rovid.ground.errors import ConfigError
 from rovid.ground.files import Claim, Output
 from rovid.ground.files.form import PARAMETERS
-from rovid.ground.places import refuse_odd
 from rovid.ground.quoting import encodable
-from rovid.ground.toml import LARGEST, SMALLEST, number_wanted, read_toml
 from rovid.identify.estimate import PER_INERTIA, Estimate
-from rovid.model.model import Model, base_names, effect_ids
+from rovid.model.model import Model
+from rovid.model.names import base_names, effect_ids
 
-SCHEMA = "rovid-parameters"
-SCHEMA_VERSION = 1
-# Of a correlation: numbers rounded to three digits by hand are still a covariance.
-_ROUNDING = 1e-3
-_AGAIN = "Put it back, or delete it and run `rovid fit-drag LOGS` again."
-_ANOTHER = "Point to a parameter file with -p, or to a name that is free."
 # 1/s; no motion dies out faster, and none could be followed that did.
 _FASTEST = 1e3
+SCHEMA = "rovid-parameters"
+SCHEMA_VERSION = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,28 +202,6 @@ class Parameters:
         """The file."""
         return Output(self.path, PARAMETERS)
 
-    def update(self, claim: Claim, change: Callable[[Parameters], Parameters]) -> Parameters:
-        """Make ``change`` to what the file holds now, another process' results included; return what was written.
-
-        Raises
-        ------
-        OutputError
-            It cannot be written, or what came to stand there is no parameter file of this axis; it says where the
-            result is instead.
-        """
-        written = self
-
-        def changed() -> str:
-            nonlocal written
-            written = change(self._as_it_is_now())
-            return written.text()
-
-        try:
-            claim.write({self.output: changed})
-        except ConfigError as error:
-            claim.rescue({self.output: change(self).text().encode()}, error)
-        return written
-
     def write(self) -> None:
         """Write the file as it is here, whatever another process wrote.
 
@@ -241,15 +211,6 @@ class Parameters:
             It cannot be written, or what stands there is no parameter file.
         """
         Claim([self.output]).write({self.output: self.text()})
-
-    def _as_it_is_now(self) -> Parameters:
-        # One that was deleted meanwhile, or replaced where that was asked for, begins with what was read of it.
-        if not self.path.exists() or not PARAMETERS.marks(self.path):
-            return self
-        now = read_parameters(self.path)
-        if now.axis is not self.axis:
-            raise ConfigError(f"holds the parameters of {now.axis.name} by now.", where=self.path)
-        return replace(now, path=self.path)
 
     def text(self) -> str:
         """The content of the file."""
@@ -274,133 +235,6 @@ class Parameters:
             "sources": [{"name": s.name, "sha256": s.sha256, "samples": s.samples} for s in self.sources],
         }
         return tomli_w.dumps(document)
-
-
-def read_parameters(path: Path) -> Parameters:
-    """Read a parameter file.
-
-    Raises
-    ------
-    ConfigError
-        It is missing, not a parameter file, or of a schema newer than this rovid knows.
-    """
-    refuse_odd(path)
-    if not path.is_file():
-        raise ConfigError(
-            "is a folder, not a parameter file." if path.exists() else "there is no such parameter file.",
-            where=path,
-            mend="Run `rovid fit-drag LOGS` first, or point to one with -p.",
-        )
-    document = read_toml(path, mend=_AGAIN if PARAMETERS.marks(path) else _ANOTHER)
-    _check_schema(path, document.get("schema"))
-    try:
-        return _parse(path, document)
-    except KeyError as error:
-        raise ConfigError(
-            f"is damaged: it has no {error.args[0]!r}.",
-            where=path,
-            mend=_AGAIN,
-        ) from error
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise ConfigError(
-            f"is damaged: {error}.",
-            where=path,
-            mend=_AGAIN,
-        ) from error
-
-
-def _check_schema(path: Path, schema: object) -> None:
-    version = re.fullmatch(rf"{SCHEMA}/([0-9]{{1,9}})", str(schema))
-    if version is None:
-        raise ConfigError(f"has schema {schema!r}; {SCHEMA}/{SCHEMA_VERSION} was expected.", where=path, mend=_ANOTHER)
-    if int(version[1]) > SCHEMA_VERSION:
-        raise ConfigError(
-            f"has schema {schema}, newer than the {SCHEMA}/{SCHEMA_VERSION} that rovid {__version__} reads.",
-            where=path,
-            mend="Use the rovid that wrote it, or a newer one.",
-        )
-
-
-def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
-    entries = {
-        name: Entry(
-            value=_number(e["value"], name),
-            standard_error=_number_or_nan(e["standard_error"], f"standard_error of {name}"),
-            unit=str(e["unit"]),
-            method=str(e["method"]),
-        )
-        for name, e in document["parameters"].items()
-    }
-    for name, entry in entries.items():
-        # Drag may be zero, not negative.
-        if (name in base_names(YAW) and not entry.value >= 0.0) or (name == "inertia" and entry.value < SMALLEST):
-            raise ValueError(f"{name} is {entry.value:g}, which no vehicle has")
-        if entry.standard_error < 0.0:
-            raise ValueError(f"standard_error of {name} is {entry.standard_error:g}; zero or more was expected")
-    return Parameters(
-        path=path,
-        vehicle=str(document.get("vehicle", "")),
-        axis=axis_named(str(document.get("axis", YAW.name))),
-        logs=tuple((path.parent / str(item)).resolve() for item in document["logs"]),
-        entries=entries,
-        covariance=_covariance(document["covariance"]["names"], document["covariance"]["matrix"], entries),
-        sources=tuple(
-            Source(name=str(s["name"]), sha256=str(s["sha256"]), samples=_count(s["samples"]))
-            for s in document["sources"]
-        ),
-    )
-
-
-def _number(value: object, place: str, largest: float = LARGEST) -> float:
-    wanted = number_wanted(value, largest=largest)
-    if wanted or not isinstance(value, int | float):
-        raise ValueError(f"{place} is {value!r}; {wanted} was expected")
-    return float(value)
-
-
-def _number_or_nan(value: object, place: str, largest: float = LARGEST) -> float:
-    """As ``_number``; NaN for an error that one reading alone cannot tell."""
-    return value if isinstance(value, float) and math.isnan(value) else _number(value, place, largest)
-
-
-def _count(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise ValueError(f"samples is {value!r}; a whole number was expected")
-    return value
-
-
-def _covariance(
-    names: Sequence[str], matrix: Sequence[Any], entries: Mapping[str, Entry]
-) -> dict[tuple[str, str], float]:
-    """Covariance of each pair of ``names``, where the matrix can be one.
-
-    Its diagonal may be less than the square of the standard errors, which hold the scale of thrust too. Variance and
-    standard error may be NaN together: nothing told them.
-    """
-    if not set(names) <= set(entries) or len(set(names)) < len(names):
-        raise ValueError("names of the covariance are not those of parameters, each once")
-    if [len(names)] * len(names) != [len(row) for row in matrix]:
-        raise ValueError(f"the covariance of {len(names)} parameters is not a matrix of as many rows and columns")
-    written = np.array([[_number_or_nan(cell, "a covariance", LARGEST**2) for cell in row] for row in matrix])
-    variance = {name: float(written[i, i]) for i, name in enumerate(names)}
-    for name, entry in entries.items():
-        if math.isnan(entry.standard_error) and not math.isnan(variance.get(name, 0.0)):
-            raise ValueError(f"standard_error of {name} is nan; a number was expected")
-    known = [i for i, name in enumerate(names) if not math.isnan(entries[name].standard_error)]
-    found = written.reshape(len(names), len(names))[np.ix_(known, known)]
-    if np.isnan(found).any():
-        raise ValueError("a covariance is nan; a number was expected")
-    spread = np.sqrt(np.maximum(np.diag(found), 0.0))
-    most = np.outer(spread, spread)
-    correlation = np.divide(found, most, out=np.zeros_like(found), where=most > 0.0)
-    if not np.allclose(correlation, correlation.T, rtol=0.0, atol=_ROUNDING):
-        raise ValueError("the covariance is not symmetric")
-    if (
-        np.any(np.abs(found) > (1.0 + _ROUNDING) * most)
-        or np.linalg.eigvalsh(correlation).min(initial=0.0) < -_ROUNDING
-    ):
-        raise ValueError("the covariance is none: a variance is negative, or parameters go together more than wholly")
-    return {(a, b): float(written[i, j]) for i, a in enumerate(names) for j, b in enumerate(names) if i <= j}
 
 
 def _absolute(paths: Sequence[Path]) -> tuple[Path, ...]:

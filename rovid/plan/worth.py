@@ -13,7 +13,8 @@ from rovid.campaign.vehicle import Vehicle
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
 from rovid.ground.workers import spread
-from rovid.identify.innovations import Likelihood, Records
+from rovid.identify.innovations import Likelihood
+from rovid.identify.records import Records
 from rovid.model.model import Model
 from rovid.motion.runs import prepare
 from rovid.plan.programme import Limits, Planned

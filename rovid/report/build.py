@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from rovid.campaign.axis import YAW
-from rovid.control.design import Control, Options, control_of, setting_of
+from rovid.control.design import Control, control_of
+from rovid.control.setting import Options, setting_of
 from rovid.diagnose.parts import parts_of
 from rovid.diagnose.record import Diagnosis
 from rovid.diagnose.signals import is_driver
@@ -20,6 +21,7 @@ from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation, simulate_runs
 from rovid.parameters.agreement import disagreement
 from rovid.parameters.parameters import Parameters
+from rovid.parameters.update import update
 from rovid.report.evidence import Evidence
 from rovid.report.page import claim_report, write_report
 from rovid.study import Study, files_at_hand
@@ -69,7 +71,7 @@ def build_report(
     inertia, inertia_refusal = _or_refusal(lambda: study.inertia(judge))
     found["inertia"] = None if inertia is None else inertia.estimate
     if _completed(stored, study, found) is not stored or not stored.path.exists():
-        stored = stored.update(parameters, lambda now: _completed(now, study, found))
+        stored = update(stored, parameters, lambda now: _completed(now, study, found))
     diagnosis, diagnosis_refusal = _diagnosis(study, stored, report) if diagnosed else (None, "")
     yaw = study.vehicle.axis is YAW
     control, control_refusal = designed_control(study, stored, report) if controlled and yaw else (None, "")

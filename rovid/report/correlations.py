@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from rovid.campaign.axis import Axis
 from rovid.identify.estimate import Estimate
-from rovid.model.model import base_names
+from rovid.model.names import base_names
 from rovid.parameters.parameters import Parameters
 from rovid.report.text import NOTHING, number, title
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from rovid.control.design import Control, paper_runs
+from rovid.control.design import Control
 from rovid.control.loop import Course
+from rovid.control.setting import paper_runs
 
 # Whether effects act, whether the model aids, whether the aid knows of the effects.
 _WITH_EFFECTS = {

@@ -8,14 +8,14 @@ from collections.abc import Iterator
 from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes, Explanation
+from rovid.diagnose.fitted import Rival
 from rovid.diagnose.record import INVISIBLE, Diagnosis, Finding, Side, not_identifiable
-from rovid.diagnose.search import Rival
 from rovid.diagnose.signals import is_driver
 from rovid.effects import Effect
 from rovid.ground.numbers import plus_minus
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS
-from rovid.model.model import unit_of
+from rovid.model.names import unit_of
 from rovid.report.grids import Column, Grid, numbers, words
 from rovid.report.text import NOTHING, column, number, title, unit
 

@@ -14,8 +14,9 @@ from rovid.campaign.vehicle import Vehicle
 from rovid.ground.numbers import plus_minus
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
-from rovid.identify.steady import DragFit, SteadyPoint
-from rovid.model.model import base_names, unit_of
+from rovid.identify.steady import DragFit
+from rovid.identify.steady_points import SteadyPoint
+from rovid.model.names import base_names, unit_of
 from rovid.model.simulation import HORIZONS, TrialSimulation, overall
 from rovid.parameters.parameters import sha256
 from rovid.report.evidence import Evidence

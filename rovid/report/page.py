@@ -19,7 +19,7 @@ from rovid.ground.files import Claim, Output
 from rovid.ground.files.form import PAGE, png_form
 from rovid.ground.numbers import plus_minus
 from rovid.identify.inertia import METHODS
-from rovid.model.model import base_names
+from rovid.model.names import base_names
 from rovid.model.simulation import HORIZONS, overall
 from rovid.report import controller, correlations, exports, findings, grids
 from rovid.report.album import Album, make_album, plots_in

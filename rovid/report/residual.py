@@ -30,7 +30,7 @@ class Residual:
     drive
         The thrusters', after every effect between command and torque.
     beside
-        Theirs, as in `rovid.model.model.Drive`.
+        Theirs, as in `rovid.model.drive.Drive`.
     left
         T - I rdot - DQ |r| r - DL r, and what weight and buoyancy do off it. Effects in the equation of motion are
         still in it.

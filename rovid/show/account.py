@@ -17,7 +17,7 @@ from rovid.diagnose.record import INVISIBLE, Diagnosis, Finding, Side, not_ident
 from rovid.ground.numbers import plus_minus
 from rovid.ground.screen import led
 from rovid.identify.inertia import METHODS
-from rovid.model.model import unit_of
+from rovid.model.names import unit_of
 from rovid.show.terminal import number, show_parameters, table
 
 _VERDICTS = {

@@ -22,7 +22,8 @@ from rovid.identify.decay import Decay, read_decay
 from rovid.identify.estimate import PER_INERTIA, Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.identify.likelihood import LikelihoodFit
-from rovid.identify.steady import DragFit, SteadyPoint
+from rovid.identify.steady import DragFit
+from rovid.identify.steady_points import SteadyPoint
 from rovid.inspect.advice import Advice
 from rovid.inspect.first_config import Survey, logs_in_words
 from rovid.model.simulation import TrialSimulation, overall

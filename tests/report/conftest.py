@@ -12,7 +12,8 @@ from rovid.campaign.trial import Campaign, Remark, Trial
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.ground.arrays import FloatArray
 from rovid.identify.inertia import fit_inertia
-from rovid.identify.steady import fit_drag, steady_points
+from rovid.identify.steady import fit_drag
+from rovid.identify.steady_points import steady_points
 from rovid.model.simulation import simulate_runs
 from rovid.motion.runs import prepare
 from rovid.parameters.parameters import Parameters

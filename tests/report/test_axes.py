@@ -14,8 +14,9 @@ from matplotlib.figure import Figure
 from rovid.campaign.axis import AXES
 from rovid.effects import restoring_of
 from rovid.ground.files import Claim
-from rovid.identify.steady import SteadyPoint, fit_drag
-from rovid.model.model import base_names
+from rovid.identify.steady import fit_drag
+from rovid.identify.steady_points import SteadyPoint
+from rovid.model.names import base_names
 from rovid.parameters.parameters import Parameters
 from rovid.report import build
 from rovid.report.evidence import Evidence

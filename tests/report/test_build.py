@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from rovid.ground.files import Claim
-from rovid.parameters.parameters import Parameters, read_parameters
+from rovid.parameters.parameters import Parameters
+from rovid.parameters.reading import read_parameters
 from rovid.report import build
 from rovid.report.evidence import Evidence
 from rovid.study import Study

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rovid.parameters.parameters import read_parameters
+from rovid.parameters.reading import read_parameters
 from tests.conftest import SAMPLES, Rovid, run_rovid
 
 LOGS = ("hold_02.csv", "hold_03.csv", "hold_05.csv", "sine_40s_a.csv", "sine_40s_b.csv")

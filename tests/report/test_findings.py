@@ -15,7 +15,8 @@ import pytest
 from rovid.diagnose.record import Diagnosis, Finding
 from rovid.effects import effect_named
 from rovid.ground.files import Claim
-from rovid.parameters.parameters import Parameters, read_parameters
+from rovid.parameters.parameters import Parameters
+from rovid.parameters.reading import read_parameters
 from rovid.report import build, findings
 from rovid.report.album import Album, make_album
 from rovid.report.evidence import Evidence

@@ -1,0 +1,170 @@
+"""What each form of a cause promises, from the slopes alone, and which of them are worth a fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovid.diagnose.fitted import Fitted, climbed, worth
+from rovid.effects import Effect
+from rovid.ground.arrays import FloatArray
+from rovid.ground.workers import spread
+from rovid.identify.innovations import Slopes
+
+# Of the best candidate's promise, as far as its fit begins by keeping it: who promises less is not fitted.
+_PROMISE = 0.1
+_FITTED = 7
+_FORMS_FITTED = 3
+ITERATIONS = 25
+# Sizes to begin with, as shares of what the slopes ask for: where they mislead, that may be far too much.
+_SHARES = (1.0, 0.3, 0.1)
+_FIRST_ITERATIONS = 4
+# Then those go on, for so many steps, that have this share of the best one's worth.
+_STAGES = ((0.2, 8), (0.4, ITERATIONS))
+
+
+@dataclass(frozen=True, eq=False)
+class Promise:
+    """What the slopes say that one form of an effect would gain.
+
+    Attributes
+    ----------
+    gain
+        Of log-likelihood, over all starts of the form together.
+    start
+        Coordinates of the form's parameters from which to fit, of the size that the slopes ask for.
+    unscaled
+        Those of its starts that gains most as it stands.
+    power
+        Gain that the effect would have, were it there with the size of its first start.
+    """
+
+    effect: Effect
+    gain: float
+    start: FloatArray
+    unscaled: FloatArray
+    power: float
+
+
+def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
+    """What each of ``forms`` promises to gain, from the slopes alone."""
+    here = current.likelihood.slopes(current.x)
+    past = _Complement(here)
+    centre = current.likelihood.innovations(current.x)
+    return spread(lambda form: _promise(current, form, centre, here, past), forms)
+
+
+def fit_all(current: Fitted, promises: Sequence[Promise]) -> tuple[list[Fitted], list[Fitted]]:
+    """Each promise kept: fitted together with all else; and those that fell behind, left where they were."""
+
+    def begin(promise: Promise) -> Fitted:
+        likelihood = current.likelihood.like((*current.effects, promise.effect))
+        tried = (promise.unscaled, *(sized(promise.effect, promise.start, share) for share in _SHARES))
+        begins = [np.concatenate((current.x, start)) for start in tried]
+        return climbed(likelihood, min(begins, key=likelihood.cost), _FIRST_ITERATIONS)
+
+    ahead, behind = spread(begin, promises), list[Fitted]()
+    for share, iterations in _STAGES:
+        least = max(share * max((worth(fit) - worth(current) for fit in ahead), default=0.0), 0.0)
+        behind += [fit for fit in ahead if worth(fit) - worth(current) < least]
+        ahead = [fit for fit in ahead if fit not in behind]
+        ahead = spread(lambda fit: climbed(fit.likelihood, fit.x, iterations), ahead)  # noqa: B023 - used at once
+    return ahead, behind
+
+
+class _Complement:
+    """Projection of directions past what the fitted parameters can do by themselves."""
+
+    def __init__(self, here: Slopes) -> None:
+        self.matrix = here.matrix
+        self.inverse = np.linalg.pinv(here.matrix.T @ here.matrix, rcond=1e-12)
+
+    def __call__(self, directions: FloatArray) -> FloatArray:
+        return np.asarray(directions - self.matrix @ (self.inverse @ (self.matrix.T @ directions)))
+
+
+def _promise(
+    current: Fitted, form: Effect, centre: tuple[FloatArray, FloatArray], here: Slopes, past: _Complement
+) -> Promise:
+    likelihood = current.likelihood.like((*current.effects, form))
+    begins = likelihood.starts()
+    sides = [likelihood.innovations(np.concatenate((current.x, begin))) for begin in begins]
+    raw = likelihood.slopes_between(centre, sides, np.ones(len(sides))).matrix
+    # A drag that falls with the rate runs away from one start, and may hold from another.
+    bears = np.flatnonzero(np.isfinite(raw).all(axis=0))
+    if not bears.size:
+        return Promise(form, 0.0, begins[0], begins[0], 0.0)
+    begins, sides, directions = [begins[k] for k in bears], [sides[k] for k in bears], past(raw[:, bears])
+    pull = -(directions.T @ here.residual)
+    power = np.sum(directions**2, axis=0)
+    size = form.parameters[0]
+    sizes = np.ones(len(begins)) if size.endless else np.array([begin[0] - size.null for begin in begins])
+    # Starts differ in what else there is to an effect, too: the one that shows best at a size tells.
+    shown = 0.5 * float(np.max(power * (sizes[0] / sizes) ** 2))
+    one_sided = size.low >= size.null or size.high <= size.null
+    share = np.where(power > 1e-9, pull / np.maximum(power, 1e-9), 0.0)
+    gains = np.where((share > 0.0) | (not one_sided), 0.5 * share * pull, 0.0)
+    # Where slopes mislead, as at a threshold, what is gained there without any fit may tell more.
+    outright = here.cost - np.array([likelihood.cost_of(*side) for side in sides])
+    unscaled = begins[int(np.argmax(outright))]
+    if outright.max() > gains.max():
+        return Promise(form, float(outright.max()), unscaled, unscaled, shown)
+    best = int(np.argmax(gains))
+    if gains[best] <= 0.0:
+        return Promise(form, 0.0, begins[best], unscaled, shown)
+    information = directions.T @ directions
+    together = 0.5 * float(pull @ np.linalg.pinv(information, rcond=1e-6) @ pull)
+    asked = float(share[best])
+    start = sized(form, begins[best], math.copysign(min(max(abs(asked), 0.1), 5.0), asked))
+    return Promise(form, max(together, float(gains[best])), start, unscaled, shown)
+
+
+def sized(form: Effect, begin: FloatArray, share: float) -> FloatArray:
+    """``begin`` with ``share`` times as much of the effect, within its bounds."""
+    size = form.parameters[0]
+    if size.endless:
+        return begin
+    sized = begin.copy()
+    sized[0] = np.clip(size.null + share * (begin[0] - size.null), size.low, size.high)
+    return sized
+
+
+def by_cause(promises: Sequence[Promise]) -> list[list[Promise]]:
+    """The forms of each cause, best first in both."""
+    groups: dict[str, list[Promise]] = {}
+    for promise in sorted(promises, key=lambda promise: -promise.gain):
+        groups.setdefault(promise.effect.id, []).append(promise)
+    return list(groups.values())
+
+
+def best_forms(promises: Sequence[Promise]) -> list[Promise]:
+    """The most promising form of every cause that shows at all, and more forms of those that show most."""
+    counts = ((group, _FORMS_FITTED if place < _FITTED else 1) for place, group in enumerate(by_cause(promises)))
+    return [promise for group, count in counts for promise in group[:count] if promise.gain > 0.0]
+
+
+def shortlist(current: Fitted, promises: Sequence[Promise], least: float) -> list[Promise]:
+    """The forms worth fitting: of the causes that promise most, the best forms of each, and simpler ones.
+
+    Slopes promise too much of some forms, and one with fewer parameters may gain as much.
+    """
+    ranked = [group for group in by_cause(promises)[:_FITTED] if group[0].gain >= least]
+    top = max(spread(lambda group: min(group[0].gain, _outright(current, group[0])), ranked), default=0.0)
+    return [
+        promise
+        for first, *others in ranked
+        if first.gain >= _PROMISE * top
+        for promise in (first, *others)[:_FORMS_FITTED]
+        if promise.gain >= _PROMISE * first.gain
+        or (promise.gain > 0.0 and len(promise.effect.parameters) < len(first.effect.parameters))
+    ]
+
+
+def _outright(current: Fitted, promise: Promise) -> float:
+    """What a form gains where its fit would start, before any."""
+    likelihood = current.likelihood.like((*current.effects, promise.effect))
+    begins = (np.concatenate((current.x, start)) for start in (promise.start, promise.unscaled))
+    return current.cost - min(map(likelihood.cost, begins))

@@ -1,0 +1,66 @@
+"""Whether innovations are white, and what a model would gain that leaves them so."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import linalg, special
+
+from rovid.ground.arrays import FloatArray
+from rovid.identify.innovations import Likelihood
+
+_WHITE_LAGS = 20
+_WHITE_P = 1e-3
+_KURTOSIS = 1.0
+
+
+def likelihood_is_white(likelihood: Likelihood, x: FloatArray) -> bool:
+    """Whether the normalised innovations at ``x`` are white and free of heavy tails."""
+    return innovations_are_white(_normalised(likelihood, x))
+
+
+def colour(likelihood: Likelihood, x: FloatArray) -> float:
+    """Log-likelihood that a model gains at least that leaves the innovations at ``x`` white; see `whitening_gain`."""
+    return whitening_gain(_normalised(likelihood, x))
+
+
+def whitening_gain(series: Sequence[FloatArray]) -> float:
+    """Log-likelihood that ``series`` would gain, were each value predicted from those before it.
+
+    Half the count of the logarithm of how much the variance falls in an autoregression (Ljung 1999, section 16.4).
+    """
+    lags = range(_WHITE_LAGS + 1)
+    power = np.array([sum(float(z[lag:] @ z[: len(z) - lag]) for z in series if len(z) > lag) for lag in lags])
+    if power[0] <= 0.0:
+        return 0.0
+    # The least noise keeps a series that repeats itself exactly from having no predictor.
+    predictor = linalg.solve_toeplitz(power[:-1] + 1e-9 * power[0] * (np.arange(_WHITE_LAGS) == 0), power[1:])
+    left = 1.0 - float(predictor @ power[1:]) / power[0]
+    return -0.5 * sum(len(z) for z in series) * math.log(max(left, 1e-12))
+
+
+def _normalised(likelihood: Likelihood, x: FloatArray) -> list[FloatArray]:
+    """Innovations of each run over their standard deviations."""
+    error, variance = likelihood.innovations(x)
+    trial = likelihood.records.trial
+    trial = trial if likelihood.counted is None else trial[likelihood.counted]
+    z = error / np.sqrt(variance)
+    return [z[trial == number] for number in np.unique(trial)]
+
+
+def innovations_are_white(series: Sequence[FloatArray]) -> bool:
+    """Whether normalised innovations are white (Ljung-Box over all trials) and without heavy tails.
+
+    Spikes leave innovations white, so that the kurtosis is looked at too.
+    """
+    count = sum(len(z) for z in series)
+    power = sum(float(z @ z) for z in series)
+    statistic = 0.0
+    for lag in range(1, _WHITE_LAGS + 1):
+        product = sum(float(z[lag:] @ z[:-lag]) for z in series if len(z) > lag)
+        statistic += (product / power) ** 2 / (count - lag)
+    p_value = float(special.gammaincc(_WHITE_LAGS / 2.0, count * (count + 2.0) * statistic / 2.0))
+    fourth = sum(float(np.sum(z**4)) for z in series) * count / power**2
+    return p_value > _WHITE_P and fourth - 3.0 < _KURTOSIS

@@ -1,0 +1,45 @@
+"""A parameter file changed, while another process may change it too."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from rovid.ground.errors import ConfigError
+from rovid.ground.files import Claim
+from rovid.ground.files.form import PARAMETERS
+from rovid.parameters.parameters import Parameters
+from rovid.parameters.reading import read_parameters
+
+
+def update(stored: Parameters, claim: Claim, change: Callable[[Parameters], Parameters]) -> Parameters:
+    """Make ``change`` to what the file holds now, another process' results included; return what was written.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written, or what came to stand there is no parameter file of this axis; it says where the
+        result is instead.
+    """
+    written = stored
+
+    def changed() -> str:
+        nonlocal written
+        written = change(_as_it_is_now(stored))
+        return written.text()
+
+    try:
+        claim.write({stored.output: changed})
+    except ConfigError as error:
+        claim.rescue({stored.output: change(stored).text().encode()}, error)
+    return written
+
+
+def _as_it_is_now(stored: Parameters) -> Parameters:
+    # One that was deleted meanwhile, or replaced where that was asked for, begins with what was read of it.
+    if not stored.path.exists() or not PARAMETERS.marks(stored.path):
+        return stored
+    now = read_parameters(stored.path)
+    if now.axis is not stored.axis:
+        raise ConfigError(f"holds the parameters of {now.axis.name} by now.", where=stored.path)
+    return replace(now, path=stored.path)
