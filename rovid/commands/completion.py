@@ -35,18 +35,10 @@ def thrust_units() -> list[str]:
 
 
 def effects() -> list[str]:
-    """Ids of the effects, read from the catalogue's own lines: to import them takes a second.
-
-    A line names the module of an effect, which is called as the effect is; a test compares.
-    """
+    """Ids of the effects, read from the catalogue's own lines: to import them takes a second; a test compares."""
     lines = ast.parse(_CATALOGUE.read_text(encoding="utf-8")).body
-    forms = (line for line in lines if isinstance(line, ast.AnnAssign) and ast.unparse(line.target) == "FORMS")
-    return sorted(
-        node.value.id
-        for line in forms
-        for node in ast.walk(line)
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
-    )
+    listed = next(line for line in lines if isinstance(line, ast.Assign) and ast.unparse(line.targets[0]) == "EFFECTS")
+    return sorted(ast.literal_eval(listed.value))
 
 
 def parameters(context: typer.Context) -> list[str]:

@@ -3,68 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from importlib import import_module
 
 from rovid.campaign.axis import Axis
 from rovid.campaign.vehicle import Vehicle
-from rovid.effects import (
-    added_mass_memory,
-    advance_speed_loss,
-    bias_torque,
-    command_delay,
-    command_hysteresis,
-    coulomb_resistance,
-    drag_asymmetry,
-    drag_curvature,
-    entrained_swirl,
-    heading_dependent_torque,
-    heading_deviation,
-    oscillatory_drag,
-    restoring,
-    restoring_curve,
-    sideslip_moment,
-    slew_limit,
-    speed_dependent_damping,
-    supply_sag,
-    tank_seiche,
-    tether_torsion,
-    thrust_asymmetry,
-    thrust_curve_shape,
-    thruster_deadband,
-    thruster_imbalance,
-    thruster_lag,
-    wave_torque,
-)
+from rovid.effects import restoring, supply_sag, thruster_imbalance
 from rovid.effects.base import SPEEDS, Actuation, Effect, EffectParameter
 from rovid.ground.errors import ConfigError, nearest
 
-# Every form of every effect, the plain one of each first.
-FORMS: tuple[Effect, ...] = (
-    *thruster_deadband.FORMS,
-    *thrust_asymmetry.FORMS,
-    thruster_imbalance.EFFECT,
-    *thrust_curve_shape.FORMS,
-    *supply_sag.FORMS,
-    *thruster_lag.FORMS,
-    *command_delay.FORMS,
-    *slew_limit.FORMS,
-    *command_hysteresis.FORMS,
-    *advance_speed_loss.FORMS,
-    bias_torque.EFFECT,
-    *drag_curvature.FORMS,
-    *drag_asymmetry.FORMS,
-    *coulomb_resistance.FORMS,
-    *oscillatory_drag.FORMS,
-    *added_mass_memory.FORMS,
-    *entrained_swirl.FORMS,
-    *tether_torsion.FORMS,
-    *heading_dependent_torque.FORMS,
-    wave_torque.EFFECT,
-    *tank_seiche.FORMS,
-    *heading_deviation.FORMS,
-    *speed_dependent_damping.FORMS,
-    *sideslip_moment.FORMS,
-    *restoring_curve.FORMS,
+# The file of each effect, which is called as it is, in the order in which effects are listed everywhere.
+EFFECTS = (
+    "thruster_deadband",
+    "thrust_asymmetry",
+    "thruster_imbalance",
+    "thrust_curve_shape",
+    "supply_sag",
+    "thruster_lag",
+    "command_delay",
+    "slew_limit",
+    "command_hysteresis",
+    "advance_speed_loss",
+    "bias_torque",
+    "drag_curvature",
+    "drag_asymmetry",
+    "coulomb_resistance",
+    "oscillatory_drag",
+    "added_mass_memory",
+    "entrained_swirl",
+    "tether_torsion",
+    "heading_dependent_torque",
+    "wave_torque",
+    "tank_seiche",
+    "heading_deviation",
+    "speed_dependent_damping",
+    "sideslip_moment",
+    "restoring_curve",
 )
+# Every form of every effect, the plain one of each first.
+FORMS: tuple[Effect, ...] = tuple(form for name in EFFECTS for form in import_module(f"rovid.effects.{name}").FORMS)
 CATALOGUE: tuple[Effect, ...] = tuple(effect for effect in FORMS if not effect.form)
 # What weight and buoyancy do; part of the base model of these axes.
 _RESTORING = {"heave": restoring.LIFT, "roll": restoring.RIGHTING, "pitch": restoring.RIGHTING}

@@ -25,3 +25,4 @@ EFFECT: Effect = Effect(
     rivals=("thrust_asymmetry", "drag_asymmetry", "heading_dependent_torque"),
     term=_term,
 )
+FORMS: tuple[Effect, ...] = (EFFECT,)

@@ -21,6 +21,7 @@ EFFECT: Effect = Effect(
     rivals=("thrust_asymmetry", "supply_sag"),
     each_thruster=True,
 )
+FORMS: tuple[Effect, ...] = (EFFECT,)
 
 
 BESIDE = " beside others"

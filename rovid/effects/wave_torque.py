@@ -24,3 +24,4 @@ EFFECT: Effect = Effect(
     rivals=("tank_seiche",),
     wave=True,
 )
+FORMS: tuple[Effect, ...] = (EFFECT,)
