@@ -104,6 +104,10 @@ def notes() -> dict[str, Note]:
     """The hand-written part, by id."""
     with (FOLDER / "notes.toml").open("rb") as file:
         document = tomllib.load(file)
+    missing = [effect.id for effect in CATALOGUE if effect.id not in document]
+    if missing:
+        msg = f"notes.toml has no entry [{missing[0]}]: it needs text, sizes, values, hold, period and against"
+        raise ValueError(msg)
     return {name: Note(**_checked(name, entry)) for name, entry in document.items()}
 
 

@@ -5,54 +5,34 @@ from __future__ import annotations
 import errno
 import os
 import sys
+from importlib import import_module
 from types import ModuleType
 from typing import Annotated
 
 import typer
 
 from rovid import __version__
-from rovid.commands import (
-    check,
-    control,
-    convert,
-    diagnose,
-    export,
-    fit,
-    fit_drag,
-    fit_inertia,
-    fit_thruster,
-    init,
-    plan,
-    report,
-    simulate,
-)
 from rovid.commands.manual import FIRST_SESSION, ManualCommand, ManualGroup, Page
 from rovid.ground.errors import RovidError, shown
 
-# In the order of the help: each module has the command, called as it is, and its page of the manual.
-COMMANDS: tuple[ModuleType, ...] = (
-    init,
-    check,
-    convert,
-    fit_drag,
-    fit_inertia,
-    fit,
-    diagnose,
-    fit_thruster,
-    simulate,
-    plan,
-    control,
-    export,
-    report,
+# The file of each command, called as it is, in the order of the help: it holds the command and its page of the manual.
+COMMANDS = (
+    "init",
+    "check",
+    "convert",
+    "fit_drag",
+    "fit_inertia",
+    "fit",
+    "diagnose",
+    "fit_thruster",
+    "simulate",
+    "plan",
+    "control",
+    "export",
+    "report",
 )
-
-
-def name_of(command: ModuleType) -> str:
-    """As it is typed."""
-    return command.__name__.rpartition(".")[2].replace("_", "-")
-
-
-MANUAL: dict[str, Page] = {name_of(command): command.PAGE for command in COMMANDS}
+_MODULES = {name.replace("_", "-"): import_module(f"rovid.commands.{name}") for name in COMMANDS}
+MANUAL: dict[str, Page] = {name: module.PAGE for name, module in _MODULES.items()}
 
 app = typer.Typer(
     cls=ManualGroup,
@@ -104,12 +84,11 @@ def _root(
     pass
 
 
-def _register(command: ModuleType) -> None:
-    name = name_of(command)
+def _register(name: str, command: ModuleType) -> None:
     run, page = getattr(command, name.replace("-", "_")), MANUAL[name]
     # The docstring says in a line what the command does, the manual says the rest.
     app.command(name, cls=ManualCommand, help=f"{run.__doc__}\n{page.text}", epilog=page.epilog)(run)
 
 
-for _command in COMMANDS:
-    _register(_command)
+for _name, _module in _MODULES.items():
+    _register(_name, _module)
