@@ -156,7 +156,10 @@ def every_export(
     def every() -> Mapping[str, Exported]:
         _model_of(study, stored)
         subject = subject_of(stored, study)
-        return {name: export(function, subject) for name, (function, _) in EXPORTERS.items()}
+        made = {}
+        for name, (function, _) in EXPORTERS.items():
+            made[name] = export(function, subject)
+        return made
 
     report("Simulating what simulators make of it (--no-export leaves it out) …")
     return _or_refusal(every)
@@ -164,9 +167,11 @@ def every_export(
 
 def _diagnosis(study: Study, stored: Parameters, report: Callable[[str], None]) -> tuple[Diagnosis | None, str]:
     report(_PATIENCE)
-    found, refusal = _or_refusal(
-        lambda: study.diagnosis(lambda text: report(f"{_PATIENCE} {text}"), drag=stored.drag())
-    )
+
+    def patiently(text: str) -> None:
+        report(f"{_PATIENCE} {text}")
+
+    found, refusal = _or_refusal(lambda: study.diagnosis(patiently, drag=stored.drag()))
     if found is None or found.extended is None:
         return found, refusal
     apart = disagreement(stored.entries_of(study.paths), found.extended.estimate)
@@ -200,6 +205,12 @@ def most_improved(study: Study, diagnosis: Diagnosis) -> tuple[TrialSimulation, 
         return None
     # Few trials are diagnosed in parts, and a part is simulated from its own start.
     runs = (parts_of(study.runs.items, study.vehicle, study.runs.cutoff) or study.runs).items
-    before, after = (simulate_runs(runs, side.model, study.vehicle) for side in (base, extended))
-    pairs = [pair for pair in zip(before, after, strict=True) if pair[1].fit.rmse < pair[0].fit.rmse]
-    return max(pairs, key=lambda pair: pair[0].fit.rmse - pair[1].fit.rmse, default=None)
+    before = simulate_runs(runs, base.model, study.vehicle)
+    after = simulate_runs(runs, extended.model, study.vehicle)
+    most, best = 0.0, None
+    for pair in zip(before, after, strict=True):
+        without, with_it = pair
+        gain = without.fit.rmse - with_it.fit.rmse
+        if gain > most:
+            most, best = gain, pair
+    return best

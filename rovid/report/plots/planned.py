@@ -18,7 +18,9 @@ _ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "
 def planned(found: Plan, axis: Axis) -> Figure:
     """Commands, predicted rates, and by how much these differ beside what the disturbance drives."""
     rivals = len(found.beliefs) > 1
-    rows = [(1.4, 1), (2.0, 1), *([(1.4, 1)] if rivals else [])]
+    rows = [(1.4, 1), (2.0, 1)]
+    if rivals:
+        rows.append((1.4, 1))
     figure, panels = sheet(rows, left=1.05, down=0.42, top=0.75, share_x=True)
     run, rates = found.best.run, found.best.rates
     command, rate = panels[0][0], panels[1][0]

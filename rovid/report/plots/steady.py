@@ -22,20 +22,23 @@ def steady_torque(fit: DragFit) -> Figure:
     """Torque against rate with the fitted line, its 95 % band, and the residuals."""
     figure, ((top,), (bottom,)) = sheet([(3.6, 1), (1.5, 1)], top=0.25, down=0.2, share_x=True)
     axis = fit.estimate.axis
-    rate, torque = (np.array([getattr(point, name) for point in fit.points]) for name in ("rate", "torque"))
+    rate = np.array([point.rate for point in fit.points])
+    torque = np.array([point.torque for point in fit.points])
     line = _line(fit)
     reach = _reach(fit.estimate, line)
     drag = _drag(fit.estimate, line)
     if reach is not None:
         top.fill_between(line, drag - reach, drag + reach, color=BLUE, alpha=0.22, linewidth=0, label="95 % band")
         bottom.fill_between(line, -reach, reach, color=BLUE, alpha=0.22, linewidth=0)
-    top.plot(line, drag, color=BLUE, label=f"fit: DQ·|r|·r + DL·r{' + B' if len(fit.estimate.names) > 2 else ''}")
+    buoyancy = " + B" if len(fit.estimate.names) > 2 else ""
+    top.plot(line, drag, color=BLUE, label=f"fit: DQ·|r|·r + DL·r{buoyancy}")
     bottom.axhline(0.0, color=BLUE)
     _points(top, fit, rate, torque)
     _points(bottom, fit, rate, fit.residuals)
     if fit.unsteady:
-        x, y = [point.rate for point in fit.unsteady], [point.torque for point in fit.unsteady]
-        top.plot(x, y, "x", color=GREY, markersize=6, label="rate still changing: not fitted")
+        rates = [point.rate for point in fit.unsteady]
+        torques = [point.torque for point in fit.unsteady]
+        top.plot(rates, torques, "x", color=GREY, markersize=6, label="rate still changing: not fitted")
     _each_direction(bottom, fit, line)
     if fit.directions:
         top.plot([], [], color=ORANGE, linestyle="--", label="each direction alone, below")
@@ -67,18 +70,21 @@ def _reach(estimate: Estimate, rate: FloatArray) -> FloatArray | None:
         return None
     design = _design(estimate, rate)
     variance = np.einsum("ni,ij,nj->n", design, estimate.covariance, design)
-    return np.asarray(student_t(0.975, estimate.degrees_of_freedom) * np.sqrt(np.maximum(variance, 0.0)))
+    # Where the line is sure round-off may leave a variance just below zero.
+    errors = np.sqrt(np.maximum(variance, 0.0))
+    return np.asarray(student_t(0.975, estimate.degrees_of_freedom) * errors)
 
 
 def _points(panel: Axes, fit: DragFit, rate: FloatArray, values: FloatArray) -> None:
+    # An error of one is the weight of a point of which none is known.
     known = bool(np.any(fit.torque_error != 1.0))
     axis = fit.estimate.axis
     for rows, filled, text in ((rate > 0, BLACK, "growing"), (rate < 0, "white", "falling")):
-        if rows.any():
-            errors = fit.torque_error[rows] if known else None
-            _error_bars(
-                panel, rate[rows], values[rows], errors, filled, f"{steady_state(axis)}, {axis.position_words} {text}"
-            )
+        if not rows.any():
+            continue
+        errors = fit.torque_error[rows] if known else None
+        label = f"{steady_state(axis)}, {axis.position_words} {text}"
+        _error_bars(panel, rate[rows], values[rows], errors, filled, label)
 
 
 def _error_bars(panel: Axes, x: FloatArray, y: FloatArray, errors: FloatArray | None, filled: str, label: str) -> None:
