@@ -246,19 +246,21 @@ def _of(estimate: Estimate, name: str) -> str:
 
 def methods_grid(fit: InertiaFit, rigid_body: float | None) -> Grid:
     """Inertia by every method."""
-    readings = {name: fit.methods[name] for name in METHODS if name in fit.methods}
-    texts = {name: plus_minus(each.value, each.standard_error) for name, each in readings.items()}
     its_unit = unit(fit.estimate.unit("inertia"))
-    columns = [
-        words("method", [METHODS[name] for name in readings]),
-        numbers("inertia", its_unit, [*texts.values()]),
-        words(f"95 % interval, {its_unit}", [_reach(fit, name, text) for name, text in texts.items()]),
-    ]
+    headings = [of_text("method"), of_numbers("inertia", its_unit), of_text(f"95 % interval, {its_unit}")]
     if rigid_body is not None:
-        ratios = [f"{each.value / rigid_body:.3f}" for each in readings.values()]
-        columns.append(numbers("over rigid body", "", ratios))
-    columns.append(words("", [_remark(fit, name) for name in readings]))
-    return Grid(caption="Inertia by each method", columns=tuple(columns))
+        headings.append(of_numbers("over rigid body"))
+    table = Table("Inertia by each method", *headings, of_text(""))
+    for name, method in METHODS.items():
+        reading = fit.methods.get(name)
+        if reading is None:
+            continue
+        value = plus_minus(reading.value, reading.standard_error)
+        cells = [method, value, _reach(fit, name, value)]
+        if rigid_body is not None:
+            cells.append(f"{reading.value / rigid_body:.3f}")
+        table.add(*cells, _remark(fit, name))
+    return table.grid()
 
 
 def _reach(fit: InertiaFit, name: str, text: str) -> str:

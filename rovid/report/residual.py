@@ -97,11 +97,26 @@ def _terms_torque(item: Residual, model: Model) -> FloatArray:
     return model.along(trial, rates.kernel.period, (rates.rate, turned, item.drive), item.beside)[0]
 
 
+def all_left(items: Sequence[Residual]) -> FloatArray:
+    """What is left of the torque in all runs, one after another."""
+    return np.concatenate([item.left for item in items])
+
+
+def all_drives(items: Sequence[Residual]) -> FloatArray:
+    """The thrusters' torques in all runs, one after another."""
+    return np.concatenate([item.drive for item in items])
+
+
+def all_rates(items: Sequence[Residual]) -> FloatArray:
+    """The rates in all runs, one after another."""
+    return np.concatenate([item.run.rates.rate for item in items])
+
+
 def sizes(items: Sequence[Residual]) -> tuple[float, float, float]:
     """Root mean squares in N m: of what is left, of the torque, and of what the sensor's noise makes of itself."""
-    left = np.concatenate([item.left for item in items])
+    left = all_left(items)
     known = np.isfinite(left)
-    drive = np.concatenate([item.drive for item in items])[known]
+    drive = all_drives(items)[known]
     noise = np.concatenate([np.full(len(item.left), item.noise) for item in items])[known]
     return _rms(left[known]), _rms(drive), _rms(noise)
 

@@ -21,7 +21,7 @@ from rovid.ground.numbers import plus_minus
 from rovid.ground.screen import led
 from rovid.identify.inertia import METHODS
 from rovid.model.names import unit_of
-from rovid.show.terminal import number, show_parameters, table
+from rovid.show.terminal import number, say, show_parameters, table
 
 _VERDICTS = {
     "found": "The simulation misses something, and it has a name.",
@@ -35,9 +35,9 @@ _VERDICTS = {
 def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> None:
     """Print the account."""
     axis = vehicle.axis
-    console.print(led(_VERDICTS[diagnosis.verdict]), highlight=False)
+    say(console, led(_VERDICTS[diagnosis.verdict]))
     if diagnosis.missing:
-        console.print(diagnosis.missing, highlight=False)
+        say(console, diagnosis.missing)
     if diagnosis.amplitudes is not None:
         _show_amplitudes(console, diagnosis.amplitudes)
     _show_causes(console, diagnosis, axis)
@@ -45,13 +45,13 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         _show_gain(console, diagnosis.base, diagnosis.extended, diagnosis.noise_floor, axis)
         show_parameters(console, diagnosis.extended.estimate)
         share = 100.0 * diagnosis.unexplained_share
-        console.print(f"left unexplained: {share:.2g} % of the {axis.push}'s variance", highlight=False)
+        say(console, f"left unexplained: {share:.2g} % of the {axis.push}'s variance")
     if diagnosis.verdict == "nothing_found":
         _show_detectable(console, diagnosis, axis)
     invisible = " and ".join(INVISIBLE[name] for name in not_identifiable(vehicle))
-    console.print(f"never visible in {axis.name} data: {invisible}", highlight=False)
+    say(console, f"never visible in {axis.name} data: {invisible}")
     run = next_experiment(diagnosis)
-    console.print(led("Next:", f"{run['run']} ({run['reason']})"), highlight=False)
+    say(console, led("Next:", f"{run['run']} ({run['reason']})"))
 
 
 def _show_causes(console: Console, diagnosis: Diagnosis, axis: Axis) -> None:
@@ -65,7 +65,7 @@ def _show_causes(console: Console, diagnosis: Diagnosis, axis: Axis) -> None:
     for signal, gain in diagnosis.signals:
         what = f"{axis.words(signal.title)} (log-likelihood gain {gain:.0f})"
         console.print()
-        console.print(f"Unexplained: {what}. It is a dependence, not a cause.", highlight=False)
+        say(console, f"Unexplained: {what}. It is a dependence, not a cause.")
 
 
 def _show_amplitudes(console: Console, amplitudes: Amplitudes) -> None:
@@ -75,7 +75,7 @@ def _show_amplitudes(console: Console, amplitudes: Amplitudes) -> None:
         _show_explanations(console, amplitudes)
     if amplitudes.ruled_out:
         ruled_out = ", ".join(effect.title for effect in amplitudes.ruled_out)
-        console.print(f"would not, alone: {ruled_out}", highlight=False)
+        say(console, f"would not, alone: {ruled_out}")
 
 
 def _show_predictions(console: Console, amplitudes: Amplitudes) -> None:
@@ -114,13 +114,13 @@ def _show_finding(console: Console, finding: Finding, axis: Axis) -> None:
     names = [axis.words(each.title) for each in (effect, *finding.undecided)]
     form = f", form {effect.form}" if effect.form else ""
     console.print()
-    console.print(led(" or ".join(names), f"({effect.id}{form}): {effect.equation}"), highlight=False)
+    say(console, led(" or ".join(names), f"({effect.id}{form}): {effect.equation}"))
     _show_sizes(console, finding)
     gains = f"  log-likelihood gain {finding.gain:.0f}, on trials not fitted {finding.held_out_gain:.0f}"
-    console.print(gains, highlight=False)
+    say(console, gains)
     if finding.rivals:
         rivals = ", ".join(f"{axis.words(rival.effect.title)} {rival.gain:.0f}" for rival in finding.rivals[:3])
-        console.print(f"  parameters paid for, {finding.worth:.0f}; in its place {rivals}", highlight=False)
+        say(console, f"  parameters paid for, {finding.worth:.0f}; in its place {rivals}")
     _show_deciding(console, finding)
 
 
@@ -131,7 +131,7 @@ def _show_sizes(console: Console, finding: Finding) -> None:
         name = f"{effect.key}.{parameter.name}"
         value = plus_minus(estimate.value(name), estimate.standard_error(name))
         unit = estimate.unit(name)
-        console.print(f"  {parameter.name} {value} {unit if unit != '1' else ''}", highlight=False)
+        say(console, f"  {parameter.name} {value} {unit if unit != '1' else ''}")
 
 
 def _show_deciding(console: Console, finding: Finding) -> None:
@@ -141,7 +141,7 @@ def _show_deciding(console: Console, finding: Finding) -> None:
         return
     planned = "commands" in decides
     which = "would" if planned else "might"
-    console.print(f"  these data do not tell which; this run {which}: {decides['run']}", highlight=False)
+    say(console, f"  these data do not tell which; this run {which}: {decides['run']}")
     if planned:
         one, other = (shlex.quote(effect.key) for effect in (finding.effect, finding.undecided[0]))
         command = led(f"rovid plan --between {one} --between {other}", "writes it")
@@ -175,11 +175,11 @@ def _show_detectable(console: Console, diagnosis: Diagnosis, axis: Axis) -> None
 def show_control(console: Console, result: Control) -> None:
     """Print the controller: gains, margins, and the closed-loop runs."""
     for line in _control_lines(result):
-        console.print(line, highlight=False)
+        say(console, line)
     console.print(_closed_loop_runs(result))
     if result.model.effects:
         keys = ", ".join(effect.key for effect in result.model.effects)
-        console.print(f"effects: {keys}; an aid that is extended knows of them", highlight=False)
+        say(console, f"effects: {keys}; an aid that is extended knows of them")
 
 
 def _control_lines(result: Control) -> Iterator[str | Text]:

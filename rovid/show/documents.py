@@ -21,6 +21,8 @@ from rovid.plan.design import Plan, command_rows
 from rovid.plan.worth import Worth
 from rovid.show.fit_documents import Document, axis_document, position_errors, units_of
 
+_CONTROL_UNITS = {"kp": "N m/rad", "kd": "N m s/rad", "bandwidth": "rad/s", "crossover": "rad/s", "effort": "N m"}
+
 
 def simulation_document(
     parameters: Parameters, simulations: Sequence[TrialSimulation], warnings: Sequence[str]
@@ -92,9 +94,6 @@ def _commands(found: Plan) -> Document:
     return document
 
 
-_CONTROL_UNITS = {"kp": "N m/rad", "kd": "N m s/rad", "bandwidth": "rad/s", "crossover": "rad/s", "effort": "N m"}
-
-
 def control_document(result: Control, warnings: Sequence[str]) -> Document:
     """What `rovid control --json` prints; times in s, angles in deg, torques in N m, frequencies in rad/s."""
     law, margins, spread = result.law, result.margins, result.spread
@@ -116,7 +115,7 @@ def control_document(result: Control, warnings: Sequence[str]) -> Document:
         "monte_carlo": None if spread is None else vars(spread),
         "effects": [effect.key for effect in result.model.effects],
         "runs": [_closed_run(run) for run in result.runs],
-        "units": _CONTROL_UNITS.copy(),
+        "units": dict(_CONTROL_UNITS),
         "warnings": list(warnings),
     }
 

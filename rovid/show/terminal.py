@@ -11,6 +11,7 @@ import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from rovid.campaign.axis import YAW
 from rovid.campaign.trial import Trial
@@ -52,27 +53,30 @@ def number(value: float | None, form: str = ".3g") -> str:
     return "–" if value is None or not math.isfinite(value) else format(value, form)
 
 
+def say(console: Console, text: str | Text) -> None:
+    """Print a text, with its numbers in no colour of their own."""
+    console.print(text, highlight=False)
+
+
 def show_warnings(console: Console, warnings: Sequence[str]) -> None:
     """Print each warning as a paragraph of its own."""
     for text in warnings:
-        console.print(led("Note:", text, "yellow"), highlight=False)
+        say(console, led("Note:", text, "yellow"))
 
 
 def show_export(console: Console, path: Path, made: Exported) -> None:
     """Print how far the target's own equation is from rovid's, and what it does not hold."""
     console.print(str(path), highlight=False, soft_wrap=True)
-    console.print(
+    say(
+        console,
         f"re-simulated in the target's equation: yaw rate off by {made.mismatch.percent_of_range:.2g} % of its range, "
         f"{made.mismatch.rms:.2g} rad/s rms",
-        highlight=False,
     )
     if made.losses:
-        console.print(
-            f"of what it holds: {made.held.percent_of_range:.2g} %, {made.held.rms:.2g} rad/s rms", highlight=False
-        )
+        say(console, f"of what it holds: {made.held.percent_of_range:.2g} %, {made.held.rms:.2g} rad/s rms")
     for loss in made.losses:
         size = number(loss.percent_of_range, ".2g")
-        console.print(led("Not held:", f"{loss.what}, {size} % of range: {loss.why}.", "red"), highlight=False)
+        say(console, led("Not held:", f"{loss.what}, {size} % of range: {loss.why}.", "red"))
     show_warnings(console, made.warnings)
 
 
@@ -82,10 +86,10 @@ def show_filter(console: Console, runs: Runs) -> None:
     name, shown, factor = runs.axis.measured(integrated=runs.integrated)
     unit = runs.axis.rate_unit
     origin = "chosen from the data" if runs.chosen else "as given"
-    console.print(
+    say(
+        console,
         f"low pass {runs.cutoff:.3g} Hz, {origin}; noise: "
         f"{name} {noise * factor:.2g} {shown}, rate {rate:.2g} {unit}, acceleration {acceleration:.2g} {unit}²",
-        highlight=False,
     )
 
 
@@ -110,20 +114,20 @@ def show_drag(console: Console, fit: DragFit) -> None:
     if fit.unsteady:
         found = ", ".join(dict.fromkeys(point.source for point in fit.unsteady))
         left_out = f"{len(fit.unsteady)} holds left out because the rate was still changing, in {found}"
-        console.print(left_out, highlight=False)
+        say(console, left_out)
     estimate, correlation = fit.estimate, math.nan
     show_parameters(console, estimate)
     if not estimate.refused:
         correlation = estimate.correlation("quadratic_drag", "linear_drag")
-    console.print(
+    say(
+        console,
         f"{estimate.method}; R² {number(fit.r_squared, '.4f')}; correlation of DQ and DL {number(correlation, '.2f')}; "
         f"{estimate.samples} steady states",
-        highlight=False,
     )
     for name, each in fit.directions.items():
         quadratic, linear = (plus_minus(each.value(key), each.standard_error(key)) for key in each.names)
         way = f"{estimate.axis.position_words} {name} alone"
-        console.print(f"{way}: DQ {quadratic}, DL {linear}", highlight=False)
+        say(console, f"{way}: DQ {quadratic}, DL {linear}")
 
 
 def _steady_states(fit: DragFit) -> Table:
@@ -172,7 +176,7 @@ def show_inertia(console: Console, fit: InertiaFit) -> None:
     show_parameters(console, fit.estimate)
     if fit.added_inertia is not None:
         added = plus_minus(fit.added_inertia, fit.estimate.standard_error("inertia"))
-        console.print(f"added inertia (inertia less the rigid body's): {added} {unit}", highlight=False)
+        say(console, f"added inertia (inertia less the rigid body's): {added} {unit}")
 
 
 def _note(fit: InertiaFit, name: str) -> str:
@@ -190,21 +194,21 @@ def show_likelihood(console: Console, fit: LikelihoodFit) -> None:
     axis = fit.estimate.axis
     name, unit, factor = axis.measured(integrated=fit.integrated)
     innovations = "white" if fit.white else "not white"
-    console.print(
+    say(
+        console,
         f"{fit.estimate.method}: log-likelihood {fit.log_likelihood:.1f} over {fit.estimate.samples} readings; "
         f"innovations {innovations}",
-        highlight=False,
     )
     per_inertia = PER_INERTIA if fit.estimate.per_inertia else ""
-    console.print(
+    say(
+        console,
         f"disturbance {axis.push} {fit.disturbance:.3g} {axis.push_unit}{per_inertia} with a memory of "
         f"{fit.correlation_time:.2g} s; {name} noise {factor * fit.position_noise:.2g} {unit}",
-        highlight=False,
     )
-    console.print(
+    say(
+        console,
         f"free-running {axis.rate_words} R² {fit.free_run_r2:.4f}; the fit that looks at nothing else reaches "
         f"{fit.base_r2:.4f}",
-        highlight=False,
     )
 
 
@@ -219,11 +223,11 @@ def show_decay(console: Console, decay: Decay) -> None:
     linear, quadratic = map(_reading, decay.terms.values())
     frequency, over_inertia = decay.natural_frequency, decay.over_inertia.items()
     ratios = ", ".join(f"{name.replace('_', ' ')} {_reading(each)} {each.unit}" for name, each in over_inertia)
-    console.print(
+    say(
+        console,
         f"natural frequency {_reading(frequency)} {frequency.unit}; damping ratio "
         f"{linear} of the linear drag, and {quadratic} for each rad of amplitude of the quadratic\n"
         f"over the inertia: {ratios}",
-        highlight=False,
     )
 
 
@@ -271,17 +275,17 @@ def show_bench(console: Console, fit: BenchFit, output: Path) -> None:
         rows.add_row(f"{command:.5g}", f"{thrust:.2f}", f"{thrust - residual:.2f}", f"{residual:.2f}")
     console.print(rows)
     if step > 1:
-        console.print(f"every {step}th of {len(fit.command)} readings shown", highlight=False)
+        say(console, f"every {step}th of {len(fit.command)} readings shown")
     zone = "none"
     if fit.dead_zone is not None:
         low, high = fit.dead_zone
         zone = f"{low:.5g} to {high:.5g}"
-    console.print(
+    say(
+        console,
         f"dead zone {zone}; thrust {fit.curve.thrust.min():.1f} to {fit.curve.thrust.max():.1f} N; residual "
         f"{fit.rms:.2g} N rms, {np.max(np.abs(fit.residuals)):.2g} N at most",
-        highlight=False,
     )
-    console.print(f"written to {output}", highlight=False)
+    say(console, f"written to {output}")
 
 
 def show_plan(console: Console, found: Plan, written: Sequence[Path]) -> None:
@@ -358,15 +362,15 @@ def show_check(console: Console, rows: Sequence[tuple[Trial, Mapping[str, Any]]]
     console.print(shown)
     for trial, _ in rows:
         for remark in trial.remarks:
-            console.print(f"{trial.name}: {remark.text}", highlight=False)
+            say(console, f"{trial.name}: {remark.text}")
 
 
 def show_advice(console: Console, advice: Sequence[Advice]) -> None:
     """Print what to mind before a fit."""
     for one in advice:
-        console.print(led("Before a fit:", _capitalised(one.text)), highlight=False)
+        say(console, led("Before a fit:", _capitalised(one.text)))
     if not advice:
-        console.print("These logs have what a fit wants.", highlight=False)
+        say(console, "These logs have what a fit wants.")
 
 
 def _capitalised(text: str) -> str:
@@ -387,4 +391,4 @@ def show_fit(
     if study.runs is not None:
         show_filter(console, study.runs)
     show_warnings(console, [*study.remarks(), *fit.estimate.warnings])
-    console.print(f"written to {parameters.path}", highlight=False)
+    say(console, f"written to {parameters.path}")

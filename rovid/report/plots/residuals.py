@@ -14,7 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from rovid.campaign.axis import Axis
 from rovid.ground.arrays import FloatArray
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, extremes, sheet, styled
-from rovid.report.residual import Residual, autocorrelation, binned, spectrum
+from rovid.report.residual import Residual, all_drives, all_left, all_rates, autocorrelation, binned, spectrum
 
 _DOTS = 6000
 _LONGEST_LAG = 60.0  # s
@@ -27,9 +27,9 @@ def residuals(items: Sequence[Residual], cutoff: float) -> Figure:
         [(2.2, 2), (1.6, 1), (1.9, 2)], top=0.4, across=0.95
     )
     axis = items[0].run.trial.axis
-    left = np.concatenate([item.left for item in items])
-    _against(by_rate, np.concatenate([item.run.rates.rate for item in items]), left)
-    _against(by_torque, np.concatenate([item.drive for item in items]), left)
+    left = all_left(items)
+    _against(by_rate, all_rates(items), left)
+    _against(by_torque, all_drives(items), left)
     residual = f"residual {axis.push}, {axis.push_unit}"
     by_rate.set(xlabel=f"{axis.rate_words}, {axis.rate_unit}", ylabel=residual)
     by_torque.set(xlabel=f"{axis.push}, {axis.push_unit}", ylabel=residual)
