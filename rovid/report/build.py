@@ -72,34 +72,38 @@ def build_report(
     found["inertia"] = None if inertia is None else inertia.estimate
     if _completed(stored, study, found) is not stored or not stored.path.exists():
         stored = update(stored, parameters, lambda now: _completed(now, study, found))
-    diagnosis, diagnosis_refusal = _diagnosis(study, stored, report) if diagnosed else (None, "")
-    yaw = study.vehicle.axis is YAW
-    control, control_refusal = designed_control(study, stored, report) if controlled and yaw else (None, "")
-    exports, export_refusal = every_export(study, stored, report) if exported and yaw else (None, "")
-    report("Drawing and writing the page …")
-    return write_report(
-        folder,
-        Evidence(
-            vehicle=study.vehicle,
-            parameters=stored,
-            campaign=study.campaign,
-            runs=study.runs,
-            drag=drag,
-            drag_refusal=drag_refusal,
-            inertia=inertia,
-            inertia_refusal=inertia_refusal,
-            simulations=_simulations(study, stored),
-            extended=_extended(study, diagnosis),
-            diagnosis=diagnosis,
-            diagnosis_refusal=diagnosis_refusal,
-            compared=None if diagnosis is None else most_improved(study, diagnosis),
-            control=control,
-            control_refusal=control_refusal,
-            exports=exports,
-            export_refusal=export_refusal,
-        ),
-        claim=page,
+    evidence = Evidence(
+        vehicle=study.vehicle,
+        parameters=stored,
+        campaign=study.campaign,
+        runs=study.runs,
+        drag=drag,
+        drag_refusal=drag_refusal,
+        inertia=inertia,
+        inertia_refusal=inertia_refusal,
+        simulations=(),
     )
+    yaw = study.vehicle.axis is YAW
+    if diagnosed:
+        diagnosis, refusal = _diagnosis(study, stored, report)
+        evidence = replace(evidence, diagnosis=diagnosis, diagnosis_refusal=refusal)
+    if controlled and yaw:
+        control, refusal = designed_control(study, stored, report)
+        evidence = replace(evidence, control=control, control_refusal=refusal)
+    if exported and yaw:
+        exports, refusal = every_export(study, stored, report)
+        evidence = replace(evidence, exports=exports, export_refusal=refusal)
+    report("Drawing and writing the page …")
+    return write_report(folder, _simulated(evidence, study), claim=page)
+
+
+def _simulated(evidence: Evidence, study: Study) -> Evidence:
+    """With every trial simulated, by the parameter file's model and with what the diagnosis found."""
+    evidence = replace(evidence, simulations=_simulations(study, evidence.parameters))
+    diagnosis = evidence.diagnosis
+    if diagnosis is None:
+        return evidence
+    return replace(evidence, extended=_extended(study, diagnosis), compared=most_improved(study, diagnosis))
 
 
 def _completed(stored: Parameters, study: Study, found: Mapping[str, Estimate | None]) -> Parameters:
@@ -184,9 +188,9 @@ def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...
     return tuple(simulate_runs(study.runs.items, _model_of(study, stored), study.vehicle))
 
 
-def _extended(study: Study, diagnosis: Diagnosis | None) -> tuple[TrialSimulation, ...]:
+def _extended(study: Study, diagnosis: Diagnosis) -> tuple[TrialSimulation, ...]:
     """Every trial simulated with what was found; none where nothing was, or it follows a signal of trials in parts."""
-    side = None if diagnosis is None else diagnosis.extended
+    side = diagnosis.extended
     if study.runs is None or side is None or not side.model.effects:
         return ()
     if any(map(is_driver, side.model.effects)) and parts_of(study.runs.items, study.vehicle, study.runs.cutoff):

@@ -37,9 +37,8 @@ class Matrix:
 def of_parameters(stored: Parameters) -> Matrix | None:
     """Of a parameter file; None where no two of its parameters were found together."""
     base = base_names(stored.axis)
-    known = [name for name in base if name in stored.entries]
-    others = [name for name in stored.entries if name not in base]
-    names = [*known, *others]
+    # The base model's first; a dict for a set that keeps the order.
+    names = [name for name in dict.fromkeys((*base, *stored.entries)) if name in stored.entries]
 
     def correlation(first: str, second: str) -> float:
         found = stored.covariance

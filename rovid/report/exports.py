@@ -37,7 +37,9 @@ def _sized(loss: Loss) -> str:
 
 def _name(loss: Loss) -> str:
     what, _, form = loss.what.replace("_", " ").partition(":")
-    return f"{what} ({form})" if form else what
+    if not form:
+        return what
+    return f"{what} ({form})"
 
 
 def reasons(exports: Mapping[str, Exported]) -> list[tuple[str, str, str]]:

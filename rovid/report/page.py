@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 # Two methods that use the same data are this far apart by chance alone less than once in three hundred.
 _DISAGREE_SIGMAS = 3.0
+# Which side of a box lies along the axis that it turns about.
+_ALONG = {"roll": "long", "pitch": "wide", "yaw": "high"}
 
 
 def claim_report(folder: Path, *, force: bool = False, protected: Iterable[Path] = ()) -> Claim:
@@ -295,9 +297,12 @@ def _left(evidence: Evidence) -> tuple[float, float, float] | None:
 def _box(vehicle: Vehicle) -> list[tuple[str, float]]:
     """Sides of the uniform box whose inertia is taken for the rigid body's; none where it is not one's."""
     sides = {"long": vehicle.length, "wide": vehicle.width, "high": vehicle.height}
-    along = {"roll": "long", "pitch": "wide", "yaw": "high"}.get(vehicle.axis.name)
-    across = [(word, side) for word, side in sides.items() if along and word != along and side is not None]
-    if len(across) < 2 or vehicle.mass is None or vehicle.rigid_body_inertia is None:
+    if vehicle.axis.name not in _ALONG or vehicle.mass is None or vehicle.rigid_body_inertia is None:
+        return []
+    # A box's inertia about an axis depends on the two sides across it.
+    sides.pop(_ALONG[vehicle.axis.name])
+    across = [(word, side) for word, side in sides.items() if side is not None]
+    if len(across) < 2:
         return []
     (_, one), (_, other), *_ = across
     inertia = box_inertia(vehicle.mass, one, other)

@@ -21,9 +21,8 @@ def overview(simulations: Sequence[TrialSimulation]) -> Figure:
     """Measured and simulated rate of each trial, with its R²."""
     columns = min(len(simulations), _COLUMNS)
     rows = -(-len(simulations) // columns)
-    figure, panels = sheet(
-        [(0.95 if rows > 1 else 1.8, columns)] * rows, left=0.75, top=0.52, bottom=0.5, across=0.5, down=0.5
-    )
+    height = 0.95 if rows > 1 else 1.8
+    figure, panels = sheet([(height, columns)] * rows, left=0.75, top=0.52, bottom=0.5, across=0.5, down=0.5)
     flat = [panel for row in panels for panel in row]
     for panel, item in zip(flat, simulations, strict=False):
         _small(panel, item)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from rovid.effects import restoring_of
 from rovid.effects.restoring import columns
-from rovid.ground.arrays import BoolArray, FloatArray
+from rovid.ground.arrays import FloatArray
 from rovid.identify.estimate import Estimate, student_t
 from rovid.identify.steady import DragFit
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, sheet, styled
@@ -96,6 +96,6 @@ def _error_bars(panel: Axes, x: FloatArray, y: FloatArray, errors: FloatArray | 
 def _each_direction(panel: Axes, fit: DragFit, line: FloatArray) -> None:
     """Each direction's own fit, less the fit of both."""
     for name, estimate in fit.directions.items():
-        part: BoolArray = line >= 0 if name == "up" else line <= 0
-        apart = _drag(estimate, line[part]) - _drag(fit.estimate, line[part])
-        panel.plot(line[part], apart, color=ORANGE, linestyle="--")
+        part = line[line >= 0] if name == "up" else line[line <= 0]
+        apart = _drag(estimate, part) - _drag(fit.estimate, part)
+        panel.plot(part, apart, color=ORANGE, linestyle="--")
