@@ -25,20 +25,11 @@ def steady_torque(fit: DragFit) -> Figure:
     rate = np.array([point.rate for point in fit.points])
     torque = np.array([point.torque for point in fit.points])
     line = _line(fit)
-    reach = _reach(fit.estimate, line)
-    drag = _drag(fit.estimate, line)
-    if reach is not None:
-        top.fill_between(line, drag - reach, drag + reach, color=BLUE, alpha=0.22, linewidth=0, label="95 % band")
-        bottom.fill_between(line, -reach, reach, color=BLUE, alpha=0.22, linewidth=0)
-    buoyancy = " + B" if len(fit.estimate.names) > 2 else ""
-    top.plot(line, drag, color=BLUE, label=f"fit: DQ·|r|·r + DL·r{buoyancy}")
-    bottom.axhline(0.0, color=BLUE)
+    _fitted(top, bottom, fit.estimate, line)
     _points(top, fit, rate, torque)
     _points(bottom, fit, rate, fit.residuals)
     if fit.unsteady:
-        rates = [point.rate for point in fit.unsteady]
-        torques = [point.torque for point in fit.unsteady]
-        top.plot(rates, torques, "x", color=GREY, markersize=6, label="rate still changing: not fitted")
+        _unsteady(top, fit)
     _each_direction(bottom, fit, line)
     if fit.directions:
         top.plot([], [], color=ORANGE, linestyle="--", label="each direction alone, below")
@@ -47,6 +38,24 @@ def steady_torque(fit: DragFit) -> Figure:
     bottom.set_xlabel(f"{axis.rate_words}, {axis.rate_unit}")
     top.legend(loc="upper left")
     return figure
+
+
+def _fitted(top: Axes, bottom: Axes, estimate: Estimate, line: FloatArray) -> None:
+    """The line of the fit and its band; below, where it is zero, the band alone."""
+    reach = _reach(estimate, line)
+    drag = _drag(estimate, line)
+    if reach is not None:
+        top.fill_between(line, drag - reach, drag + reach, color=BLUE, alpha=0.22, linewidth=0, label="95 % band")
+        bottom.fill_between(line, -reach, reach, color=BLUE, alpha=0.22, linewidth=0)
+    buoyancy = " + B" if len(estimate.names) > 2 else ""
+    top.plot(line, drag, color=BLUE, label=f"fit: DQ·|r|·r + DL·r{buoyancy}")
+    bottom.axhline(0.0, color=BLUE)
+
+
+def _unsteady(panel: Axes, fit: DragFit) -> None:
+    rates = [point.rate for point in fit.unsteady]
+    torques = [point.torque for point in fit.unsteady]
+    panel.plot(rates, torques, "x", color=GREY, markersize=6, label="rate still changing: not fitted")
 
 
 def _line(fit: DragFit) -> FloatArray:
