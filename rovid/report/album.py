@@ -12,15 +12,11 @@ from typing import TypeVar
 
 from matplotlib.figure import Figure
 
-from rovid.campaign.axis import Axis
-from rovid.control.design import Control
 from rovid.diagnose.parts import parts_of
 from rovid.diagnose.record import Finding
 from rovid.ground.files import Output
 from rovid.ground.files.form import png_form, svg_form
 from rovid.ground.numbers import plus_minus
-from rovid.identify.inertia import InertiaFit
-from rovid.identify.steady import DragFit
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation
 from rovid.report.courses import courses_of
@@ -38,7 +34,7 @@ from rovid.report.plots import (
     steady,
     thrust,
 )
-from rovid.report.residual import left_by_all, residuals_of, sizes
+from rovid.report.residual import Residual, left_by_all, residuals_of, sizes
 from rovid.report.text import number, steady_state, unit
 
 # A page with more large trial plots than this is slow to open on a tablet; the overview shows all trials.
@@ -100,37 +96,38 @@ class Album:
         """Every plot, as the files in ``folder`` that it makes."""
         first = (self.thrust, self.steady, self.inertia, self.sines, self.overview, self.large, self.residuals)
         sections = (*first, self.rivals.values(), self.compared, self.left_over, self.closed_loop)
-        return {
-            output: content
-            for pictures in sections
-            for picture in pictures
-            for output, content in picture.files(folder).items()
-        }
+        files: dict[Output, bytes] = {}
+        for pictures in sections:
+            for picture in pictures:
+                files |= picture.files(folder)
+        return files
 
 
 def plots_in(folder: Path) -> list[Output]:
     """Files in ``folder`` that are called like a report's plots, whoever made them."""
-    found = sorted(folder.iterdir()) if folder.is_dir() else []
+    if not folder.is_dir():
+        return []
     forms = {".png": png_form("report"), ".svg": svg_form("report")}
-    return [Output(path, forms[path.suffix]) for path in found if _NAMES.fullmatch(path.name)]
+    plots = [path for path in sorted(folder.iterdir()) if _NAMES.fullmatch(path.name)]
+    return [Output(path, forms[path.suffix]) for path in plots]
 
 
 def make_album(evidence: Evidence) -> Album:
     """Draw whatever the evidence allows."""
-    drag, fit, large = evidence.drag, evidence.inertia, _worst(evidence.simulations)
+    large = _worst(evidence.simulations)
     return Album(
-        thrust=_thrust(evidence),
-        steady=() if drag is None else (_steady(drag),),
-        inertia=() if fit is None else (_inertia(fit, evidence.vehicle.rigid_body_inertia),),
-        sines=() if fit is None else tuple(_sines(fit, _steady_drag(evidence), evidence.axis)),
+        thrust=tuple(_thrust(evidence)),
+        steady=tuple(_steady(evidence)),
+        inertia=tuple(_inertia(evidence)),
+        sines=tuple(_sines(evidence)),
         overview=tuple(_overview(evidence.simulations)),
         large_trials=large,
         large=tuple(_large(item, evidence.simulations.index(item) + 1) for item in large),
-        residuals=_residuals(evidence),
-        rivals={finding.effect.key: _rivals(finding) for finding in _rivalled(evidence)},
-        compared=() if evidence.compared is None else (_compared(*evidence.compared),),
-        left_over=_left_over(evidence),
-        closed_loop=() if evidence.control is None else (_closed_loop(evidence.control),),
+        residuals=tuple(_residuals(evidence)),
+        rivals=_rivals(evidence),
+        compared=tuple(_compared(evidence)),
+        left_over=tuple(_left_over(evidence)),
+        closed_loop=tuple(_closed_loop(evidence)),
     )
 
 
@@ -140,7 +137,11 @@ def _picture(name: str, figure: Figure, *, caption: str, alt: str) -> Picture:
 
 def _worst(items: Sequence[TrialSimulation]) -> tuple[TrialSimulation, ...]:
     """All trials, or those with the largest error where there are too many, in their own order."""
-    ranked = sorted(items, key=lambda item: -item.fit.rmse if math.isfinite(item.fit.rmse) else 0.0)
+
+    def error(item: TrialSimulation) -> float:
+        return item.fit.rmse if math.isfinite(item.fit.rmse) else 0.0
+
+    ranked = sorted(items, key=error, reverse=True)
     chosen = {id(item) for item in ranked[:LARGE_PLOTS]}
     return tuple(item for item in items if id(item) in chosen)
 
@@ -150,35 +151,38 @@ def _steady_drag(evidence: Evidence) -> Model | None:
     if drag is None:
         return None
     buoyancy = evidence.parameters.entries.get("net_buoyancy")
+    restoring_values = () if buoyancy is None else (buoyancy.value,)
     return Model(
         inertia=math.nan,
         quadratic_drag=drag.value("quadratic_drag"),
         linear_drag=drag.value("linear_drag"),
         axis=evidence.axis,
-        restoring_values=() if buoyancy is None else (buoyancy.value,),
+        restoring_values=restoring_values,
     )
 
 
-def _thrust(evidence: Evidence) -> tuple[Picture, ...]:
+def _thrust(evidence: Evidence) -> Iterator[Picture]:
     runs = () if evidence.runs is None else evidence.runs.items
     figure = thrust.thrust_curves(evidence.vehicle, runs)
     if figure is None:
-        return ()
+        return
     names = ", ".join(thruster.name for thruster in evidence.vehicle.thrusters)
-    return (
-        _picture(
-            "thrust_curves",
-            figure,
-            caption="Bench curve of each thruster. The thick, shaded part is what the logs use.",
-            alt=f"Thrust in newtons against command for {names}, with the range of commands in the logs marked.",
-        ),
+    yield _picture(
+        "thrust_curves",
+        figure,
+        caption="Bench curve of each thruster. The thick, shaded part is what the logs use.",
+        alt=f"Thrust in newtons against command for {names}, with the range of commands in the logs marked.",
     )
 
 
-def _steady(fit: DragFit) -> Picture:
-    rates, axis = [point.rate for point in fit.points], fit.estimate.axis
+def _steady(evidence: Evidence) -> Iterator[Picture]:
+    fit = evidence.drag
+    if fit is None:
+        return
+    axis = fit.estimate.axis
+    rates = [point.rate for point in fit.points]
     what = steady_state(axis)
-    return _picture(
+    yield _picture(
         f"steady_{axis.push}",
         steady.steady_torque(fit),
         caption=f"{axis.push.capitalize()} of each {what} against its {axis.rate_words}, and the fitted drag. Below, "
@@ -188,30 +192,41 @@ def _steady(fit: DragFit) -> Picture:
     )
 
 
-def _inertia(fit: InertiaFit, rigid_body: float | None) -> Picture:
-    readings = "; ".join(
-        f"{inertia.method_title(name)} {plus_minus(each.value, each.standard_error)}"
-        for name, each in fit.methods.items()
-    )
-    return _picture(
+def _inertia(evidence: Evidence) -> Iterator[Picture]:
+    fit = evidence.inertia
+    if fit is None:
+        return
+    readings = []
+    for name, each in fit.methods.items():
+        value = plus_minus(each.value, each.standard_error)
+        readings.append(f"{inertia.method_title(name)} {value}")
+    yield _picture(
         "inertia",
-        inertia.inertia_methods(fit, rigid_body),
+        inertia.inertia_methods(fit, evidence.vehicle.rigid_body_inertia),
         caption="Inertia by each method: points with 95 % intervals, and ticks for single sine runs.",
-        alt=f"Inertia in {unit(fit.estimate.unit('inertia'))}: {readings}.",
+        alt=f"Inertia in {unit(fit.estimate.unit('inertia'))}: {'; '.join(readings)}.",
     )
 
 
-def _sines(fit: InertiaFit, drag: Model | None, axis: Axis) -> Iterator[Picture]:
+def _sines(evidence: Evidence) -> Iterator[Picture]:
+    fit, axis = evidence.inertia, evidence.axis
+    if fit is None:
+        return
+    drag = _steady_drag(evidence)
     parts = list(sheets(fit.trials, sines.PER_SHEET))
+    # The first sheet explains them all.
+    caption = (
+        "Mean period of each sine run. Left: each signal over its own peak; the marks are the three "
+        f"moments that the peak method takes for one. Right: {axis.push} over rate, with the same moments."
+    )
     for k, (trials, suffix) in enumerate(parts):
+        if k > 0:
+            caption = f"Mean period of each sine run, sheet {k + 1} of {len(parts)}."
         periods = ", ".join(f"{trial.period:.3g}" for trial in trials)
         yield _picture(
             f"sine_runs{suffix}",
             sines.sine_runs(trials, drag, axis),
-            caption="Mean period of each sine run. Left: each signal over its own peak; the marks are the three "
-            f"moments that the peak method takes for one. Right: {axis.push} over rate, with the same moments."
-            if k == 0
-            else f"Mean period of each sine run, sheet {k + 1} of {len(parts)}.",
+            caption=caption,
             alt=f"{axis.push.capitalize()}, {axis.rate_words} and acceleration over one period of {periods} s: the "
             f"acceleration peaks about when the {axis.push} does, the rate later.",
         )
@@ -219,8 +234,12 @@ def _sines(fit: InertiaFit, drag: Model | None, axis: Axis) -> Iterator[Picture]
 
 def sheets(items: Sequence[T], size: int) -> Iterator[tuple[Sequence[T], str]]:
     """Up to ``size`` items at a time, with a suffix for the file's name where there is more than one sheet."""
-    for first in range(0, len(items), size):
-        yield items[first : first + size], "" if len(items) <= size else f"_{first // size + 1:02d}"
+    if 0 < len(items) <= size:
+        yield items, ""
+        return
+    starts = range(0, len(items), size)
+    for place, first in enumerate(starts, start=1):
+        yield items[first : first + size], f"_{place:02d}"
 
 
 def _overview(items: Sequence[TrialSimulation]) -> Iterator[Picture]:
@@ -246,29 +265,32 @@ def _large(item: TrialSimulation, place: int) -> Picture:
     )
 
 
-def _residuals(evidence: Evidence) -> tuple[Picture, ...]:
+def _residuals(evidence: Evidence) -> Iterator[Picture]:
     if evidence.runs is None or not evidence.simulations:
-        return ()
+        return
+    axis = evidence.axis
     items = residuals_of(evidence.runs.items, evidence.parameters.model(), evidence.vehicle)
-    figure, axis = residuals.residuals(items, evidence.runs.cutoff), evidence.axis
-    return (
-        _picture(
-            "residuals",
-            figure,
-            caption=f"Residual {axis.push} against rate, {axis.push} and time, its autocorrelation, and its spectrum.",
-            alt=f"Five panels of the residual {axis.push}: against {axis.rate_words}, against {axis.push}, over time, "
-            "its autocorrelation and its spectrum.",
-        ),
+    yield _picture(
+        "residuals",
+        residuals.residuals(items, evidence.runs.cutoff),
+        caption=f"Residual {axis.push} against rate, {axis.push} and time, its autocorrelation, and its spectrum.",
+        alt=f"Five panels of the residual {axis.push}: against {axis.rate_words}, against {axis.push}, over time, "
+        "its autocorrelation and its spectrum.",
     )
 
 
-def _rivalled(evidence: Evidence) -> list[Finding]:
-    return [] if evidence.diagnosis is None else [each for each in evidence.diagnosis.findings if each.rivals]
+def _rivals(evidence: Evidence) -> dict[str, Picture]:
+    """A plot for each finding that has rivals, by the key of its effect."""
+    if evidence.diagnosis is None:
+        return {}
+    rivalled = [finding for finding in evidence.diagnosis.findings if finding.rivals]
+    return {finding.effect.key: _rivals_of(finding) for finding in rivalled}
 
 
-def _rivals(finding: Finding) -> Picture:
-    shown, axis = finding.rivals[:RIVALS], finding.estimate.axis
-    rest = "; ".join(f"{name_of(rival.effect, axis)} {rival.gain:.0f}" for rival in shown)
+def _rivals_of(finding: Finding) -> Picture:
+    axis = finding.estimate.axis
+    shown = [f"{name_of(rival.effect, axis)} {rival.gain:.0f}" for rival in finding.rivals[:RIVALS]]
+    rest = "; ".join(shown)
     return _picture(
         f"rivals_{_file_name(finding.effect.key)}",
         findings.rival_gains(finding),
@@ -278,9 +300,12 @@ def _rivals(finding: Finding) -> Picture:
     )
 
 
-def _compared(base: TrialSimulation, extended: TrialSimulation) -> Picture:
+def _compared(evidence: Evidence) -> Iterator[Picture]:
+    if evidence.compared is None:
+        return
+    base, extended = evidence.compared
     name, axis = base.run.trial.name, base.run.trial.axis
-    return _picture(
+    yield _picture(
         "diagnosis_gain",
         findings.gain_over_time(base, extended),
         caption=f"{name}, the trial that gains most: {axis.rate_words} measured, simulated without and with what was "
@@ -290,36 +315,42 @@ def _compared(base: TrialSimulation, extended: TrialSimulation) -> Picture:
     )
 
 
-def _left_over(evidence: Evidence) -> tuple[Picture, ...]:
+def _left_over(evidence: Evidence) -> Iterator[Picture]:
     diagnosis = evidence.diagnosis
     if evidence.runs is None or diagnosis is None or diagnosis.base is None or diagnosis.extended is None:
-        return ()
+        return
     if not diagnosis.extended.model.effects:
-        return ()
-    base, extended = diagnosis.base.model, diagnosis.extended.model
-    runs = parts_of(evidence.runs.items, evidence.vehicle, evidence.runs.cutoff) or evidence.runs
-    before, after = (left_by_all(runs, model, evidence.vehicle) for model in (base, extended))
-    axis = evidence.axis
-    was, now = (number(sizes(items)[0], ".3g") for items in (before, after))
-    return (
-        _picture(
-            "diagnosis_residuals",
-            left_over.left_over(before, after, runs.cutoff),
-            caption=f"Residual {axis.push} of the models without and with what was found: its mean against rate and "
-            f"{axis.push}, over time, its autocorrelation and its spectrum. Its root mean square goes from {was} to "
-            f"{now} {axis.push_unit}.",
-            alt=f"Five panels of the residual {axis.push}: {was} {axis.push_unit} root mean square without what was "
-            f"found, {now} {axis.push_unit} with it.",
-        ),
+        return
+    axis, vehicle = evidence.axis, evidence.vehicle
+    runs = parts_of(evidence.runs.items, vehicle, evidence.runs.cutoff) or evidence.runs
+    before = left_by_all(runs, diagnosis.base.model, vehicle)
+    after = left_by_all(runs, diagnosis.extended.model, vehicle)
+    was, now = _root_mean_square(before), _root_mean_square(after)
+    yield _picture(
+        "diagnosis_residuals",
+        left_over.left_over(before, after, runs.cutoff),
+        caption=f"Residual {axis.push} of the models without and with what was found: its mean against rate and "
+        f"{axis.push}, over time, its autocorrelation and its spectrum. Its root mean square goes from {was} to "
+        f"{now} {axis.push_unit}.",
+        alt=f"Five panels of the residual {axis.push}: {was} {axis.push_unit} root mean square without what was "
+        f"found, {now} {axis.push_unit} with it.",
     )
 
 
-def _closed_loop(control: Control) -> Picture:
+def _root_mean_square(items: Sequence[Residual]) -> str:
+    left, _, _ = sizes(items)
+    return number(left, ".3g")
+
+
+def _closed_loop(evidence: Evidence) -> Iterator[Picture]:
+    control = evidence.control
+    if control is None:
+        return
     courses = courses_of(control)
     effects = bool(control.model.effects)
     full = {run.name: run.measures for run in control.runs if run.model_aid and run.effects_known == effects}
     steps = "; ".join(f"{name}, {number(full[name].overshoot_deg, '.1f')} deg too far" for name in courses)
-    return _picture(
+    yield _picture(
         "closed_loop",
         closed_loop.closed_loop(courses, control.bandwidth),
         caption="Steps of the wanted heading, simulated without noise and disturbance: heading against set point, and "

@@ -72,34 +72,38 @@ def build_report(
     found["inertia"] = None if inertia is None else inertia.estimate
     if _completed(stored, study, found) is not stored or not stored.path.exists():
         stored = update(stored, parameters, lambda now: _completed(now, study, found))
-    diagnosis, diagnosis_refusal = _diagnosis(study, stored, report) if diagnosed else (None, "")
-    yaw = study.vehicle.axis is YAW
-    control, control_refusal = designed_control(study, stored, report) if controlled and yaw else (None, "")
-    exports, export_refusal = every_export(study, stored, report) if exported and yaw else (None, "")
-    report("Drawing and writing the page …")
-    return write_report(
-        folder,
-        Evidence(
-            vehicle=study.vehicle,
-            parameters=stored,
-            campaign=study.campaign,
-            runs=study.runs,
-            drag=drag,
-            drag_refusal=drag_refusal,
-            inertia=inertia,
-            inertia_refusal=inertia_refusal,
-            simulations=_simulations(study, stored),
-            extended=_extended(study, diagnosis),
-            diagnosis=diagnosis,
-            diagnosis_refusal=diagnosis_refusal,
-            compared=None if diagnosis is None else most_improved(study, diagnosis),
-            control=control,
-            control_refusal=control_refusal,
-            exports=exports,
-            export_refusal=export_refusal,
-        ),
-        claim=page,
+    evidence = Evidence(
+        vehicle=study.vehicle,
+        parameters=stored,
+        campaign=study.campaign,
+        runs=study.runs,
+        drag=drag,
+        drag_refusal=drag_refusal,
+        inertia=inertia,
+        inertia_refusal=inertia_refusal,
+        simulations=(),
     )
+    yaw = study.vehicle.axis is YAW
+    if diagnosed:
+        diagnosis, refusal = _diagnosis(study, stored, report)
+        evidence = replace(evidence, diagnosis=diagnosis, diagnosis_refusal=refusal)
+    if controlled and yaw:
+        control, refusal = designed_control(study, stored, report)
+        evidence = replace(evidence, control=control, control_refusal=refusal)
+    if exported and yaw:
+        exports, refusal = every_export(study, stored, report)
+        evidence = replace(evidence, exports=exports, export_refusal=refusal)
+    report("Drawing and writing the page …")
+    return write_report(folder, _simulated(evidence, study), claim=page)
+
+
+def _simulated(evidence: Evidence, study: Study) -> Evidence:
+    """With every trial simulated, by the parameter file's model and with what the diagnosis found."""
+    evidence = replace(evidence, simulations=_simulations(study, evidence.parameters))
+    diagnosis = evidence.diagnosis
+    if diagnosis is None:
+        return evidence
+    return replace(evidence, extended=_extended(study, diagnosis), compared=most_improved(study, diagnosis))
 
 
 def _completed(stored: Parameters, study: Study, found: Mapping[str, Estimate | None]) -> Parameters:
@@ -156,7 +160,10 @@ def every_export(
     def every() -> Mapping[str, Exported]:
         _model_of(study, stored)
         subject = subject_of(stored, study)
-        return {name: export(function, subject) for name, (function, _) in EXPORTERS.items()}
+        made = {}
+        for name, (function, _) in EXPORTERS.items():
+            made[name] = export(function, subject)
+        return made
 
     report("Simulating what simulators make of it (--no-export leaves it out) …")
     return _or_refusal(every)
@@ -164,9 +171,11 @@ def every_export(
 
 def _diagnosis(study: Study, stored: Parameters, report: Callable[[str], None]) -> tuple[Diagnosis | None, str]:
     report(_PATIENCE)
-    found, refusal = _or_refusal(
-        lambda: study.diagnosis(lambda text: report(f"{_PATIENCE} {text}"), drag=stored.drag())
-    )
+
+    def patiently(text: str) -> None:
+        report(f"{_PATIENCE} {text}")
+
+    found, refusal = _or_refusal(lambda: study.diagnosis(patiently, drag=stored.drag()))
     if found is None or found.extended is None:
         return found, refusal
     apart = disagreement(stored.entries_of(study.paths), found.extended.estimate)
@@ -179,9 +188,9 @@ def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...
     return tuple(simulate_runs(study.runs.items, _model_of(study, stored), study.vehicle))
 
 
-def _extended(study: Study, diagnosis: Diagnosis | None) -> tuple[TrialSimulation, ...]:
+def _extended(study: Study, diagnosis: Diagnosis) -> tuple[TrialSimulation, ...]:
     """Every trial simulated with what was found; none where nothing was, or it follows a signal of trials in parts."""
-    side = None if diagnosis is None else diagnosis.extended
+    side = diagnosis.extended
     if study.runs is None or side is None or not side.model.effects:
         return ()
     if any(map(is_driver, side.model.effects)) and parts_of(study.runs.items, study.vehicle, study.runs.cutoff):
@@ -200,6 +209,12 @@ def most_improved(study: Study, diagnosis: Diagnosis) -> tuple[TrialSimulation, 
         return None
     # Few trials are diagnosed in parts, and a part is simulated from its own start.
     runs = (parts_of(study.runs.items, study.vehicle, study.runs.cutoff) or study.runs).items
-    before, after = (simulate_runs(runs, side.model, study.vehicle) for side in (base, extended))
-    pairs = [pair for pair in zip(before, after, strict=True) if pair[1].fit.rmse < pair[0].fit.rmse]
-    return max(pairs, key=lambda pair: pair[0].fit.rmse - pair[1].fit.rmse, default=None)
+    before = simulate_runs(runs, base.model, study.vehicle)
+    after = simulate_runs(runs, extended.model, study.vehicle)
+    most, best = 0.0, None
+    for pair in zip(before, after, strict=True):
+        without, with_it = pair
+        gain = without.fit.rmse - with_it.fit.rmse
+        if gain > most:
+            most, best = gain, pair
+    return best

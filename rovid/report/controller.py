@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 from rovid.control.design import Control, RunResult
-from rovid.report.grids import Column, Grid, numbers, words
+from rovid.report.table import Column, Grid, Table, of_numbers, of_text, words
 from rovid.report.text import NOTHING, number
 
 
 def gains_grid(control: Control) -> Grid:
     """Gains and margins; the margins over the parameters' uncertainty too, where that is known."""
-    rows = list(_gains(control))
-    names, values, units, bounds = zip(*rows, strict=True)
+    names, values, units, bounds = zip(*_gains(control), strict=True)
     columns = [words("quantity", names), Column(title="value", cells=values), words("unit", units)]
     if control.spread is not None and control.margins.stable:
         columns.append(Column(title=f"95 % of {control.spread.draws} draws", cells=bounds))
@@ -46,21 +46,37 @@ def _bounded(value: float, form: str) -> str:
 
 def runs_grid(control: Control) -> Grid:
     """Every closed-loop run, in the order of the design."""
-    runs, found = control.runs, [run.measures for run in control.runs]
-    columns = [words("run", [run.name for run in runs])]
+    table = Table(
+        "Closed-loop runs, with 2 % of the torque in use as disturbance",
+        of_text("run"),
+        of_text("effects"),
+        of_text("aid"),
+        of_numbers("63 % after", "s"),
+        of_numbers("10 to 90 % in", "s"),
+        of_numbers("settled after", "s"),
+        of_numbers("overshoot", "deg"),
+        of_numbers("steady error", "deg"),
+        of_numbers("torque rms", "N m"),
+        of_text("limit cycle"),
+    )
+    for run in control.runs:
+        effects = "all" if run.effects else "none"
+        table.add(run.name, effects, _aid(run), *_measures(run), _cycle(run))
+    grid = table.grid()
     if control.model.effects:
-        columns.append(words("effects", ["all" if run.effects else "none" for run in runs]))
-    columns += [
-        words("aid", [_aid(run) for run in runs]),
-        numbers("63 % after", "s", [number(each.time_constant, ".1f") for each in found]),
-        numbers("10 to 90 % in", "s", [number(each.rise_time, ".1f") for each in found]),
-        numbers("settled after", "s", [number(each.settling_time, ".1f") for each in found]),
-        numbers("overshoot", "deg", [number(each.overshoot_deg, ".1f") for each in found]),
-        numbers("steady error", "deg", [number(each.steady_error_deg, ".2f") for each in found]),
-        numbers("torque rms", "N m", [number(each.effort, ".1f") for each in found]),
-        words("limit cycle", [_cycle(run) for run in runs]),
-    ]
-    return Grid(caption="Closed-loop runs, with 2 % of the torque in use as disturbance", columns=tuple(columns))
+        return grid
+    # Of a model without effects the column would say "none" in every row.
+    return replace(grid, columns=tuple(column for column in grid.columns if column.title != "effects"))
+
+
+def _measures(run: RunResult) -> Iterator[str]:
+    found = run.measures
+    yield number(found.time_constant, ".1f")
+    yield number(found.rise_time, ".1f")
+    yield number(found.settling_time, ".1f")
+    yield number(found.overshoot_deg, ".1f")
+    yield number(found.steady_error_deg, ".2f")
+    yield number(found.effort, ".1f")
 
 
 def _aid(run: RunResult) -> str:
@@ -71,4 +87,6 @@ def _aid(run: RunResult) -> str:
 
 def _cycle(run: RunResult) -> str:
     cycle = run.measures.limit_cycle
-    return "none" if cycle is None else f"±{cycle.amplitude_deg:.2f} deg, {cycle.period_s:.3g} s"
+    if cycle is None:
+        return "none"
+    return f"±{cycle.amplitude_deg:.2f} deg, {cycle.period_s:.3g} s"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 from rovid.campaign.axis import Axis
 from rovid.identify.estimate import Estimate
@@ -36,18 +37,21 @@ class Matrix:
 def of_parameters(stored: Parameters) -> Matrix | None:
     """Of a parameter file; None where no two of its parameters were found together."""
     base = base_names(stored.axis)
-    names = [name for name in base if name in stored.entries]
-    names += [name for name in stored.entries if name not in base]
+    # The base model's first; a dict for a set that keeps the order.
+    names = [name for name in dict.fromkeys((*base, *stored.entries)) if name in stored.entries]
 
     def correlation(first: str, second: str) -> float:
         found = stored.covariance
         covariance = found.get((first, second), found.get((second, first), 0.0))
         errors = math.sqrt(found.get((first, first), 0.0) * found.get((second, second), 0.0))
         # A file has no other word than zero for what was not found together.
-        return covariance / errors if errors > 0.0 and covariance != 0.0 else math.nan
+        if errors <= 0.0 or covariance == 0.0:
+            return math.nan
+        return covariance / errors
 
-    pairs = [correlation(a, b) for k, a in enumerate(names) for b in names[:k]]
-    return _matrix(names, correlation, stored.axis) if any(map(math.isfinite, pairs)) else None
+    if not any(math.isfinite(correlation(a, b)) for a, b in combinations(names, 2)):
+        return None
+    return _matrix(names, correlation, stored.axis)
 
 
 def of_estimate(estimate: Estimate) -> Matrix:
@@ -57,14 +61,20 @@ def of_estimate(estimate: Estimate) -> Matrix:
 
 
 def _matrix(names: Sequence[str], correlation: Correlation, axis: Axis) -> Matrix:
-    return Matrix(
-        caption=_CAPTION,
-        names=tuple(axis.words(title(name)) for name in names),
-        cells=tuple(tuple(("1", 0) if a == b else _cell(correlation(a, b)) for b in names) for a in names),
-    )
+    rows = []
+    for first in names:
+        cells = [_cell(correlation, first, second) for second in names]
+        rows.append(tuple(cells))
+    titles = [axis.words(title(name)) for name in names]
+    return Matrix(caption=_CAPTION, names=tuple(titles), cells=tuple(rows))
 
 
-def _cell(value: float) -> tuple[str, int]:
+def _cell(correlation: Correlation, first: str, second: str) -> tuple[str, int]:
+    """The correlation as text, and its shade."""
+    if first == second:
+        return "1", 0
+    value = correlation(first, second)
     if not math.isfinite(value):
         return NOTHING, 0
-    return number(value, "+.2f").replace("-", "−"), sum(abs(value) >= least for least in _SHADES)
+    shade = sum(abs(value) >= least for least in _SHADES)
+    return number(value, "+.2f").replace("-", "−"), shade

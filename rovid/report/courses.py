@@ -18,5 +18,10 @@ _WITHOUT = {"aided by the model": (False, True, False), "PD alone": (False, Fals
 def courses_of(control: Control) -> dict[str, dict[str, Course]]:
     """Name of each step -> what controller and plant are -> the run."""
     ways = _WITH_EFFECTS if control.model.effects else _WITHOUT
-    runs = {(run.name, bool(run.effects), run.model_aid, run.effects_known): run.quiet for run in control.runs}
-    return {step.name: {way: runs[step.name, *key] for way, key in ways.items()} for step in paper_runs()}
+    quiet = {}
+    for run in control.runs:
+        quiet[run.name, bool(run.effects), run.model_aid, run.effects_known] = run.quiet
+    courses = {}
+    for step in paper_runs():
+        courses[step.name] = {way: quiet[step.name, *which] for way, which in ways.items()}
+    return courses

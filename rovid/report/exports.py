@@ -5,25 +5,30 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from rovid.export import EXPORTERS, Exported, Loss
-from rovid.report.grids import Column, Grid, numbers, words
+from rovid.report.table import Grid, Table, of_numbers, of_text, of_unlike
 from rovid.report.text import NOTHING, number
 
 
 def formats_grid(exports: Mapping[str, Exported]) -> Grid:
     """How far each format's own equation is from the model, and what it does not hold."""
-    made = exports.values()
-    return Grid(
-        caption="Yaw rate of each format's own equation against the model's",
-        columns=(
-            words("format", exports),
-            words("file", [EXPORTERS[name][1] for name in exports]),
-            numbers("off by", "% of range", [number(each.mismatch.percent_of_range, ".2g") for each in made]),
-            # Sizes so far apart share no decimal point.
-            Column(title="rms", unit="rad/s", cells=tuple(number(each.mismatch.rms, ".2g") for each in made)),
-            numbers("of what it holds", "% of range", [number(each.held.percent_of_range, ".2g") for each in made]),
-            words("not held, % of range", ["; ".join(map(_sized, each.losses)) or NOTHING for each in made]),
-        ),
+    table = Table(
+        "Yaw rate of each format's own equation against the model's",
+        of_text("format"),
+        of_text("file"),
+        of_numbers("off by", "% of range"),
+        # Sizes so far apart share no decimal point.
+        of_unlike("rms", "rad/s"),
+        of_numbers("of what it holds", "% of range"),
+        of_text("not held, % of range"),
     )
+    for name, made in exports.items():
+        _, file = EXPORTERS[name]
+        off_by = number(made.mismatch.percent_of_range, ".2g")
+        rms = number(made.mismatch.rms, ".2g")
+        of_held = number(made.held.percent_of_range, ".2g")
+        not_held = "; ".join(map(_sized, made.losses)) or NOTHING
+        table.add(name, file, off_by, rms, of_held, not_held)
+    return table.grid()
 
 
 def _sized(loss: Loss) -> str:
@@ -32,7 +37,9 @@ def _sized(loss: Loss) -> str:
 
 def _name(loss: Loss) -> str:
     what, _, form = loss.what.replace("_", " ").partition(":")
-    return f"{what} ({form})" if form else what
+    if not form:
+        return what
+    return f"{what} ({form})"
 
 
 def reasons(exports: Mapping[str, Exported]) -> list[tuple[str, str, str]]:

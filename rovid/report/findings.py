@@ -16,7 +16,7 @@ from rovid.ground.numbers import plus_minus
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS
 from rovid.model.names import unit_of
-from rovid.report.grids import Column, Grid, numbers, words
+from rovid.report.table import Column, Grid, Table, of_numbers, of_text, of_unlike, words
 from rovid.report.text import NOTHING, column, number, title, unit
 
 RIVALS = 8  # that are shown
@@ -25,7 +25,8 @@ RIVALS = 8  # that are shown
 def verdict(diagnosis: Diagnosis) -> str:
     """The whole diagnosis in one plain sentence."""
     if diagnosis.verdict == "found":
-        return f"The simulation misses {_listed([_cause(finding) for finding in diagnosis.findings])}."
+        causes = [_cause(finding) for finding in diagnosis.findings]
+        return f"The simulation misses {_listed(causes)}."
     if diagnosis.verdict == "suspected":
         first = diagnosis.suspects[0]
         return f"The simulation may miss {_cause(first)}: it is {100.0 * first.confidence:.0f} % sure, not established."
@@ -57,7 +58,8 @@ def never_visible(vehicle: Vehicle) -> str:
 
 def others(finding: Finding) -> str:
     """What ``finding`` cannot be told from; empty where it is decided."""
-    return _listed([finding.estimate.axis.words(effect.title) for effect in finding.undecided], "or")
+    axis = finding.estimate.axis
+    return _listed([axis.words(effect.title) for effect in finding.undecided], "or")
 
 
 def name_of(effect: Effect, axis: Axis = YAW) -> str:
@@ -75,137 +77,154 @@ def standing(finding: Finding, rival: Rival) -> str:
     """What the data say of a rival."""
     if is_driver(rival.effect):
         return "depends on a signal"
-    open_ids = {effect.id for effect in finding.undecided}
-    return "not ruled out" if rival.effect.id in open_ids else "ruled out"
+    if any(rival.effect.id == effect.id for effect in finding.undecided):
+        return "not ruled out"
+    return "ruled out"
 
 
 def rivals_grid(finding: Finding) -> Grid:
     """What was found beside the best other causes in its place."""
-    rivals, axis = finding.rivals[:RIVALS], finding.estimate.axis
-    gains = [finding.worth, *(rival.gain for rival in rivals)]
-    return Grid(
-        caption="What it may be confused with: each cause in its place",
-        columns=(
-            words("cause", [name_of(effect, axis) for effect in (finding.effect, *(r.effect for r in rivals))]),
-            numbers("log-likelihood gained, less the price", "", [number(gain, ".0f") for gain in gains]),
-            numbers("behind the first by", "", [NOTHING, *(number(gains[0] - gain, ".0f") for gain in gains[1:])]),
-            words("these data", ["found", *(standing(finding, rival) for rival in rivals)]),
-        ),
+    axis = finding.estimate.axis
+    table = Table(
+        "What it may be confused with: each cause in its place",
+        of_text("cause"),
+        of_numbers("log-likelihood gained, less the price"),
+        of_numbers("behind the first by"),
+        of_text("these data"),
     )
+    table.add(name_of(finding.effect, axis), number(finding.worth, ".0f"), NOTHING, "found")
+    for rival in finding.rivals[:RIVALS]:
+        behind = finding.worth - rival.gain
+        table.add(
+            name_of(rival.effect, axis), number(rival.gain, ".0f"), number(behind, ".0f"), standing(finding, rival)
+        )
+    return table.grid()
 
 
 def parameters_grid(finding: Finding) -> Grid:
     """The parameters of what was found."""
     effect, estimate = finding.effect, finding.estimate
-    names = [f"{effect.key}.{parameter.name}" for parameter in effect.parameters]
-    return Grid(
-        caption=f"Parameters of {name_of(effect, estimate.axis)}: value ± standard error",
-        columns=(
-            words("parameter", [estimate.axis.words(spaced(parameter.name)) for parameter in effect.parameters]),
-            Column(title="value", cells=tuple(_value(estimate, name) for name in names)),
-            words("unit", [unit(estimate.unit(name)) for name in names]),
-        ),
+    table = Table(
+        f"Parameters of {name_of(effect, estimate.axis)}: value ± standard error",
+        of_text("parameter"),
+        of_unlike("value"),
+        of_text("unit"),
     )
+    for parameter in effect.parameters:
+        name = f"{effect.key}.{parameter.name}"
+        in_words = estimate.axis.words(spaced(parameter.name))
+        table.add(in_words, _value(estimate, name), unit(estimate.unit(name)))
+    return table.grid()
 
 
 def sides_grid(base: Estimate, extended: Estimate, findings: tuple[Finding, ...]) -> Grid:
     """Parameters without and with what was found."""
-    titles = {
-        f"{finding.effect.key}.{parameter.name}": base.axis.words(f"{finding.effect.title}: {spaced(parameter.name)}")
-        for finding in findings
-        for parameter in finding.effect.parameters
-    }
-    names = list(dict.fromkeys((*base.names, *extended.names)))
-    return Grid(
-        caption="Parameters without and with what was found: value ± standard error",
-        columns=(
-            words("parameter", [titles.get(name, title(name)) for name in names]),
-            Column(title="without", cells=tuple(_value(base, name) for name in names)),
-            Column(title="with what was found", cells=tuple(_value(extended, name) for name in names)),
-            numbers("change", "%", [_change(base, extended, name) for name in names]),
-            words("unit", [unit(base.unit(name)) for name in names]),
-        ),
+    table = Table(
+        "Parameters without and with what was found: value ± standard error",
+        of_text("parameter"),
+        of_unlike("without"),
+        of_unlike("with what was found"),
+        of_numbers("change", "%"),
+        of_text("unit"),
     )
+    titles = _titles(findings, base.axis)
+    # A dict for a set that keeps the order.
+    for name in dict.fromkeys((*base.names, *extended.names)):
+        shown = titles.get(name, title(name))
+        change = _change(base, extended, name)
+        table.add(shown, _value(base, name), _value(extended, name), change, unit(base.unit(name)))
+    return table.grid()
+
+
+def _titles(findings: tuple[Finding, ...], axis: Axis) -> dict[str, str]:
+    """Name of each parameter of what was found -> the effect and the parameter in words."""
+    titles = {}
+    for effect in (finding.effect for finding in findings):
+        for parameter in effect.parameters:
+            in_words = axis.words(f"{effect.title}: {spaced(parameter.name)}")
+            titles[f"{effect.key}.{parameter.name}"] = in_words
+    return titles
 
 
 def gain_grid(base: Side, extended: Side, floor: float) -> Grid:
     """How well trials that were not fitted are simulated; one column where the two sides are the same."""
-    one, other, axis = base.held_out, extended.held_out, base.estimate.axis
-    names = [f"{axis.rate_words} R²", f"{axis.rate_words} RMSE, {axis.rate_unit}"]
-    rows = [[number(one.rate_r2, ".4f"), number(other.rate_r2, ".4f"), NOTHING]]
-    rows.append(column([one.rate_rmse, other.rate_rmse, floor], 3))
-    for horizon, error in one.position_errors.items():
-        names.append(f"{axis.position_words} after {horizon:.0f} s, {axis.shown[0]}")
-        errors = [axis.in_shown(each) for each in (error, other.position_errors.get(horizon))]
-        rows.append([*column(errors, 3), NOTHING])
-    names.append("log-likelihood")
-    rows.append([number(one.log_likelihood, ".0f"), number(other.log_likelihood, ".0f"), NOTHING])
-    without, with_it, least = zip(*rows, strict=True)
-    found = bool(extended.model.effects)
-    columns = [words("quantity", names), Column(title="without" if found else "the model", cells=without)]
-    if found:
+    quantities, without, with_it, least = zip(*_gains(base, extended, floor), strict=True)
+    columns = [words("quantity", quantities)]
+    if extended.model.effects:
+        columns.append(Column(title="without", cells=without))
         columns.append(Column(title="with what was found", cells=with_it))
-    return Grid(
-        caption="Trials that were not fitted, simulated freely",
-        columns=(*columns, Column(title="noise floor", cells=least)),
-    )
+    else:
+        columns.append(Column(title="the model", cells=without))
+    columns.append(Column(title="noise floor", cells=least))
+    return Grid(caption="Trials that were not fitted, simulated freely", columns=tuple(columns))
+
+
+def _gains(base: Side, extended: Side, floor: float) -> Iterator[tuple[str, ...]]:
+    """Quantity, its value without and with what was found, and the noise floor."""
+    one, other, axis = base.held_out, extended.held_out, base.estimate.axis
+    yield f"{axis.rate_words} R²", number(one.rate_r2, ".4f"), number(other.rate_r2, ".4f"), NOTHING
+    yield f"{axis.rate_words} RMSE, {axis.rate_unit}", *column([one.rate_rmse, other.rate_rmse, floor], 3)
+    for horizon, error in one.position_errors.items():
+        before, after = axis.in_shown(error), axis.in_shown(other.position_errors.get(horizon))
+        yield f"{axis.position_words} after {horizon:.0f} s, {axis.shown[0]}", *column([before, after], 3), NOTHING
+    yield "log-likelihood", number(one.log_likelihood, ".0f"), number(other.log_likelihood, ".0f"), NOTHING
 
 
 def signals_grid(diagnosis: Diagnosis, axis: Axis) -> Grid:
     """Logged signals that drive what no effect explains."""
-    return Grid(
-        caption="Signals that what is left depends on",
-        columns=(
-            words("dependence", [axis.words(signal.title) for signal, _ in diagnosis.signals]),
-            numbers("log-likelihood gain", "", [number(gain, ".0f") for _, gain in diagnosis.signals]),
-        ),
-    )
+    headings = of_text("dependence"), of_numbers("log-likelihood gain")
+    table = Table("Signals that what is left depends on", *headings)
+    for signal, gain in diagnosis.signals:
+        table.add(axis.words(signal.title), number(gain, ".0f"))
+    return table.grid()
 
 
 def detectable_grid(diagnosis: Diagnosis, axis: Axis) -> Grid:
     """The size of each effect that these data would have shown, in the catalogue's order."""
-    sizes = diagnosis.detectable
-    units = [unit_of(f"{effect.key}.{effect.parameters[0].name}", axis) for effect, _ in sizes]
-    return Grid(
-        caption="The smallest that would have been seen",
-        columns=(
-            words("effect", [axis.words(effect.title) for effect, _ in sizes]),
-            words("parameter", [axis.words(spaced(effect.parameters[0].name)) for effect, _ in sizes]),
-            # Sizes of different units share no decimal point.
-            Column(title="departure from none", cells=tuple(_seen(size) for _, size in sizes)),
-            words("unit", map(unit, units)),
-        ),
-    )
+    # Sizes of different units share no decimal point.
+    headings = of_text("effect"), of_text("parameter"), of_unlike("departure from none"), of_text("unit")
+    table = Table("The smallest that would have been seen", *headings)
+    for effect, size in diagnosis.detectable:
+        name = effect.parameters[0].name
+        its_unit = unit(unit_of(f"{effect.key}.{name}", axis))
+        table.add(axis.words(effect.title), axis.words(spaced(name)), _seen(size), its_unit)
+    return table.grid()
 
 
 def predictions_grid(amplitudes: Amplitudes) -> Grid:
     """The sine trials of a table as measured, and as simulated with the inertia of each method."""
-    rows = amplitudes.predictions
-    return Grid(
-        caption="Peak yaw rate of the sine trials",
-        columns=(
-            words("trial", [row.trial for row in rows]),
-            words("inertia by", [METHODS[row.method] for row in rows]),
-            numbers("inertia", unit("kg m^2"), [number(row.inertia, ".0f") for row in rows]),
-            numbers("measured", "rad/s", [number(row.measured, ".3g") for row in rows]),
-            numbers("simulated", "rad/s", [number(row.predicted, ".3f") for row in rows]),
-            numbers("too high by", "%", [f"{100.0 * (row.predicted / row.measured - 1.0):+.0f}" for row in rows]),
-        ),
+    table = Table(
+        "Peak yaw rate of the sine trials",
+        of_text("trial"),
+        of_text("inertia by"),
+        of_numbers("inertia", unit("kg m^2")),
+        of_numbers("measured", "rad/s"),
+        of_numbers("simulated", "rad/s"),
+        of_numbers("too high by", "%"),
     )
+    for row in amplitudes.predictions:
+        inertia = number(row.inertia, ".0f")
+        measured = number(row.measured, ".3g")
+        simulated = number(row.predicted, ".3f")
+        too_high = f"{100.0 * (row.predicted / row.measured - 1.0):+.0f}"
+        table.add(row.trial, METHODS[row.method], inertia, measured, simulated, too_high)
+    return table.grid()
 
 
 def causes_grid(amplitudes: Amplitudes) -> Grid:
     """What would make one model agree with the tables, and the run that would tell."""
-    causes = amplitudes.causes
-    return Grid(
-        caption="Each of these, alone, would explain the tables",
-        columns=(
-            words("effect", [name_of(cause.model.effects[0]) for cause in causes]),
-            words("with", [", ".join(_sizes(cause)) for cause in causes]),
-            numbers("inertia then", unit("kg m^2"), [number(cause.model.inertia, ".0f") for cause in causes]),
-            words("run that would tell", [cause.model.effects[0].experiment for cause in causes]),
-        ),
+    table = Table(
+        "Each of these, alone, would explain the tables",
+        of_text("effect"),
+        of_text("with"),
+        of_numbers("inertia then", unit("kg m^2")),
+        of_text("run that would tell"),
     )
+    for cause in amplitudes.causes:
+        effect = cause.model.effects[0]
+        sizes = ", ".join(_sizes(cause))
+        table.add(name_of(effect), sizes, number(cause.model.inertia, ".0f"), effect.experiment)
+    return table.grid()
 
 
 def ruled_out(amplitudes: Amplitudes) -> str:
@@ -219,7 +238,10 @@ def _sizes(cause: Explanation) -> Iterator[str]:
 
 
 def _seen(size: float) -> str:
-    return column([size], 2)[0] if math.isfinite(size) else "not visible"
+    if not math.isfinite(size):
+        return "not visible"
+    (text,) = column([size], 2)
+    return text
 
 
 def _value(estimate: Estimate, name: str) -> str:
@@ -230,9 +252,12 @@ def _value(estimate: Estimate, name: str) -> str:
 
 def _change(base: Estimate, extended: Estimate, name: str) -> str:
     """In percent; nothing of what the base model lacks or cannot tell from zero."""
-    if name not in base.names or name not in extended.names or abs(base.value(name)) <= base.standard_error(name):
+    if name not in base.names or name not in extended.names:
         return NOTHING
-    return f"{100.0 * (extended.value(name) / base.value(name) - 1.0):+.1f}"
+    before, after = base.value(name), extended.value(name)
+    if abs(before) <= base.standard_error(name):
+        return NOTHING
+    return f"{100.0 * (after / before - 1.0):+.1f}"
 
 
 def _cause(finding: Finding) -> str:
@@ -241,6 +266,7 @@ def _cause(finding: Finding) -> str:
 
 
 def _listed(texts: list[str], last: str = "and") -> str:
+    """As in "a, b and c", with ``last`` before the last."""
     return f" {last} ".join(_joined(texts))
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from rovid.campaign.axis import Axis
 from rovid.campaign.trial import Campaign, Trial
 from rovid.campaign.vehicle import Vehicle
+from rovid.ground.arrays import FloatArray
 from rovid.ground.numbers import plus_minus
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
@@ -21,77 +21,46 @@ from rovid.model.simulation import HORIZONS, TrialSimulation, overall
 from rovid.parameters.parameters import sha256
 from rovid.report.evidence import Evidence
 from rovid.report.plots.inertia import method_interval, method_title
-from rovid.report.text import NOTHING, aligned, arm, column, like, number, positions, steady_state, title, unit
+from rovid.report.table import Column, Grid, Table, numbers, of_numbers, of_text, of_unlike, words
+from rovid.report.text import NOTHING, arm, column, like, number, positions, steady_state, title, unit
 
 _NORMAL = 1.959964  # two-sided 95 % of the normal distribution
 _DIRECTIONS = {"up": "growing", "down": "falling"}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Column:
-    """A heading, the unit under it, and whether numbers stand below, which are aligned at their points."""
-
-    title: str
-    unit: str = ""
-    cells: tuple[str, ...]
-    numeric: bool = True
-
-
-@dataclass(frozen=True, kw_only=True)
-class Grid:
-    """A captioned table; the last row is a total where ``total``."""
-
-    caption: str
-    columns: tuple[Column, ...]
-    total: bool = False
-
-    @property
-    def rows(self) -> list[tuple[tuple[Column, str], ...]]:
-        """Row by row, each cell with its column."""
-        return [
-            tuple(zip(self.columns, row, strict=True)) for row in zip(*(c.cells for c in self.columns), strict=True)
-        ]
-
-
-def words(heading: str, cells: Iterable[str]) -> Column:
-    """A column of text."""
-    return Column(title=heading, cells=tuple(cells), numeric=False)
-
-
-def numbers(heading: str, unit_text: str, cells: Sequence[str]) -> Column:
-    """A column of numbers that are already rounded."""
-    return Column(title=heading, unit=unit_text, cells=tuple(aligned(cells)))
-
-
 def parameters_grid(evidence: Evidence) -> Grid:
     """Every parameter of the file, and those that it lacks."""
-    entries = evidence.parameters.entries
-    base = base_names(evidence.axis)
-    names = [*base, *(name for name in entries if name not in base)]
-    values = {name: plus_minus(entries[name].value, entries[name].standard_error) for name in entries}
-    return Grid(
-        caption="Parameters: value ± standard error",
-        columns=(
-            words("parameter", [evidence.axis.words(title(name)) for name in names]),
-            # Parameters of different units share no decimal point.
-            Column(title="value", cells=tuple(values.get(name, "not determined") for name in names)),
-            words(
-                "unit",
-                [unit(entries[name].unit if name in entries else unit_of(name, evidence.axis)) for name in names],
-            ),
-            words("95 % interval", [_interval(evidence, name, values.get(name, "")) for name in names]),
-            words("found by", [entries[name].method if name in entries else NOTHING for name in names]),
-        ),
-    )
+    axis, entries = evidence.axis, evidence.parameters.entries
+    # Parameters of different units share no decimal point.
+    headings = of_text("parameter"), of_unlike("value"), of_text("unit"), of_text("95 % interval"), of_text("found by")
+    table = Table("Parameters: value ± standard error", *headings)
+    # A dict for a set that keeps the order.
+    for name in dict.fromkeys((*base_names(axis), *entries)):
+        parameter = axis.words(title(name))
+        entry = entries.get(name)
+        if entry is None:
+            its_unit = unit(unit_of(name, axis))
+            table.add(parameter, "not determined", its_unit, NOTHING, NOTHING)
+            continue
+        value = plus_minus(entry.value, entry.standard_error)
+        table.add(parameter, value, unit(entry.unit), _interval(evidence, name, value), entry.method)
+    return table.grid()
 
 
 def _interval(evidence: Evidence, name: str, text: str) -> str:
-    entry = evidence.parameters.entries.get(name)
-    if entry is None or not math.isfinite(entry.standard_error):
+    entry = evidence.parameters.entries[name]
+    if not math.isfinite(entry.standard_error):
         return NOTHING
     estimate = estimate_behind(evidence, name)
+    if estimate is not None:
+        return _from_to(text, estimate.interval(name))
     reach = _NORMAL * entry.standard_error
-    low, high = (entry.value - reach, entry.value + reach) if estimate is None else estimate.interval(name)
+    return _from_to(text, (entry.value - reach, entry.value + reach))
+
+
+def _from_to(text: str, interval: tuple[float, float]) -> str:
+    """The interval, with the decimals of ``text``."""
+    low, high = interval
     return f"{like(text, low)} … {like(text, high)}"
 
 
@@ -106,40 +75,44 @@ def estimate_behind(evidence: Evidence, name: str) -> Estimate | None:
 
 def thrusters_grid(vehicle: Vehicle) -> Grid:
     """What turns the vehicle, or drives it."""
-    curves = [thruster.curve for thruster in vehicle.thrusters]
-    name, its_unit = arm(vehicle.axis)
-    return Grid(
-        caption=f"What {'turns' if vehicle.axis.angular else 'drives'} the vehicle",
-        columns=(
-            words("actuator", [thruster.name for thruster in vehicle.thrusters]),
-            numbers(name, its_unit, [f"{t.arm:.4g}" if t.curve else NOTHING for t in vehicle.thrusters]),
-            words("commands on the bench", [f"{c.command[0]:g} … {c.command[-1]:g}" if c else NOTHING for c in curves]),
-            words(
-                "thrust",
-                [
-                    " … ".join(column([c.thrust.min(), c.thrust.max()])) + " N" if c else f"{vehicle.axis.push} logged"
-                    for c in curves
-                ],
-            ),
-        ),
-    )
+    axis = vehicle.axis
+    does = "turns" if axis.angular else "drives"
+    headings = of_text("actuator"), of_numbers(*arm(axis)), of_text("commands on the bench"), of_text("thrust")
+    table = Table(f"What {does} the vehicle", *headings)
+    for thruster in vehicle.thrusters:
+        curve = thruster.curve
+        if curve is None:
+            table.add(thruster.name, NOTHING, NOTHING, f"{axis.push} logged")
+            continue
+        commands = f"{curve.command[0]:g} … {curve.command[-1]:g}"
+        least, most = column([curve.thrust.min(), curve.thrust.max()])
+        table.add(thruster.name, f"{thruster.arm:.4g}", commands, f"{least} … {most} N")
+    return table.grid()
 
 
 def trials_grid(evidence: Evidence, campaign: Campaign) -> Grid:
     """What was measured."""
-    trials = campaign.trials
-    return Grid(
-        caption="Trials",
-        columns=(
-            words("trial", [trial.name for trial in trials]),
-            numbers("length", "s", [number(trial.duration, ".0f") for trial in trials]),
-            numbers(positions(evidence.axis), "", [str(int(trial.measured.sum())) for trial in trials]),
-            numbers("rate", "Hz", [number(1.0 / trial.period, ".3g") for trial in trials]),
-            numbers("longest gap", "s", [number(_longest_gap(trial), ".2f") for trial in trials]),
-            words("what it gave", [_gave(evidence, trial.name) for trial in trials]),
-            words("noticed by the reader", [" ".join(r.text for r in trial.remarks) or NOTHING for trial in trials]),
-        ),
+    table = Table(
+        "Trials",
+        of_text("trial"),
+        of_numbers("length", "s"),
+        of_numbers(positions(evidence.axis)),
+        of_numbers("rate", "Hz"),
+        of_numbers("longest gap", "s"),
+        of_text("what it gave"),
+        of_text("noticed by the reader"),
     )
+    for trial in campaign.trials:
+        length = number(trial.duration, ".0f")
+        rate = number(1.0 / trial.period, ".3g")
+        gap = number(_longest_gap(trial), ".2f")
+        noticed = " ".join(remark.text for remark in trial.remarks) or NOTHING
+        table.add(trial.name, length, _readings(trial), rate, gap, _gave(evidence, trial.name), noticed)
+    return table.grid()
+
+
+def _readings(trial: Trial) -> str:
+    return str(int(trial.measured.sum()))
 
 
 def _longest_gap(trial: Trial) -> float:
@@ -147,16 +120,29 @@ def _longest_gap(trial: Trial) -> float:
 
 
 def _gave(evidence: Evidence, name: str) -> str:
-    texts = []
-    if evidence.drag is not None:
-        points = sum(point.source == name for point in evidence.drag.points)
-        texts += [_counted(points, steady_state(evidence.axis))] if points else []
-    if evidence.inertia is not None:
-        sines = [trial for trial in evidence.inertia.trials if trial.source == name]
-        texts += [f"{trial.cycles} periods of {trial.period:.3g} s" for trial in sines]
+    """What the trial called ``name`` served for."""
     if evidence.runs is not None and all(run.trial.name != name for run in evidence.runs.items):
         return "left out"
-    return ", ".join(texts) or ("regression, simulation" if evidence.simulations else "regression")
+    texts = [*_gave_drag(evidence, name), *_gave_inertia(evidence, name)]
+    if texts:
+        return ", ".join(texts)
+    return "regression, simulation" if evidence.simulations else "regression"
+
+
+def _gave_drag(evidence: Evidence, name: str) -> Iterator[str]:
+    if evidence.drag is None:
+        return
+    count = sum(point.source == name for point in evidence.drag.points)
+    if count:
+        yield _counted(count, steady_state(evidence.axis))
+
+
+def _gave_inertia(evidence: Evidence, name: str) -> Iterator[str]:
+    if evidence.inertia is None:
+        return
+    for trial in evidence.inertia.trials:
+        if trial.source == name:
+            yield f"{trial.cycles} periods of {trial.period:.3g} s"
 
 
 def _counted(count: int, noun: str) -> str:
@@ -165,29 +151,35 @@ def _counted(count: int, noun: str) -> str:
 
 def steady_grid(fit: DragFit) -> Grid:
     """Steady states with residuals and leave-one-out."""
-    points, known, axis = fit.points, bool(np.any(fit.torque_error != 1.0)), fit.estimate.axis
+    axis = fit.estimate.axis
     quadratic, linear = _drag_units(axis)
+    without_quadratic, without_linear, missed = fit.left_out.T
     columns = [
-        *_point_columns(points),
-        numbers(axis.push, axis.push_unit, [number(point.torque, ".2f") for point in points]),
-        numbers(axis.rate_words, axis.rate_unit, [_rate(point) for point in points]),
-        numbers("residual", axis.push_unit, _with_errors(fit.residuals, fit.torque_error if known else None)),
-        numbers("without it: DQ", quadratic, column([*fit.left_out[:, 0]], 4)),
-        numbers("DL", linear, column([*fit.left_out[:, 1]], 4)),
-        numbers("predicted off by", axis.push_unit, [number(value, ".2f") for value in fit.left_out[:, 2]]),
+        *_point_columns(fit.points),
+        _torques(axis, fit.points),
+        numbers(axis.rate_words, axis.rate_unit, [_rate(point) for point in fit.points]),
+        numbers("residual", axis.push_unit, _residuals(fit)),
+        numbers("without it: DQ", quadratic, column([*without_quadratic], 4)),
+        numbers("DL", linear, column([*without_linear], 4)),
+        numbers("predicted off by", axis.push_unit, _hundredths(missed)),
     ]
     return Grid(caption=f"{steady_state(axis).capitalize()}s that were fitted", columns=tuple(columns))
 
 
 def _drag_units(axis: Axis) -> tuple[str, str]:
-    quadratic, linear = (unit(unit_of(name, axis)) for name in ("quadratic_drag", "linear_drag"))
-    return quadratic, linear
+    return unit(unit_of("quadratic_drag", axis)), unit(unit_of("linear_drag", axis))
 
 
-def _with_errors(values: Sequence[float] | np.ndarray[tuple[int], np.dtype[np.float64]], errors: object) -> list[str]:
-    if errors is None:
-        return [number(value, ".2f") for value in values]
-    return [f"{value:.2f} ± {error:.2f}" for value, error in zip(values, np.asarray(errors), strict=True)]
+def _residuals(fit: DragFit) -> list[str]:
+    """With their errors, where these are known."""
+    # An error of one is the weight of a point of which none is known.
+    if not np.any(fit.torque_error != 1.0):
+        return _hundredths(fit.residuals)
+    return [f"{value:.2f} ± {error:.2f}" for value, error in zip(fit.residuals, fit.torque_error, strict=True)]
+
+
+def _hundredths(values: FloatArray) -> list[str]:
+    return [number(value, ".2f") for value in values]
 
 
 def _rate(point: SteadyPoint) -> str:
@@ -196,104 +188,126 @@ def _rate(point: SteadyPoint) -> str:
     return f"{point.rate:.4g}"
 
 
+def _torques(axis: Axis, points: Sequence[SteadyPoint]) -> Column:
+    return numbers(axis.push, axis.push_unit, [number(point.torque, ".2f") for point in points])
+
+
 def _point_columns(points: Sequence[SteadyPoint]) -> list[Column]:
+    """Where the points come from, as far as it is known."""
     columns = [words("source", [point.source for point in points])]
     if any(math.isfinite(point.start) for point in points):
         columns.append(words("from … to, s", [f"{point.start:.0f} … {point.stop:.0f}" for point in points]))
     if any(np.isfinite(point.command).any() for point in points):
-        columns.append(words("command", ["; ".join(f"{value:.4g}" for value in point.command) for point in points]))
+        columns.append(words("command", [_commands(point) for point in points]))
     return columns
+
+
+def _commands(point: SteadyPoint) -> str:
+    return "; ".join(f"{value:.4g}" for value in point.command)
 
 
 def unsteady_grid(fit: DragFit) -> Grid:
     """Held commands that were not fitted."""
     points, axis = fit.unsteady, fit.estimate.axis
-    return Grid(
-        caption="Held commands left out, because the rate was still changing",
-        columns=(
-            *_point_columns(points),
-            numbers(axis.push, axis.push_unit, [number(point.torque, ".2f") for point in points]),
-            numbers("mean rate", axis.rate_unit, [number(point.rate, ".4f") for point in points]),
-            numbers(
-                "change over it",
-                axis.rate_unit,
-                [plus_minus(point.drift, point.drift_error) for point in points],
-            ),
-        ),
+    changes = [plus_minus(point.drift, point.drift_error) for point in points]
+    columns = (
+        *_point_columns(points),
+        _torques(axis, points),
+        numbers("mean rate", axis.rate_unit, [number(point.rate, ".4f") for point in points]),
+        numbers("change over it", axis.rate_unit, changes),
     )
+    return Grid(caption="Held commands left out, because the rate was still changing", columns=columns)
 
 
 def directions_grid(fit: DragFit) -> Grid:
     """Drag of each direction alone beside that of both."""
     axis = fit.estimate.axis
     quadratic, linear = _drag_units(axis)
-    rows = {"both": fit.estimate} | {
-        f"{axis.position_words} {_DIRECTIONS.get(name, name)}": each for name, each in fit.directions.items()
-    }
-    return Grid(
-        caption="Drag from each direction alone",
-        columns=(
-            words("turns" if axis.angular else "direction", rows),
-            numbers(f"{steady_state(axis)}s", "", [str(each.samples) for each in rows.values()]),
-            numbers("DQ", quadratic, [_of(each, "quadratic_drag") for each in rows.values()]),
-            numbers("DL", linear, [_of(each, "linear_drag") for each in rows.values()]),
-        ),
+    table = Table(
+        "Drag from each direction alone",
+        of_text("turns" if axis.angular else "direction"),
+        of_numbers(f"{steady_state(axis)}s"),
+        of_numbers("DQ", quadratic),
+        of_numbers("DL", linear),
     )
+    rows = {"both": fit.estimate}
+    for name, each in fit.directions.items():
+        rows[f"{axis.position_words} {_DIRECTIONS.get(name, name)}"] = each
+    for name, each in rows.items():
+        table.add(name, str(each.samples), _of(each, "quadratic_drag"), _of(each, "linear_drag"))
+    return table.grid()
 
 
 def _of(estimate: Estimate, name: str) -> str:
-    return NOTHING if name in estimate.refused else plus_minus(estimate.value(name), estimate.standard_error(name))
+    if name in estimate.refused:
+        return NOTHING
+    return plus_minus(estimate.value(name), estimate.standard_error(name))
 
 
 def methods_grid(fit: InertiaFit, rigid_body: float | None) -> Grid:
     """Inertia by every method."""
-    readings = {name: fit.methods[name] for name in METHODS if name in fit.methods}
-    texts = [plus_minus(each.value, each.standard_error) for each in readings.values()]
-    intervals = [method_interval(fit, name) for name in readings]
     its_unit = unit(fit.estimate.unit("inertia"))
-    columns = [
-        words("method", [METHODS[name] for name in readings]),
-        numbers("inertia", its_unit, texts),
-        words(
-            f"95 % interval, {its_unit}",
-            [
-                NOTHING if ends is None else f"{like(text, ends[0])} … {like(text, ends[1])}"
-                for text, ends in zip(texts, intervals, strict=True)
-            ],
-        ),
-    ]
+    headings = [of_text("method"), of_numbers("inertia", its_unit), of_text(f"95 % interval, {its_unit}")]
     if rigid_body is not None:
-        columns.append(numbers("over rigid body", "", [f"{r.value / rigid_body:.3f}" for r in readings.values()]))
-    columns.append(words("", [_remark(fit, name) for name in readings]))
-    return Grid(caption="Inertia by each method", columns=tuple(columns))
+        headings.append(of_numbers("over rigid body"))
+    table = Table("Inertia by each method", *headings, of_text(""))
+    for name, method in METHODS.items():
+        reading = fit.methods.get(name)
+        if reading is None:
+            continue
+        value = plus_minus(reading.value, reading.standard_error)
+        cells = [method, value, _reach(fit, name, value)]
+        if rigid_body is not None:
+            cells.append(f"{reading.value / rigid_body:.3f}")
+        table.add(*cells, _remark(fit, name))
+    return table.grid()
+
+
+def _reach(fit: InertiaFit, name: str, text: str) -> str:
+    interval = method_interval(fit, name)
+    return NOTHING if interval is None else _from_to(text, interval)
 
 
 def _remark(fit: InertiaFit, name: str) -> str:
     if name == fit.chosen:
         return "used"
-    if name == "peak" and fit.peak_bias is not None:
-        return f"biased: {100.0 * fit.peak_bias:.0f} % of the true inertia on the model's own motion"
-    return "biased" if name == "peak" else "for comparison"
+    if name != "peak":
+        return "for comparison"
+    if fit.peak_bias is None:
+        return "biased"
+    return f"biased: {100.0 * fit.peak_bias:.0f} % of the true inertia on the model's own motion"
 
 
 def sine_grid(fit: InertiaFit) -> Grid:
     """Each sine run, and what each method reads from it."""
-    axis = fit.estimate.axis
-    names = [name for name in METHODS if name in fit.methods and fit.methods[name].runs]
-    keys = list(dict.fromkeys(key for name in names for key in _runs(fit, name)))
+    readings = {name: _runs(fit, name) for name in METHODS if name in fit.methods and fit.methods[name].runs}
+    # A dict for a set that keeps the order.
+    keys = dict.fromkeys(key for runs in readings.values() for key in runs)
     columns = [words("sine run", [source for source, _ in keys])]
     if len(fit.trials) == len(keys):
-        waves = [trial.wave for trial in fit.trials]
-        peaks = [[float(np.max(np.abs(w.over_one_period(a)))) for a in (w.torque, w.rate)] for w in waves]
-        columns += [
-            numbers("period", "s", [f"{trial.period:.4g}" for trial in fit.trials]),
-            numbers("periods used", "", [str(trial.cycles) for trial in fit.trials]),
-            numbers(f"peak {axis.push}", axis.push_unit, column([torque for torque, _ in peaks], 4)),
-            numbers("peak rate", axis.rate_unit, column([rate for _, rate in peaks], 3)),
-        ]
+        columns += _sine_columns(fit)
     its_unit = unit(fit.estimate.unit("inertia"))
-    columns += [numbers(method_title(n), its_unit, [_runs(fit, n).get(key, NOTHING) for key in keys]) for n in names]
+    for name, runs in readings.items():
+        cells = [runs.get(key, NOTHING) for key in keys]
+        columns.append(numbers(method_title(name), its_unit, cells))
     return Grid(caption="Inertia from each sine run", columns=tuple(columns))
+
+
+def _sine_columns(fit: InertiaFit) -> list[Column]:
+    axis = fit.estimate.axis
+    waves = [trial.wave for trial in fit.trials]
+    torques = [_peak(wave.over_one_period(wave.torque)) for wave in waves]
+    rates = [_peak(wave.over_one_period(wave.rate)) for wave in waves]
+    return [
+        numbers("period", "s", [f"{trial.period:.4g}" for trial in fit.trials]),
+        numbers("periods used", "", [str(trial.cycles) for trial in fit.trials]),
+        numbers(f"peak {axis.push}", axis.push_unit, column(torques, 4)),
+        numbers("peak rate", axis.rate_unit, column(rates, 3)),
+    ]
+
+
+def _peak(values: FloatArray) -> float:
+    return float(np.max(np.abs(values)))
 
 
 def _runs(fit: InertiaFit, name: str) -> dict[tuple[str, int], str]:
@@ -307,10 +321,11 @@ def _runs(fit: InertiaFit, name: str) -> dict[tuple[str, int], str]:
 
 def simulation_grid(simulations: Sequence[TrialSimulation]) -> Grid:
     """How well each trial is simulated, and all together."""
-    total, axis = overall(simulations), simulations[0].run.trial.axis
-    fits = [*(item.fit for item in simulations), total]
+    axis = simulations[0].run.trial.axis
+    names = [item.run.trial.name for item in simulations]
+    fits = [*(item.fit for item in simulations), overall(simulations)]
     columns = [
-        words("trial", [*(item.run.trial.name for item in simulations), "all together"]),
+        words("trial", [*names, "all together"]),
         numbers("samples", "", [str(fit.samples) for fit in fits]),
         numbers("R²", "", [number(fit.r2, ".4f") for fit in fits]),
         numbers("fit", "%", [number(fit.fit_percent, ".1f") for fit in fits]),
@@ -325,33 +340,34 @@ def simulation_grid(simulations: Sequence[TrialSimulation]) -> Grid:
 
 def typical_position_error(simulations: Sequence[TrialSimulation], horizon: float) -> float | None:
     """Median over the trials in deg or m; None where no trial is long enough."""
-    known = [error for item in simulations if (error := item.position_errors.get(horizon)) is not None]
-    return simulations[0].run.trial.axis.in_shown(float(np.median(known))) if known else None
+    errors = [item.position_errors.get(horizon) for item in simulations]
+    known = [error for error in errors if error is not None]
+    if not known:
+        return None
+    return simulations[0].run.trial.axis.in_shown(float(np.median(known)))
 
 
 def sources_grid(evidence: Evidence) -> Grid | None:
     """Every log that the parameters or this page rest on, with its hash."""
     fitted = {source.name: source for source in evidence.parameters.sources}
-    trials = {} if evidence.campaign is None else {trial.name: trial for trial in evidence.campaign.trials}
-    names = [*fitted, *(name for name in trials if name not in fitted)]
-    if not names:
+    trials = _trials_by_name(evidence)
+    if not fitted and not trials:
         return None
-    uses = {(True, True): "parameters, this page", (True, False): "parameters", (False, True): "this page only"}
-    return Grid(
-        caption="Logs and their SHA-256",
-        columns=(
-            words("log", names),
-            numbers(
-                positions(evidence.axis), "", [_count(fitted[n].samples if n in fitted else trials[n]) for n in names]
-            ),
-            words("used for", [uses[n in fitted, n in trials] for n in names]),
-            words("SHA-256", [fitted[n].sha256 if n in fitted else _hash(trials[n]) for n in names]),
-        ),
-    )
+    headings = of_text("log"), of_numbers(positions(evidence.axis)), of_text("used for"), of_text("SHA-256")
+    table = Table("Logs and their SHA-256", *headings)
+    for name, source in fitted.items():
+        use = "parameters, this page" if name in trials else "parameters"
+        table.add(name, str(source.samples), use, source.sha256)
+    for name, trial in trials.items():
+        if name not in fitted:
+            table.add(name, _readings(trial), "this page only", _hash(trial))
+    return table.grid()
 
 
-def _count(samples: int | Trial) -> str:
-    return str(samples if isinstance(samples, int) else int(samples.measured.sum()))
+def _trials_by_name(evidence: Evidence) -> dict[str, Trial]:
+    if evidence.campaign is None:
+        return {}
+    return {trial.name: trial for trial in evidence.campaign.trials}
 
 
 def _hash(trial: Trial) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rovid import __version__
+from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle, box_inertia
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.effects import effect_named, restoring_of
@@ -18,7 +19,7 @@ from rovid.ground.errors import visible
 from rovid.ground.files import Claim, Output
 from rovid.ground.files.form import PAGE, png_form
 from rovid.ground.numbers import plus_minus
-from rovid.identify.inertia import METHODS
+from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.model.names import base_names
 from rovid.model.simulation import HORIZONS, overall
 from rovid.report import controller, correlations, exports, findings, grids
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
 
 # Two methods that use the same data are this far apart by chance alone less than once in three hundred.
 _DISAGREE_SIGMAS = 3.0
+# Which side of a box lies along the axis that it turns about.
+_ALONG = {"roll": "long", "pitch": "wide", "yaw": "high"}
 
 
 def claim_report(folder: Path, *, force: bool = False, protected: Iterable[Path] = ()) -> Claim:
@@ -92,12 +95,17 @@ def _environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
+    def shown(value: object) -> object:
+        if isinstance(value, str) and not isinstance(value, Markup):
+            return visible(value)
+        return value
+
     environment = Environment(
         loader=PackageLoader("rovid.report"),
         autoescape=True,
         undefined=StrictUndefined,
         # What was escaped already is ours, line ends included.
-        finalize=lambda value: visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value,
+        finalize=shown,
         trim_blocks=True,
         lstrip_blocks=True,
     )
@@ -124,15 +132,15 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "drag": evidence.drag,
         "inertia": evidence.inertia,
         "runs": evidence.runs,
-        "trials": () if evidence.campaign is None else evidence.campaign.trials,
+        "trials": _trials(evidence),
         "simulations": simulations,
         "overall": overall(simulations) if simulations else None,
-        "position_errors": [(h, error) for h in HORIZONS if (error := grids.typical_position_error(simulations, h))],
+        "position_errors": list(_position_errors(evidence)),
         "left": _left(evidence),
         "effects": [effect_named(name) for name in evidence.parameters.effects],
         "missing": list(_missing(evidence)),
         "warnings": list(_warnings(evidence)),
-        "remarked": sum(bool(trial.remarks) for trial in evidence.campaign.trials) if evidence.campaign else 0,
+        "remarked": sum(bool(trial.remarks) for trial in _trials(evidence)),
         "refused": list(_refused(evidence)),
         "rate_range": _rate_range(evidence),
         "rate_from": _rate_from(evidence),
@@ -157,6 +165,20 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
     }
 
 
+def _trials(evidence: Evidence) -> tuple[Trial, ...]:
+    if evidence.campaign is None:
+        return ()
+    return evidence.campaign.trials
+
+
+def _position_errors(evidence: Evidence) -> Iterator[tuple[float, float]]:
+    """Each horizon in s that is reached, and the typical error at it in deg or m."""
+    for horizon in HORIZONS:
+        error = grids.typical_position_error(evidence.simulations, horizon)
+        if error:
+            yield horizon, error
+
+
 def _missing(evidence: Evidence) -> Iterator[tuple[str, str]]:
     """Each parameter that the file lacks, with the reason."""
     entries, drag = evidence.parameters.entries, evidence.drag
@@ -166,23 +188,32 @@ def _missing(evidence: Evidence) -> Iterator[tuple[str, str]]:
         # Where no torque keeps the vehicle turning all come with the inertia.
         if name == "inertia" or evidence.axis.rights:
             yield title(name), evidence.inertia_refusal
+        elif drag is None:
+            yield title(name), evidence.drag_refusal
         else:
-            yield title(name), evidence.drag_refusal if drag is None else drag.estimate.refused.get(name, "")
+            yield title(name), drag.estimate.refused.get(name, "")
 
 
 def _warnings(evidence: Evidence) -> Iterator[str]:
     """What a reader has to know before using the numbers, the gravest first; each thing once."""
-    said = [reason for _, reason in _missing(evidence) if reason]
-    texts = [*_departures(evidence)]
-    if evidence.campaign is not None:
-        texts += evidence.parameters.changed_sources(evidence.campaign)
-    for fit in (evidence.drag, evidence.inertia):
-        texts += [] if fit is None else list(fit.estimate.warnings)
-    texts += [] if evidence.campaign is None else [remark.text for remark in evidence.campaign.remarks]
-    texts += [] if evidence.runs is None else [remark.text for remark in evidence.runs.remarks]
-    for text in dict.fromkeys(texts):
-        if not any(text.endswith(reason) for reason in said):
+    said = tuple(reason for _, reason in _missing(evidence) if reason)
+    for text in dict.fromkeys(_noticed(evidence)):
+        if not text.endswith(said):
             yield text
+
+
+def _noticed(evidence: Evidence) -> Iterator[str]:
+    """As `_warnings`, some more than once."""
+    campaign = evidence.campaign
+    yield from _departures(evidence)
+    if campaign is not None:
+        yield from evidence.parameters.changed_sources(campaign)
+    for fit in (evidence.drag, evidence.inertia):
+        if fit is not None:
+            yield from fit.estimate.warnings
+    for remarked in (campaign, evidence.runs):
+        if remarked is not None:
+            yield from (remark.text for remark in remarked.remarks)
 
 
 def _departures(evidence: Evidence) -> Iterator[str]:
@@ -196,11 +227,12 @@ def _departures(evidence: Evidence) -> Iterator[str]:
         if not found or grids.estimate_behind(evidence, name) is not None:
             continue
         now = found[0]
-        gap = abs(now.value(name) - entry.value) / math.hypot(now.standard_error(name), entry.standard_error)
+        value, error = now.value(name), now.standard_error(name)
+        gap = abs(value - entry.value) / math.hypot(error, entry.standard_error)
         if entry.method == now.method or gap > _DISAGREE_SIGMAS:
             yield (
                 f"{title(name)}: the parameter file holds {plus_minus(entry.value, entry.standard_error)} "
-                f"({entry.method}), these logs now give {plus_minus(now.value(name), now.standard_error(name))} "
+                f"({entry.method}), these logs now give {plus_minus(value, error)} "
                 f"({now.method}). Summary and simulation use the file's."
             )
 
@@ -212,9 +244,17 @@ def _refused(evidence: Evidence) -> Iterator[tuple[str, str]]:
         yield f"Drag from {steady_state(evidence.axis)}s", evidence.drag_refusal
     if evidence.inertia is None and "inertia" in evidence.parameters.entries:
         yield "Inertia from these logs", evidence.inertia_refusal
-    reasons = {} if evidence.inertia is None else evidence.inertia.refused
-    for reason in dict.fromkeys(reasons.values()):
-        yield "Inertia by " + ", by ".join(METHODS[name] for name in reasons if reasons[name] == reason), reason
+    if evidence.inertia is not None:
+        yield from _refused_methods(evidence.inertia)
+
+
+def _refused_methods(fit: InertiaFit) -> Iterator[tuple[str, str]]:
+    """The methods that gave no inertia; those of one reason together."""
+    methods: dict[str, list[str]] = {}
+    for name, reason in fit.refused.items():
+        methods.setdefault(reason, []).append(METHODS[name])
+    for reason, together in methods.items():
+        yield "Inertia by " + ", by ".join(together), reason
 
 
 def _rate_range(evidence: Evidence) -> tuple[float, float] | None:
@@ -233,7 +273,9 @@ def _rate_from(evidence: Evidence) -> str:
     gyro = [run.rates.from_gyro for run in evidence.runs.items]
     if all(gyro):
         return logged
-    return f"{logged} where there is one, else from the {position}" if any(gyro) else f"the {position}"
+    if any(gyro):
+        return f"{logged} where there is one, else from the {position}"
+    return f"the {position}"
 
 
 def _noise(evidence: Evidence) -> dict[str, Any] | None:
@@ -255,9 +297,13 @@ def _left(evidence: Evidence) -> tuple[float, float, float] | None:
 def _box(vehicle: Vehicle) -> list[tuple[str, float]]:
     """Sides of the uniform box whose inertia is taken for the rigid body's; none where it is not one's."""
     sides = {"long": vehicle.length, "wide": vehicle.width, "high": vehicle.height}
-    along = {"roll": "long", "pitch": "wide", "yaw": "high"}.get(vehicle.axis.name)
-    across = [(word, side) for word, side in sides.items() if along and word != along and side is not None]
-    if len(across) < 2 or vehicle.mass is None or vehicle.rigid_body_inertia is None:
+    if vehicle.axis.name not in _ALONG or vehicle.mass is None or vehicle.rigid_body_inertia is None:
         return []
-    inertia = box_inertia(vehicle.mass, across[0][1], across[1][1])
+    # A box's inertia about an axis depends on the two sides across it.
+    sides.pop(_ALONG[vehicle.axis.name])
+    across = [(word, side) for word, side in sides.items() if side is not None]
+    if len(across) < 2:
+        return []
+    (_, one), (_, other), *_ = across
+    inertia = box_inertia(vehicle.mass, one, other)
     return across if math.isclose(vehicle.rigid_body_inertia, inertia) else []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -33,14 +33,7 @@ def recording_paths(target: Path, trials: Sequence[Trial]) -> list[Path]:
     """
     paths = [target]
     if target.suffix.lower() != _SUFFIX or target.is_dir():
-        # A trial from elsewhere may be called by its whole path.
-        names = [
-            Path(*(part for part in Path(trial.name).parts if part not in {"..", Path(trial.name).anchor}))
-            for trial in trials
-        ]
-        plain = [name.with_suffix(_SUFFIX) for name in names]
-        both = [name.with_name(name.name + _SUFFIX) for name in names]  # where two differ by their format alone
-        paths = [target / (one if plain.count(one) == 1 else other) for one, other in zip(plain, both, strict=True)]
+        paths = [target / name for name in _names(trials)]
     elif len(trials) > 1:
         raise ConfigError(
             f"names one file, but there are {len(trials)} trials.",
@@ -52,6 +45,22 @@ def recording_paths(target: Path, trials: Sequence[Trial]) -> list[Path]:
     if over is not None:
         raise ConfigError(f"would write over the log {over}.", where=f"--mcap {target}", mend="Choose another place.")
     return paths
+
+
+def _names(trials: Sequence[Trial]) -> Iterator[Path]:
+    """A recording's name for each trial; with the log's format in it where two differ by that alone."""
+    names = [_inside(Path(trial.name)) for trial in trials]
+    plain = [name.with_suffix(_SUFFIX) for name in names]
+    for name, short in zip(names, plain, strict=True):
+        if plain.count(short) == 1:
+            yield short
+        else:
+            yield name.with_name(name.name + _SUFFIX)
+
+
+def _inside(name: Path) -> Path:
+    """``name`` with nothing that leads out of a folder: a trial from elsewhere may be called by its whole path."""
+    return Path(*(part for part in name.parts if part not in {"..", name.anchor}))
 
 
 def write_recordings(
@@ -70,10 +79,10 @@ def write_recordings(
         One cannot be written.
     """
     residuals = left_by_all(runs, model, vehicle)
-    recordings = [
-        mcap_bytes(topics_of(simulation, residual, vehicle), RECORDING_LIBRARY)
-        for simulation, residual in zip(simulations, residuals, strict=True)
-    ]
+    recordings = []
+    for simulation, residual in zip(simulations, residuals, strict=True):
+        topics = topics_of(simulation, residual, vehicle)
+        recordings.append(mcap_bytes(topics, RECORDING_LIBRARY))
     claim.write(dict(zip(outputs, recordings, strict=True)))
 
 
@@ -103,5 +112,6 @@ def topics_of(simulation: TrialSimulation, residual: Residual, vehicle: Vehicle)
 
 
 def _topic(name: str, time: FloatArray, fields: dict[str, FloatArray], unit: str) -> Topic:
-    named = {with_unit(field, unit): values for field, values in fields.items() if np.isfinite(values).any()}
+    known = {field: values for field, values in fields.items() if np.isfinite(values).any()}
+    named = {with_unit(field, unit): values for field, values in known.items()}
     return Topic(name=f"/{name}", time=time, fields=named, units=dict.fromkeys(named, unit))

@@ -11,7 +11,7 @@ from scipy import signal
 
 from rovid.campaign.trial import Campaign
 from rovid.campaign.vehicle import Vehicle
-from rovid.ground.arrays import FloatArray
+from rovid.ground.arrays import FloatArray, IntArray
 from rovid.model.model import Model
 from rovid.motion.rates import finite_stretches
 from rovid.motion.runs import Run, Runs, prepare
@@ -51,15 +51,12 @@ def residuals_of(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[Re
 
 
 def _residual(run: Run, model: Model, vehicle: Vehicle) -> Residual:
-    held = model.drive(vehicle, run.trial).mapped(lambda series: run.rates.held(run.trial, series))
+    rates = run.rates
+    held = model.drive(vehicle, run.trial).mapped(lambda series: rates.held(run.trial, series))
     drive = held.torque if model.effects else run.drive
-    item = Residual(
-        run=run,
-        drive=drive,
-        beside=held.beside,
-        left=np.asarray(drive - model.inertia * run.rates.acceleration - model.drag(run.rates.rate)),
-        noise=model.inertia * run.rates.acceleration_noise,
-    )
+    left = drive - model.inertia * rates.acceleration - model.drag(rates.rate)
+    noise = model.inertia * rates.acceleration_noise
+    item = Residual(run=run, drive=drive, beside=held.beside, left=np.asarray(left), noise=noise)
     return replace(item, left=item.left + _terms_torque(item, _base(model)))
 
 
@@ -73,21 +70,24 @@ def left_by_all(runs: Runs, model: Model, vehicle: Vehicle) -> list[Residual]:
 
     A wave stays in: its phase is not a parameter.
     """
-    items = residuals_of(_as_turned(runs, model, vehicle), model, vehicle)
-    # What weight and buoyancy do is taken out already.
-    return [
-        replace(item, left=item.left + _terms_torque(item, model) - _terms_torque(item, _base(model))) for item in items
-    ]
+    items = []
+    for item in residuals_of(_as_turned(runs, model, vehicle), model, vehicle):
+        with_all = item.left + _terms_torque(item, model)
+        # What weight and buoyancy do is taken out already.
+        left = with_all - _terms_torque(item, _base(model))
+        items.append(replace(item, left=left))
+    return items
 
 
 def _as_turned(runs: Runs, model: Model, vehicle: Vehicle) -> Sequence[Run]:
     """The runs with the headings that ``model`` takes for the true ones, behind the same filter."""
     if not any(effect.on_heading for effect in model.effects):
         return runs.items
-    trials = [run.trial for run in runs.items]
-    true = [model.true_angle(trial, trial.position, np.arange(len(trial.time)))[0] for trial in trials]
-    turned = tuple(replace(trial, position=heading) for trial, heading in zip(trials, true, strict=True))
-    return prepare(Campaign(trials=turned, sources=()), vehicle, cutoff=runs.cutoff).items
+    turned = []
+    for trial in (run.trial for run in runs.items):
+        heading = model.true_angle(trial, trial.position, np.arange(len(trial.time)))[0]
+        turned.append(replace(trial, position=heading))
+    return prepare(Campaign(trials=tuple(turned), sources=()), vehicle, cutoff=runs.cutoff).items
 
 
 def _terms_torque(item: Residual, model: Model) -> FloatArray:
@@ -97,17 +97,34 @@ def _terms_torque(item: Residual, model: Model) -> FloatArray:
     return model.along(trial, rates.kernel.period, (rates.rate, turned, item.drive), item.beside)[0]
 
 
+def all_left(items: Sequence[Residual]) -> FloatArray:
+    """What is left of the torque in all runs, one after another."""
+    return np.concatenate([item.left for item in items])
+
+
+def all_drives(items: Sequence[Residual]) -> FloatArray:
+    """The thrusters' torques in all runs, one after another."""
+    return np.concatenate([item.drive for item in items])
+
+
+def all_rates(items: Sequence[Residual]) -> FloatArray:
+    """The rates in all runs, one after another."""
+    return np.concatenate([item.run.rates.rate for item in items])
+
+
 def sizes(items: Sequence[Residual]) -> tuple[float, float, float]:
     """Root mean squares in N m: of what is left, of the torque, and of what the sensor's noise makes of itself."""
-    left = np.concatenate([item.left for item in items])
+    left = all_left(items)
     known = np.isfinite(left)
-    drive = np.concatenate([item.drive for item in items])[known]
+    drive = all_drives(items)[known]
     noise = np.concatenate([np.full(len(item.left), item.noise) for item in items])[known]
     return _rms(left[known]), _rms(drive), _rms(noise)
 
 
 def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
+    if not values.size:
+        return math.nan
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def binned(driver: FloatArray, left: FloatArray, bins: int = _BINS) -> tuple[FloatArray, FloatArray]:
@@ -117,13 +134,19 @@ def binned(driver: FloatArray, left: FloatArray, bins: int = _BINS) -> tuple[Flo
     if x.size < bins or np.ptp(x) == 0.0:
         return np.empty(0), np.empty(0)
     edges = np.linspace(x.min(), x.max(), bins + 1)
+    # The largest value stands on the last edge, and belongs to the bin below it.
     where = np.clip(np.digitize(x, edges) - 1, 0, bins - 1)
+    return _means(where, x, bins), _means(where, y, bins)
+
+
+def _means(where: IntArray, values: FloatArray, bins: int) -> FloatArray:
+    """Mean of the ``values`` in each bin; NaN where these are too few to say anything."""
     count = np.bincount(where, minlength=bins)
-    enough = count >= max(10, x.size // 2000)
-    divide = np.maximum(count, 1)
-    means = (np.bincount(where, weights=values, minlength=bins) / divide for values in (x, y))
-    across, up = (np.where(enough, mean, np.nan) for mean in means)
-    return across, up
+    enough = count >= max(10, values.size // 2000)
+    total = np.bincount(where, weights=values, minlength=bins)
+    # An empty bin is not divided by zero: it is not enough in any case.
+    mean = total / np.maximum(count, 1)
+    return np.where(enough, mean, np.nan)
 
 
 def spectrum(items: Sequence[Residual], cutoff: float) -> tuple[FloatArray, FloatArray]:
@@ -131,10 +154,13 @@ def spectrum(items: Sequence[Residual], cutoff: float) -> tuple[FloatArray, Floa
     frequency = np.linspace(0.0, cutoff, 256)[1:]
     total, weight = np.zeros(len(frequency)), 0.0
     for period, part in _stretches(items):
+        # Short segments are padded to the same length, so that all stretches are known at frequencies as dense.
         own, density = signal.welch(part, fs=1.0 / period, nperseg=min(_SEGMENT, len(part)), nfft=_SEGMENT)
         total += np.interp(frequency, own, np.asarray(density)) * len(part) * period
         weight += len(part) * period
-    return frequency, total / weight if weight else np.full(len(frequency), np.nan)
+    if not weight:
+        return frequency, np.full(len(frequency), np.nan)
+    return frequency, total / weight
 
 
 def autocorrelation(items: Sequence[Residual], longest: float) -> tuple[FloatArray, FloatArray]:
@@ -142,9 +168,13 @@ def autocorrelation(items: Sequence[Residual], longest: float) -> tuple[FloatArr
     lags = np.linspace(0.0, longest, 200)
     total = np.zeros(len(lags))
     for period, part in _stretches(items):
+        # It is symmetric about lag zero, which stands in the middle.
         products = signal.correlate(part, part, mode="full", method="fft")[len(part) - 1 :]
-        total += np.interp(lags, period * np.arange(len(part)), products, right=0.0) * period
-    return lags, total / total[0] if total[0] > 0.0 else np.full(len(lags), np.nan)
+        own = period * np.arange(len(part))
+        total += np.interp(lags, own, products, right=0.0) * period
+    if not total[0] > 0.0:
+        return lags, np.full(len(lags), np.nan)
+    return lags, total / total[0]
 
 
 def _stretches(items: Sequence[Residual]) -> Iterator[tuple[float, FloatArray]]:

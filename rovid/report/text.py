@@ -32,7 +32,9 @@ _UNITS = {
 
 def number(value: float | None, form: str = ".4g") -> str:
     """``value`` in that form; a dash where there is none."""
-    return NOTHING if value is None or not math.isfinite(value) else format(value, form)
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    return format(value, form)
 
 
 def unit(text: str) -> str:
@@ -47,7 +49,9 @@ def title(name: str) -> str:
 
 def arm(axis: Axis) -> tuple[str, str]:
     """What a thruster's lever is called, and its unit."""
-    return (axis.arm.replace("_", " "), "m") if axis.angular else (f"share along {axis.name}", "")
+    if axis.angular:
+        return axis.arm.replace("_", " "), "m"
+    return f"share along {axis.name}", ""
 
 
 def steady_state(axis: Axis) -> str:
@@ -66,22 +70,30 @@ def prose(text: str) -> str:
         text = text.replace(name, name.replace("_", " "))
     for plain, raised in _UNITS.items():
         text = text.replace(plain, raised)
-    stop = "." if text and not text.endswith((".", "!", "?")) else ""
+    first, _, _ = text.partition(" ")
     # A file's name keeps its case.
-    return (text[:1].upper() + text[1:] if text.split(" ")[0].isalpha() else text) + stop
+    if first.isalpha():
+        text = text[:1].upper() + text[1:]
+    if text and not text.endswith((".", "!", "?")):
+        text += "."
+    return text
 
 
 def column(values: Sequence[float | None], significant: int = 3) -> list[str]:
     """All ``values`` with as many decimals as show the middle one to so many significant digits."""
-    sizes = sorted(abs(value) for value in values if value is not None and math.isfinite(value) and value != 0.0)
+    known = [abs(value) for value in values if value is not None and math.isfinite(value)]
+    # Zero has no first digit.
+    sizes = sorted(size for size in known if size != 0.0)
     middle = sizes[len(sizes) // 2] if sizes else 1.0
-    decimals = min(max(significant - 1 - math.floor(math.log10(middle)), 0), 8)
+    place_of_first = math.floor(math.log10(middle))
+    decimals = min(max(significant - 1 - place_of_first, 0), 8)
     return [number(value, f".{decimals}f") for value in values]
 
 
 def like(text: str, value: float) -> str:
     """``value`` with the decimals of the number that ``text`` begins with."""
-    return number(value, f".{_decimals(text.partition(_SIGN)[0])}f")
+    first, _, _ = text.partition(_SIGN)
+    return number(value, f".{_decimals(first)}f")
 
 
 def aligned(texts: Sequence[str]) -> list[str]:
@@ -90,16 +102,22 @@ def aligned(texts: Sequence[str]) -> list[str]:
         # Words and dashes keep out of the way of the rest.
         rest = iter(aligned([text for text in texts if _is_number(text)]))
         return [next(rest) if _is_number(text) else text for text in texts]
-    pairs = [text.partition(_SIGN) for text in texts]
-    values = _filled([value for value, _, _ in pairs])
-    errors = _filled([error for _, _, error in pairs])
-    if not any(error for _, _, error in pairs):
-        return values
-    wide = max(len(error) for error in errors)
-    return [
-        value + (sign or _POINT_SPACE * 3) + _FIGURE_SPACE * (wide - len(error)) + error
-        for value, (_, sign, _), error in zip(values, pairs, errors, strict=True)
-    ]
+    if not texts:
+        return []
+    values, signs, errors = zip(*(text.partition(_SIGN) for text in texts), strict=True)
+    if not any(errors):
+        return _filled(values)
+    lined_up = []
+    for value, sign, error in zip(_filled(values), signs, _to_the_right(_filled(errors)), strict=True):
+        # Where a value stands without an error, spaces stand for the sign too.
+        between = sign or _POINT_SPACE * len(_SIGN)
+        lined_up.append(value + between + error)
+    return lined_up
+
+
+def _to_the_right(texts: Sequence[str]) -> list[str]:
+    wide = max(len(text) for text in texts)
+    return [_FIGURE_SPACE * (wide - len(text)) + text for text in texts]
 
 
 def _is_number(text: str) -> bool:
@@ -112,8 +130,12 @@ def _filled(texts: Sequence[str]) -> list[str]:
 
 
 def _fill(places: int, present: int) -> str:
-    return (_POINT_SPACE if places and not present else "") + _FIGURE_SPACE * (places - present)
+    spaces = _FIGURE_SPACE * (places - present)
+    if places and not present:
+        return _POINT_SPACE + spaces
+    return spaces
 
 
 def _decimals(text: str) -> int:
-    return len(text.partition(".")[2])
+    _, _, behind_point = text.partition(".")
+    return len(behind_point)

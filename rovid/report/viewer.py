@@ -45,35 +45,41 @@ def viewer_document(evidence: Evidence) -> dict[str, Any]:
     """What the viewer's script reads."""
     return {
         "panels": _panels(evidence.axis, found=bool(evidence.extended)),
-        "trials": [
-            {
-                "name": each.name,
-                "samples": each.samples,
-                "levels": [{"rows": level.shape[1], "data": _text(level)} for level in each.levels],
-            }
-            for each in series_of(evidence.simulations, evidence.extended)
-        ],
+        "trials": [_trial(each) for each in series_of(evidence.simulations, evidence.extended)],
     }
+
+
+def _trial(each: Series) -> dict[str, Any]:
+    levels = [{"rows": level.shape[1], "data": _text(level)} for level in each.levels]
+    return {"name": each.name, "samples": each.samples, "levels": levels}
 
 
 def series_of(
     simulations: Sequence[TrialSimulation], extended: Sequence[TrialSimulation] = (), *, values: int | None = None
 ) -> list[Series]:
     """Every trial within a budget of ``values`` numbers, ``VALUES`` if not given; short trials keep all rows."""
-    tables = [_table(pair) for pair in zip(simulations, *([extended] if extended else []), strict=True)]
+    if not simulations:
+        return []
+    sides = [simulations, extended] if extended else [simulations]
+    tables = [_table(trial) for trial in zip(*sides, strict=True)]
+    if values is None:
+        values = VALUES
     # The coarser levels of a trial take a third of its finest at most.
-    rows = (VALUES if values is None else values) * (_STEP - 1) // (_STEP * len(tables[0])) if tables else 0
+    rows = values * (_STEP - 1) // (_STEP * len(tables[0]))
     granted = shares([table.shape[1] for table in tables], rows)
-    return [
-        Series(name=item.run.trial.name, samples=table.shape[1], levels=tuple(_levels(table, count)))
-        for item, table, count in zip(simulations, tables, granted, strict=True)
-    ]
+    series = []
+    for item, table, count in zip(simulations, tables, granted, strict=True):
+        levels = tuple(_levels(table, count))
+        series.append(Series(name=item.run.trial.name, samples=table.shape[1], levels=levels))
+    return series
 
 
 def shares(wanted: Sequence[int], budget: int) -> list[int]:
     """What each gets of ``budget``: no more than it wants, and no less than another that wants more."""
     granted, left = [0] * len(wanted), budget
-    for rank, index in enumerate(sorted(range(len(wanted)), key=wanted.__getitem__)):
+    smallest_first = sorted(range(len(wanted)), key=wanted.__getitem__)
+    for rank, index in enumerate(smallest_first):
+        # What those before it did not want is shared among the rest.
         granted[index] = min(wanted[index], left // (len(wanted) - rank))
         left -= granted[index]
     return granted
@@ -125,18 +131,26 @@ def _position_error(item: TrialSimulation) -> FloatArray:
 
 def _panels(axis: Axis, *, found: bool) -> list[dict[str, Any]]:
     """Each panel from the top: its words, its height in pixels, and its lines as columns, one less another."""
-    looks = [("simulated", "simulated"), ("with what was found", "found")][: 1 + found]
+    looks = [("simulated", "simulated")]
+    if found:
+        looks.append(("with what was found", "found"))
+    pushes = [_line("applied", "applied", _PUSH)]
     rates = [_line("measured", "measured", _MEASURED)]
-    rates += [_line(*look, column) for look, column in zip(looks, _SIMULATED, strict=False)]
-    misses = [_line(*look, column, _MEASURED) for look, column in zip(looks, _SIMULATED, strict=False)]
-    drifts = [_line(*look, column) for look, column in zip(looks, _POSITION_ERROR, strict=False)]
-    rows = [
-        (axis.push, axis.push_unit, 110, [_line("applied", "applied", _PUSH)]),
-        (axis.rate_words, axis.rate_unit, 240, rates),
-        (f"{axis.rate_words}, simulated less measured", axis.rate_unit, 130, misses),
-        (f"{axis.position_words}, simulated less measured", axis.shown[0], 130, drifts),
+    misses, drifts = [], []
+    for look, simulated, position_error in zip(looks, _SIMULATED, _POSITION_ERROR, strict=False):
+        rates.append(_line(*look, simulated))
+        misses.append(_line(*look, simulated, _MEASURED))
+        drifts.append(_line(*look, position_error))
+    return [
+        _panel(axis.push, axis.push_unit, 110, pushes),
+        _panel(axis.rate_words, axis.rate_unit, 240, rates),
+        _panel(f"{axis.rate_words}, simulated less measured", axis.rate_unit, 130, misses),
+        _panel(f"{axis.position_words}, simulated less measured", axis.shown[0], 130, drifts),
     ]
-    return [{"title": title, "unit": unit, "height": height, "lines": lines} for title, unit, height, lines in rows]
+
+
+def _panel(title: str, unit: str, height: int, lines: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"title": title, "unit": unit, "height": height, "lines": lines}
 
 
 def _line(label: str, look: str, column: int, less: int | None = None) -> dict[str, Any]:

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Iterator
 
 from rich.console import Console
+from rich.table import Table
 from rich.text import Text
 
 from rovid.campaign.axis import Axis
 from rovid.campaign.vehicle import Vehicle
 from rovid.control.design import Control, RunResult
-from rovid.diagnose.amplitudes import Amplitudes
+from rovid.control.tuning import Margins
+from rovid.diagnose.amplitudes import Amplitudes, Explanation
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.diagnose.record import INVISIBLE, Diagnosis, Finding, Side, not_identifiable
 from rovid.ground.numbers import plus_minus
 from rovid.ground.screen import led
 from rovid.identify.inertia import METHODS
 from rovid.model.names import unit_of
-from rovid.show.terminal import number, show_parameters, table
+from rovid.show.terminal import number, say, show_parameters, table
 
 _VERDICTS = {
     "found": "The simulation misses something, and it has a name.",
@@ -32,11 +35,27 @@ _VERDICTS = {
 def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> None:
     """Print the account."""
     axis = vehicle.axis
-    console.print(led(_VERDICTS[diagnosis.verdict]), highlight=False)
+    say(console, led(_VERDICTS[diagnosis.verdict]))
     if diagnosis.missing:
-        console.print(diagnosis.missing, highlight=False)
+        say(console, diagnosis.missing)
     if diagnosis.amplitudes is not None:
         _show_amplitudes(console, diagnosis.amplitudes)
+    _show_causes(console, diagnosis, axis)
+    if diagnosis.base is not None and diagnosis.extended is not None:
+        _show_gain(console, diagnosis.base, diagnosis.extended, diagnosis.noise_floor, axis)
+        show_parameters(console, diagnosis.extended.estimate)
+        share = 100.0 * diagnosis.unexplained_share
+        say(console, f"left unexplained: {share:.2g} % of the {axis.push}'s variance")
+    if diagnosis.verdict == "nothing_found":
+        _show_detectable(console, diagnosis, axis)
+    invisible = " and ".join(INVISIBLE[name] for name in not_identifiable(vehicle))
+    say(console, f"never visible in {axis.name} data: {invisible}")
+    run = next_experiment(diagnosis)
+    say(console, led("Next:", f"{run['run']} ({run['reason']})"))
+
+
+def _show_causes(console: Console, diagnosis: Diagnosis, axis: Axis) -> None:
+    """What was found, what is suspected, and what has no name."""
     for finding in diagnosis.findings:
         _show_finding(console, finding, axis)
     for suspect in diagnosis.suspects:
@@ -44,26 +63,22 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         console.print(f"Suspected, {100.0 * suspect.confidence:.0f} % sure:", highlight=False, end="")
         _show_finding(console, suspect, axis)
     for signal, gain in diagnosis.signals:
+        what = f"{axis.words(signal.title)} (log-likelihood gain {gain:.0f})"
         console.print()
-        console.print(
-            f"Unexplained: {axis.words(signal.title)} (log-likelihood gain {gain:.0f}). It is a dependence, "
-            "not a cause.",
-            highlight=False,
-        )
-    if diagnosis.base is not None and diagnosis.extended is not None:
-        _show_gain(console, diagnosis.base, diagnosis.extended, diagnosis.noise_floor, axis)
-        show_parameters(console, diagnosis.extended.estimate)
-        share = 100.0 * diagnosis.unexplained_share
-        console.print(f"left unexplained: {share:.2g} % of the {axis.push}'s variance", highlight=False)
-    if diagnosis.verdict == "nothing_found":
-        _show_detectable(console, diagnosis, axis)
-    invisible = " and ".join(INVISIBLE[name] for name in not_identifiable(vehicle))
-    console.print(f"never visible in {axis.name} data: {invisible}", highlight=False)
-    run = next_experiment(diagnosis)
-    console.print(led("Next:", f"{run['run']} ({run['reason']})"), highlight=False)
+        say(console, f"Unexplained: {what}. It is a dependence, not a cause.")
 
 
 def _show_amplitudes(console: Console, amplitudes: Amplitudes) -> None:
+    """What tables of sine trials say by themselves."""
+    _show_predictions(console, amplitudes)
+    if amplitudes.causes:
+        _show_explanations(console, amplitudes)
+    if amplitudes.ruled_out:
+        ruled_out = ", ".join(effect.title for effect in amplitudes.ruled_out)
+        say(console, f"would not, alone: {ruled_out}")
+
+
+def _show_predictions(console: Console, amplitudes: Amplitudes) -> None:
     title = "Peak yaw rate of the sine trials, rad/s"
     rows = table(title, "trial", "inertia by", "kg m²", "measured", "predicted", "%", left=2)
     for each in amplitudes.predictions:
@@ -77,45 +92,60 @@ def _show_amplitudes(console: Console, amplitudes: Amplitudes) -> None:
             number(change, "+.0f"),
         )
     console.print(rows)
+
+
+def _show_explanations(console: Console, amplitudes: Amplitudes) -> None:
     rows = table("Each would explain it alone", "effect", "with", "run that would tell", "inertia kg m²", left=3)
     for cause in amplitudes.causes:
         effect = cause.model.effects[0]
-        sizes = ", ".join(
-            f"{name} {value:.3g} {unit}".removesuffix(" 1") for name, (value, unit) in cause.sizes.items()
-        )
+        sizes = ", ".join(_sizes(cause))
         rows.add_row(effect.title, sizes, effect.experiment, number(cause.model.inertia, ".0f"))
-    if amplitudes.causes:
-        console.print(rows)
-    if amplitudes.ruled_out:
-        ruled_out = ", ".join(effect.title for effect in amplitudes.ruled_out)
-        console.print(f"would not, alone: {ruled_out}", highlight=False)
+    console.print(rows)
+
+
+def _sizes(cause: Explanation) -> Iterator[str]:
+    for name, (value, unit) in cause.sizes.items():
+        # A plain number has the unit 1, which is not said.
+        yield f"{name} {value:.3g} {unit}".removesuffix(" 1")
 
 
 def _show_finding(console: Console, finding: Finding, axis: Axis) -> None:
-    effect, estimate = finding.effect, finding.estimate
+    effect = finding.effect
     names = [axis.words(each.title) for each in (effect, *finding.undecided)]
     form = f", form {effect.form}" if effect.form else ""
     console.print()
-    console.print(led(" or ".join(names), f"({effect.id}{form}): {effect.equation}"), highlight=False)
+    say(console, led(" or ".join(names), f"({effect.id}{form}): {effect.equation}"))
+    _show_sizes(console, finding)
+    gains = f"  log-likelihood gain {finding.gain:.0f}, on trials not fitted {finding.held_out_gain:.0f}"
+    say(console, gains)
+    if finding.rivals:
+        rivals = ", ".join(f"{axis.words(rival.effect.title)} {rival.gain:.0f}" for rival in finding.rivals[:3])
+        say(console, f"  parameters paid for, {finding.worth:.0f}; in its place {rivals}")
+    _show_deciding(console, finding)
+
+
+def _show_sizes(console: Console, finding: Finding) -> None:
+    """The parameters of what was found, a line each."""
+    effect, estimate = finding.effect, finding.estimate
     for parameter in effect.parameters:
         name = f"{effect.key}.{parameter.name}"
         value = plus_minus(estimate.value(name), estimate.standard_error(name))
         unit = estimate.unit(name)
-        console.print(f"  {parameter.name} {value} {unit if unit != '1' else ''}", highlight=False)
-    rivals = ", ".join(f"{axis.words(rival.effect.title)} {rival.gain:.0f}" for rival in finding.rivals[:3])
-    console.print(
-        f"  log-likelihood gain {finding.gain:.0f}, on trials not fitted {finding.held_out_gain:.0f}", highlight=False
-    )
-    if rivals:
-        console.print(f"  parameters paid for, {finding.worth:.0f}; in its place {rivals}", highlight=False)
+        say(console, f"  {parameter.name} {value} {unit if unit != '1' else ''}")
+
+
+def _show_deciding(console: Console, finding: Finding) -> None:
+    """The run that tells what was found from what it may be confused with, where there is need of one."""
     decides = deciding_experiment(finding)
-    if decides is not None:
-        which = "would" if "commands" in decides else "might"
-        console.print(f"  these data do not tell which; this run {which}: {decides['run']}", highlight=False)
-        if "commands" in decides:
-            between = " ".join(f"--between {shlex.quote(one.key)}" for one in (effect, finding.undecided[0]))
-            command = led(f"rovid plan {between}", "writes it")
-            console.print(f"  in {decides['minutes']:.1f} min;", command, highlight=False)
+    if decides is None:
+        return
+    planned = "commands" in decides
+    which = "would" if planned else "might"
+    say(console, f"  these data do not tell which; this run {which}: {decides['run']}")
+    if planned:
+        one, other = (shlex.quote(effect.key) for effect in (finding.effect, finding.undecided[0]))
+        command = led(f"rovid plan --between {one} --between {other}", "writes it")
+        console.print(f"  in {decides['minutes']:.1f} min;", command, highlight=False)
 
 
 def _show_gain(console: Console, base: Side, extended: Side, floor: float, axis: Axis) -> None:
@@ -125,7 +155,8 @@ def _show_gain(console: Console, base: Side, extended: Side, floor: float, axis:
     rmse = f"{axis.rate_words} RMSE, {axis.rate_unit}"
     rows.add_row(rmse, number(one.rate_rmse), number(other.rate_rmse), number(floor, ".2g"))
     for horizon in one.position_errors:
-        before, after = (axis.in_shown(side.position_errors[horizon]) for side in (one, other))
+        before = axis.in_shown(one.position_errors[horizon])
+        after = axis.in_shown(other.position_errors[horizon])
         name = f"{axis.position_words} after {horizon:.0f} s, {axis.shown[0]}"
         rows.add_row(name, number(before), number(after), "")
     rows.add_row("log-likelihood", number(one.log_likelihood, ".0f"), number(other.log_likelihood, ".0f"), "")
@@ -135,76 +166,100 @@ def _show_gain(console: Console, base: Side, extended: Side, floor: float, axis:
 def _show_detectable(console: Console, diagnosis: Diagnosis, axis: Axis) -> None:
     rows = table("The smallest that would have been seen", "effect", "parameter", "size", "unit", left=2)
     for effect, size in diagnosis.detectable:
-        rows.add_row(
-            axis.words(effect.title),
-            effect.parameters[0].name,
-            number(size, ".2g") if math.isfinite(size) else "not visible",
-            unit_of(f"{effect.key}.{effect.parameters[0].name}", axis),
-        )
+        name = effect.parameters[0].name
+        seen = number(size, ".2g") if math.isfinite(size) else "not visible"
+        rows.add_row(axis.words(effect.title), name, seen, unit_of(f"{effect.key}.{name}", axis))
     console.print(rows)
 
 
 def show_control(console: Console, result: Control) -> None:
     """Print the controller: gains, margins, and the closed-loop runs."""
-    law, margins, spread = result.law, result.margins, result.spread
-    inertia = result.model.inertia
-    lines: list[str | Text] = [
-        led(f"kp {law.kp:.5g} N m/rad, kd {law.kd:.5g} N m s/rad"),
-        f"damping ratio {result.damping:.3f}, bandwidth {result.bandwidth:.3g} rad/s; yaw inertia {inertia:.5g} kg m²",
-        f"sampled every {law.period:g} s, rate low-passed over {law.rate_filter:.2g} s; in all {result.lag:.2g} s late",
-    ]
-    if margins.stable:
-        lag = f"{margins.lag_s:.2f} s" if math.isfinite(margins.lag_s) else "of any length"
-        spare = f"delay {number(margins.delay_s, '.2f')} s, lag {lag}"
-        lines.append(
-            f"margins: gain {_decibels(margins.gain_db)}, phase {number(margins.phase_deg, '.0f')} deg, {spare}; "
-            f"sensitivity peak {margins.sensitivity_peak:.2f}"
-        )
-    else:
-        lines.append(led("The loop is unstable about rest with these gains."))
+    for line in _control_lines(result):
+        say(console, line)
+    console.print(_closed_loop_runs(result))
+    if result.model.effects:
+        keys = ", ".join(effect.key for effect in result.model.effects)
+        say(console, f"effects: {keys}; an aid that is extended knows of them")
+
+
+def _control_lines(result: Control) -> Iterator[str | Text]:
+    """Gains, margins and limits, a line each."""
+    law, spread, inertia = result.law, result.spread, result.model.inertia
+    yield led(f"kp {law.kp:.5g} N m/rad, kd {law.kd:.5g} N m s/rad")
+    yield (
+        f"damping ratio {result.damping:.3f}, bandwidth {result.bandwidth:.3g} rad/s; yaw inertia {inertia:.5g} kg m²"
+    )
+    yield (
+        f"sampled every {law.period:g} s, rate low-passed over {law.rate_filter:.2g} s; in all {result.lag:.2g} s late"
+    )
+    yield _margins(result.margins)
     if spread is not None:
-        lines.append(
+        yield (
             f"over the parameters' uncertainty ({spread.draws} draws): {100.0 * spread.stable:.0f} % stable; 95 % have "
             f"gain {_decibels(spread.gain_db)}, phase {spread.phase_deg:.0f} deg, delay {spread.delay_s:.2f} s or more"
         )
-    lines.append(
-        f"torque from {law.lowest:.0f} to {law.highest:.0f} N m"
-        if result.allocation.limited
-        else "no thrusters are known: the torque itself is commanded, without limit"
+    if result.allocation.limited:
+        yield f"torque from {law.lowest:.0f} to {law.highest:.0f} N m"
+    else:
+        yield "no thrusters are known: the torque itself is commanded, without limit"
+
+
+def _margins(margins: Margins) -> str | Text:
+    if not margins.stable:
+        return led("The loop is unstable about rest with these gains.")
+    lag = f"{margins.lag_s:.2f} s" if math.isfinite(margins.lag_s) else "of any length"
+    spare = f"delay {number(margins.delay_s, '.2f')} s, lag {lag}"
+    return (
+        f"margins: gain {_decibels(margins.gain_db)}, phase {number(margins.phase_deg, '.0f')} deg, {spare}; "
+        f"sensitivity peak {margins.sensitivity_peak:.2f}"
     )
-    for line in lines:
-        console.print(line, highlight=False)
+
+
+def _closed_loop_runs(result: Control) -> Table:
     rows = table(
         "Closed-loop runs, with 2 % of the torque in use as disturbance",
         *("run", "effects", "model aid", "63 % s", "rise s", "settled s", "overshoot deg", "steady deg", "effort N m"),
         "limit cycle",
         left=3,
     )
-    name = ""
+    # Runs of one name follow one another; it is said with the first of them.
+    before = ""
     for run in result.runs:
-        if run.name != name:
+        name = ""
+        if run.name != before:
             rows.add_section()
-        rows.add_row(run.name if run.name != name else "", *_run_cells(run))
-        name = run.name
-    console.print(rows)
-    if result.model.effects:
-        keys = ", ".join(effect.key for effect in result.model.effects)
-        console.print(f"effects: {keys}; an aid that is extended knows of them", highlight=False)
+            name = run.name
+        rows.add_row(name, *_run_cells(run))
+        before = run.name
+    return rows
 
 
 def _run_cells(run: RunResult) -> list[str]:
-    found, cycle = run.measures, run.measures.limit_cycle
+    found = run.measures
     return [
         "all" if run.effects else "none",
-        ("extended" if run.effects_known else "drag") if run.model_aid else "–",
+        _aid(run),
         number(found.time_constant, ".1f"),
         number(found.rise_time, ".1f"),
         number(found.settling_time, ".1f"),
         number(found.overshoot_deg, ".1f"),
         number(found.steady_error_deg, ".2f"),
         number(found.effort, ".1f"),
-        "–" if cycle is None else f"±{cycle.amplitude_deg:.2f} deg, {cycle.period_s:.3g} s",
+        _cycle(run),
     ]
+
+
+def _aid(run: RunResult) -> str:
+    if not run.model_aid:
+        return "–"
+    return "extended" if run.effects_known else "drag"
+
+
+def _cycle(run: RunResult) -> str:
+    cycle = run.measures.limit_cycle
+    if cycle is None:
+        return "–"
+    return f"±{cycle.amplitude_deg:.2f} deg, {cycle.period_s:.3g} s"
 
 
 def _decibels(value: float) -> str:

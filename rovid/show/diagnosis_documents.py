@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 from rovid.campaign.axis import Axis
-from rovid.diagnose.amplitudes import Amplitudes
+from rovid.diagnose.amplitudes import Amplitudes, Explanation, Prediction
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.diagnose.record import Ahead, Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.signals import is_driver, signal_of
+from rovid.identify.estimate import Estimate
 from rovid.model.names import unit_of, without_form
 from rovid.show.fit_documents import Document, axis_document, parameter_document, position_errors, units_of
 from rovid.study import Study
@@ -17,7 +18,7 @@ from rovid.study import Study
 def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
     """What `rovid diagnose --json` prints."""
     base, extended, axis = diagnosis.base, diagnosis.extended, study.vehicle.axis
-    return {
+    document = {
         "schema": "rovid-diagnosis/1",
         **axis_document(axis),
         "verdict": diagnosis.verdict,
@@ -26,56 +27,72 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
         "suspects": [_finding(suspect) for suspect in diagnosis.suspects],
         "horizons": [_ahead(ahead, axis) for ahead in diagnosis.horizons],
         "extended": _side(extended, axis),
-        "held_out_gain": None
-        if base is None or extended is None
-        else _gain(base, extended, diagnosis.noise_floor, axis),
-        "unexplained": {
-            "share_of_torque_variance": diagnosis.unexplained_share,
-            "depends_on": list(dict.fromkeys(signal_of(signal) for signal, _ in diagnosis.signals)),
-            "signals": [
-                {"signal": signal_of(signal), "acts_as": signal.form, "log_likelihood_gain": gain}
-                for signal, gain in diagnosis.signals
-            ],
-        },
+        "held_out_gain": _gain(base, extended, diagnosis.noise_floor, axis),
+        "unexplained": _unexplained(diagnosis),
         "not_identifiable": list(not_identifiable(study.vehicle)),
-        "detectable": {
-            f"{effect.id}.{effect.parameters[0].name}": {
-                "value": size if math.isfinite(size) else None,
-                "unit": unit_of(f"{effect.key}.{effect.parameters[0].name}", axis),
-            }
-            for effect, size in diagnosis.detectable
-        },
+        "detectable": _detectable(diagnosis, axis),
         "next_experiment": next_experiment(diagnosis),
         "missing": diagnosis.missing or None,
-        **({} if diagnosis.amplitudes is None else {"tables": _tables(diagnosis.amplitudes)}),
-        "warnings": [*study.remarks(), *diagnosis.warnings],
     }
+    if diagnosis.amplitudes is not None:
+        document["tables"] = _tables(diagnosis.amplitudes)
+    document["warnings"] = [*study.remarks(), *diagnosis.warnings]
+    return document
+
+
+def _unexplained(diagnosis: Diagnosis) -> Document:
+    depends_on, signals = [], []
+    for signal, gain in diagnosis.signals:
+        name = signal_of(signal)
+        depends_on.append(name)
+        signals.append({"signal": name, "acts_as": signal.form, "log_likelihood_gain": gain})
+    return {
+        "share_of_torque_variance": diagnosis.unexplained_share,
+        # A signal may act in several ways: it is named once.
+        "depends_on": list(dict.fromkeys(depends_on)),
+        "signals": signals,
+    }
+
+
+def _detectable(diagnosis: Diagnosis, axis: Axis) -> Document:
+    """The smallest size of each effect that would have been seen, by its name."""
+    document = {}
+    for effect, size in diagnosis.detectable:
+        name = effect.parameters[0].name
+        value = size if math.isfinite(size) else None
+        unit = unit_of(f"{effect.key}.{name}", axis)
+        document[f"{effect.id}.{name}"] = {"value": value, "unit": unit}
+    return document
 
 
 def _tables(amplitudes: Amplitudes) -> Document:
     return {
-        "predictions": [
-            {
-                "trial": each.trial,
-                "inertia": each.inertia,
-                "inertia_method": each.method,
-                "peak_yaw_rate": {"measured": each.measured, "predicted": each.predicted, "unit": "rad/s"},
-            }
-            for each in amplitudes.predictions
-        ],
+        "predictions": [_prediction(each) for each in amplitudes.predictions],
         "plain_model_explains": amplitudes.plain.explains,
-        "would_explain": [
-            {
-                "effect": (effect := cause.model.effects[0]).id,
-                "form": effect.form or None,
-                "parameters": {name: {"value": value, "unit": unit} for name, (value, unit) in cause.sizes.items()},
-                "inertia": cause.model.inertia,
-                "chance_of_the_misfit": None if math.isnan(cause.chance) else cause.chance,
-                "deciding_experiment": effect.experiment,
-            }
-            for cause in amplitudes.causes
-        ],
+        "would_explain": [_cause(cause) for cause in amplitudes.causes],
         "would_not_explain": [effect.id for effect in amplitudes.ruled_out],
+    }
+
+
+def _prediction(each: Prediction) -> Document:
+    return {
+        "trial": each.trial,
+        "inertia": each.inertia,
+        "inertia_method": each.method,
+        "peak_yaw_rate": {"measured": each.measured, "predicted": each.predicted, "unit": "rad/s"},
+    }
+
+
+def _cause(cause: Explanation) -> Document:
+    effect = cause.model.effects[0]
+    parameters = {name: {"value": value, "unit": unit} for name, (value, unit) in cause.sizes.items()}
+    return {
+        "effect": effect.id,
+        "form": effect.form or None,
+        "parameters": parameters,
+        "inertia": cause.model.inertia,
+        "chance_of_the_misfit": None if math.isnan(cause.chance) else cause.chance,
+        "deciding_experiment": effect.experiment,
     }
 
 
@@ -84,11 +101,7 @@ def _side(side: Side | None, axis: Axis) -> Document | None:
         return None
     held = side.held_out
     return {
-        "parameters": {
-            # A form of an effect goes by the effect's name: which form fits best is said with the finding.
-            without_form(name): value
-            for name, value in parameter_document(side.estimate).items()
-        },
+        "parameters": _without_forms(side.estimate),
         "held_out": {
             "log_likelihood": held.log_likelihood,
             f"{axis.rate}_r2": held.rate_r2,
@@ -99,38 +112,63 @@ def _side(side: Side | None, axis: Axis) -> Document | None:
     }
 
 
+def _without_forms(estimate: Estimate) -> Document:
+    """The parameters; a form of an effect goes by the effect's name: which fits best is said with the finding."""
+    return {without_form(name): value for name, value in parameter_document(estimate).items()}
+
+
 def _ahead(ahead: Ahead, axis: Axis) -> Document:
     unit = "deg" if axis.angular else "m"
-    errors = {f"base_{unit}": ahead.base, f"extended_{unit}": ahead.extended}
-    return {"seconds": ahead.seconds, **{name: axis.in_shown(error) for name, error in errors.items()}}
+    return {
+        "seconds": ahead.seconds,
+        f"base_{unit}": axis.in_shown(ahead.base),
+        f"extended_{unit}": axis.in_shown(ahead.extended),
+    }
 
 
 def _finding(finding: Finding) -> Document:
-    effect, rivals = finding.effect, [rival for rival in finding.rivals if not is_driver(rival.effect)]
+    effect = finding.effect
     return {
         "effect": effect.id,
         "form": effect.form or None,
-        "parameters": {without_form(n).rpartition(".")[2]: v for n, v in parameter_document(finding.estimate).items()},
+        "parameters": _own_names(_without_forms(finding.estimate)),
         "log_likelihood_gain": finding.gain,
         "held_out_log_likelihood_gain": finding.held_out_gain,
-        "runner_up": {"effect": rivals[0].effect.id, "gain": rivals[0].gain} if rivals else None,
+        "runner_up": _runner_up(finding),
         "confidence": finding.confidence,
         "cannot_be_told_from": [other.id for other in finding.undecided],
         "deciding_experiment": deciding_experiment(finding),
     }
 
 
-def _gain(base: Side, extended: Side, floor: float, axis: Axis) -> Document:
-    def pair(before: float | None, after: float | None, unit: str) -> Document:
-        return {"base": before, "extended": after, "unit": unit}
+def _own_names(parameters: Document) -> Document:
+    """The parameters by their names alone, without that of the effect before it."""
+    return {name.rpartition(".")[2]: value for name, value in parameters.items()}
 
+
+def _runner_up(finding: Finding) -> Document | None:
+    """The best other cause; a dependence on a signal is none."""
+    for rival in finding.rivals:
+        if not is_driver(rival.effect):
+            return {"effect": rival.effect.id, "gain": rival.gain}
+    return None
+
+
+def _gain(base: Side | None, extended: Side | None, floor: float, axis: Axis) -> Document | None:
+    """What the simulation of trials that were not fitted gains; None where one of the two is missing."""
+    if base is None or extended is None:
+        return None
     one, other = base.held_out, extended.held_out
-    return {
-        f"{axis.rate}_rmse": pair(one.rate_rmse, other.rate_rmse, axis.rate_unit) | {"noise_floor": floor},
-        f"{axis.rate}_r2": pair(one.rate_r2, other.rate_r2, "1"),
-        **{
-            f"{axis.position}_error_{horizon:.0f}s": pair(error, other.position_errors[horizon], axis.unit("rad"))
-            for horizon, error in one.position_errors.items()
-        },
-        "log_likelihood": pair(one.log_likelihood, other.log_likelihood, "1"),
+    document = {
+        f"{axis.rate}_rmse": _pair(one.rate_rmse, other.rate_rmse, axis.rate_unit) | {"noise_floor": floor},
+        f"{axis.rate}_r2": _pair(one.rate_r2, other.rate_r2, "1"),
     }
+    for horizon, before in one.position_errors.items():
+        after = other.position_errors[horizon]
+        document[f"{axis.position}_error_{horizon:.0f}s"] = _pair(before, after, axis.unit("rad"))
+    document["log_likelihood"] = _pair(one.log_likelihood, other.log_likelihood, "1")
+    return document
+
+
+def _pair(before: float | None, after: float | None, unit: str) -> Document:
+    return {"base": before, "extended": after, "unit": unit}

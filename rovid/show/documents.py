@@ -9,15 +9,19 @@ from typing import Any
 from rovid.campaign.axis import Axis
 from rovid.campaign.trial import Remark, Trial
 from rovid.control.design import Control, RunResult
-from rovid.export import Exported
+from rovid.export import Exported, Loss
 from rovid.export.manoeuvre import Mismatch
 from rovid.inspect.advice import Advice
 from rovid.inspect.check import remark_document
 from rovid.inspect.first_config import Survey
+from rovid.inspect.signals import Guesses
 from rovid.model.simulation import TrialSimulation, overall
-from rovid.parameters.parameters import Parameters
+from rovid.parameters.parameters import Entry, Parameters
 from rovid.plan.design import Plan, command_rows
+from rovid.plan.worth import Worth
 from rovid.show.fit_documents import Document, axis_document, position_errors, units_of
+
+_CONTROL_UNITS = {"kp": "N m/rad", "kd": "N m s/rad", "bandwidth": "rad/s", "crossover": "rad/s", "effort": "N m"}
 
 
 def simulation_document(
@@ -28,10 +32,7 @@ def simulation_document(
     return {
         "schema": "rovid-simulation/1",
         **axis_document(axis),
-        "parameters": {
-            name: {"value": entry.value, "standard_error": entry.standard_error, "unit": entry.unit}
-            for name, entry in parameters.entries.items()
-        },
+        "parameters": {name: _entry(entry) for name, entry in parameters.entries.items()},
         "effects": parameters.effects,
         "trials": [_trial_simulation(item) for item in simulations],
         "overall": {
@@ -42,6 +43,10 @@ def simulation_document(
         "units": units_of(axis),
         "warnings": list(warnings),
     }
+
+
+def _entry(entry: Entry) -> Document:
+    return {"value": entry.value, "standard_error": entry.standard_error, "unit": entry.unit}
 
 
 def _trial_simulation(item: TrialSimulation) -> Document:
@@ -58,27 +63,41 @@ def _trial_simulation(item: TrialSimulation) -> Document:
 
 def plan_document(found: Plan, axis: Axis, command_file: str, picture: str) -> Document:
     """What `rovid plan --json` prints."""
-    times, rows = command_rows(found.best)
+    between, gain = None, "logarithm of the ratio of variances"
+    if len(found.beliefs) > 1:
+        between = [belief.name for belief in found.beliefs]
+        gain = "expected log-likelihood ratio"
     return {
         "schema": "rovid-plan/1",
         **axis_document(axis),
-        "between": [belief.name for belief in found.beliefs] if len(found.beliefs) > 1 else None,
+        "between": between,
         "narrow": found.narrow or None,
         "decides": found.decides,
-        "runs": [
-            {"run": one.run.name, "seconds": one.run.seconds, "gain": one.gain, "gain_per_minute": one.per_minute}
-            for one in found.runs
-        ],
-        "gain": "expected log-likelihood ratio" if len(found.beliefs) > 1 else "logarithm of the ratio of variances",
+        "runs": [_run(one) for one in found.runs],
+        "gain": gain,
         "command_file": command_file,
         "picture": picture,
-        "commands": {"time_s": times} | {name: [row[k] for row in rows] for k, name in enumerate(found.thrusters)},
+        "commands": _commands(found),
     }
+
+
+def _run(one: Worth) -> Document:
+    return {"run": one.run.name, "seconds": one.run.seconds, "gain": one.gain, "gain_per_minute": one.per_minute}
+
+
+def _commands(found: Plan) -> Document:
+    """The best run's commands, a list for each thruster beside that of the times."""
+    times, rows = command_rows(found.best)
+    document: Document = {"time_s": times}
+    for place, name in enumerate(found.thrusters):
+        document[name] = [row[place] for row in rows]
+    return document
 
 
 def control_document(result: Control, warnings: Sequence[str]) -> Document:
     """What `rovid control --json` prints; times in s, angles in deg, torques in N m, frequencies in rad/s."""
     law, margins, spread = result.law, result.margins, result.spread
+    lag = {"total": result.lag, "delay": result.setting.delay, "period": law.period, "rate_filter": law.rate_filter}
     return {
         "schema": "rovid-control/1",
         "gains": {"kp": law.kp, "kd": law.kd},
@@ -90,18 +109,13 @@ def control_document(result: Control, warnings: Sequence[str]) -> Document:
         "lag_margin_s": margins.lag_s,
         "crossover": margins.crossover,
         "sensitivity_peak": margins.sensitivity_peak,
-        "lag": {
-            "total": result.lag,
-            "delay": result.setting.delay,
-            "period": law.period,
-            "rate_filter": law.rate_filter,
-        },
+        "lag": lag,
         "torque_limits": [law.lowest, law.highest],
         "torque_in_use": result.setting.torque_in_use,
         "monte_carlo": None if spread is None else vars(spread),
         "effects": [effect.key for effect in result.model.effects],
         "runs": [_closed_run(run) for run in result.runs],
-        "units": {"kp": "N m/rad", "kd": "N m s/rad", "bandwidth": "rad/s", "crossover": "rad/s", "effort": "N m"},
+        "units": dict(_CONTROL_UNITS),
         "warnings": list(warnings),
     }
 
@@ -132,12 +146,13 @@ def export_document(name: str, file: str, made: Exported) -> Document:
         "file": file,
         "mismatch": _mismatch(made.mismatch),
         "mismatch_of_what_is_held": _mismatch(made.held),
-        "not_held": [
-            {"what": loss.what, "why": loss.why, "yaw_rate_percent_of_range": loss.percent_of_range}
-            for loss in made.losses
-        ],
+        "not_held": [_loss(loss) for loss in made.losses],
         "warnings": list(made.warnings),
     }
+
+
+def _loss(loss: Loss) -> Document:
+    return {"what": loss.what, "why": loss.why, "yaw_rate_percent_of_range": loss.percent_of_range}
 
 
 def _mismatch(mismatch: Mismatch) -> Document:
@@ -151,19 +166,25 @@ def survey_document(found: Survey, written: Sequence[Path]) -> Document:
         "written": [str(path) for path in written],
         "logs": found.logs,
         "curve": {"file": found.curve, "guessed": found.curve_guessed is not None},
-        "signals": {
-            kind: {
-                name: {"source": one.source, "unit": one.unit or None, "sign": one.sign, "why": one.why}
-                for name, one in guesses.signals.items()
-            }
-            for kind, guesses in found.guesses.items()
-        },
-        "commands": {
-            kind: [{"name": o.name, "source": o.source, "turns": o.way, "why": o.why} for o in guesses.commands]
-            for kind, guesses in found.guesses.items()
-        },
+        "signals": {kind: _guessed_signals(guesses) for kind, guesses in found.guesses.items()},
+        "commands": {kind: _guessed_commands(guesses) for kind, guesses in found.guesses.items()},
         "warnings": list(found.lacking),
     }
+
+
+def _guessed_signals(guesses: Guesses) -> Document:
+    document = {}
+    for name, one in guesses.signals.items():
+        document[name] = {"source": one.source, "unit": one.unit or None, "sign": one.sign, "why": one.why}
+    return document
+
+
+def _guessed_commands(guesses: Guesses) -> list[Document]:
+    document = []
+    for one in guesses.commands:
+        command = {"name": one.name, "source": one.source, "turns": one.way, "why": one.why}
+        document.append(command)
+    return document
 
 
 def check_document(

@@ -27,16 +27,17 @@ Document = dict[str, Any]
 
 def parameter_document(estimate: Estimate) -> Document:
     """Each determined parameter with value, standard error, unit and 95 % interval."""
-    return {
-        name: {
+    document = {}
+    for name in estimate.names:
+        if name in estimate.refused:
+            continue
+        document[name] = {
             "value": estimate.value(name),
             "standard_error": estimate.standard_error(name),
             "unit": estimate.unit(name),
             "interval_95": list(estimate.interval(name)),
         }
-        for name in estimate.names
-        if name not in estimate.refused
-    }
+    return document
 
 
 def fit_document(estimate: Estimate, study: Study) -> Document:
@@ -59,15 +60,13 @@ def filter_document(runs: Runs) -> Document:
     """The low pass and the standard deviation of the sensor noise behind it."""
     measured, rate, acceleration = runs.noise()
     axis = runs.axis
-    noise = {f"{axis.rate}_noise": {"value": rate, "unit": axis.rate_unit}}
+    document: Document = {"cutoff_hz": runs.cutoff, "cutoff_chosen_from_data": runs.chosen}
+    # Where the rate was measured the position was integrated from it, and has no noise of its own.
     if not runs.integrated:
-        noise = {f"{axis.position}_noise": {"value": measured, "unit": axis.unit("rad")}} | noise
-    return {
-        "cutoff_hz": runs.cutoff,
-        "cutoff_chosen_from_data": runs.chosen,
-        **noise,
-        "acceleration_noise": {"value": acceleration, "unit": f"{axis.rate_unit}^2"},
-    }
+        document[f"{axis.position}_noise"] = {"value": measured, "unit": axis.unit("rad")}
+    document[f"{axis.rate}_noise"] = {"value": rate, "unit": axis.rate_unit}
+    document["acceleration_noise"] = {"value": acceleration, "unit": f"{axis.rate_unit}^2"}
+    return document
 
 
 def axis_document(axis: Axis) -> Document:
@@ -83,15 +82,20 @@ def drag_document(fit: DragFit, study: Study) -> Document:
         "correlation": estimate.correlation("quadratic_drag", "linear_drag"),
         "degrees_of_freedom": estimate.degrees_of_freedom,
         "different_from_zero": {name: estimate.differs_from_zero(name) for name in estimate.names},
-        "steady_states": [
-            _point(point, estimate.axis) | {"torque_error": error, "residual": residual, "left_out": _left_out(row)}
-            for point, error, residual, row in zip(
-                fit.points, fit.torque_error, fit.residuals, fit.left_out, strict=True
-            )
-        ],
+        "steady_states": _steady_states(fit),
         "unsteady": [_point(point, estimate.axis) for point in fit.unsteady],
         "directions": {name: parameter_document(each) for name, each in fit.directions.items()},
     }
+
+
+def _steady_states(fit: DragFit) -> list[Document]:
+    """Each point that was fitted, with what the fit makes of it."""
+    document = []
+    rows = zip(fit.points, fit.torque_error, fit.residuals, fit.left_out, strict=True)
+    for point, error, residual, left_out in rows:
+        of_fit = {"torque_error": error, "residual": residual, "left_out": _left_out(left_out)}
+        document.append(_point(point, fit.estimate.axis) | of_fit)
+    return document
 
 
 def _point(point: SteadyPoint, axis: Axis) -> Document:
@@ -118,33 +122,46 @@ def inertia_document(fit: InertiaFit, study: Study) -> Document:
         "chosen": fit.chosen,
         "methods": {name: _method(name, inertia, fit) for name, inertia in fit.methods.items()},
         "refused": fit.refused,
-        "added_inertia": None
-        if fit.added_inertia is None
-        else {
-            "value": fit.added_inertia,
-            "standard_error": fit.estimate.standard_error("inertia"),
-            "unit": fit.estimate.unit("inertia"),
-        },
+        "added_inertia": _added_inertia(fit),
+    }
+
+
+def _added_inertia(fit: InertiaFit) -> Document | None:
+    if fit.added_inertia is None:
+        return None
+    return {
+        "value": fit.added_inertia,
+        "standard_error": fit.estimate.standard_error("inertia"),
+        "unit": fit.estimate.unit("inertia"),
     }
 
 
 def likelihood_document(fit: LikelihoodFit, study: Study) -> Document:
     """What `rovid fit --json` prints."""
     axis = fit.estimate.axis
-    measured, unit = (axis.rate, axis.rate_unit) if fit.integrated else (axis.position, axis.unit("rad"))
+    measured, unit = axis.position, axis.unit("rad")
+    if fit.integrated:
+        measured, unit = axis.rate, axis.rate_unit
     return fit_document(fit.estimate, study) | {
         "log_likelihood": fit.log_likelihood,
-        "disturbance": {
-            "value": fit.disturbance,
-            "unit": axis.push_unit + (PER_INERTIA if fit.estimate.per_inertia else ""),
-            "correlation_time": {"value": fit.correlation_time, "unit": "s"},
-            "limit_share_of_torque": fit.limit,
-            "at_limit": fit.at_limit,
-        },
+        "disturbance": _disturbance(fit),
         f"{measured}_noise_fitted": {"value": fit.position_noise, "unit": unit},
         "innovations_white": fit.white,
         "free_run_r2": {"this_fit": fit.free_run_r2, "simulation_fit": fit.base_r2},
         **_decay_document(fit, study),
+    }
+
+
+def _disturbance(fit: LikelihoodFit) -> Document:
+    unit = fit.estimate.axis.push_unit
+    if fit.estimate.per_inertia:
+        unit += PER_INERTIA
+    return {
+        "value": fit.disturbance,
+        "unit": unit,
+        "correlation_time": {"value": fit.correlation_time, "unit": "s"},
+        "limit_share_of_torque": fit.limit,
+        "at_limit": fit.at_limit,
     }
 
 
@@ -153,21 +170,20 @@ def _decay_document(fit: LikelihoodFit, study: Study) -> Document:
     if study.runs is None or not fit.estimate.per_inertia:
         return {}
     decay = read_decay(fit.model, fit.estimate, study.runs.items, study.vehicle)
-
-    def shown(readings: Mapping[str, Reading]) -> Document:
-        return {name: asdict(reading) for name, reading in readings.items()}
-
-    return {
-        "decay": {
-            "amplitude": {"value": decay.usual.amplitude, "unit": "rad"},
-            "natural_frequency": asdict(decay.natural_frequency),
-            "natural_period": asdict(decay.usual.natural_period),
-            "damping_ratio": asdict(decay.usual.damping_ratio),
-            "damping_terms": shown(decay.terms),
-            "over_inertia": shown(decay.over_inertia),
-            "swings": [asdict(swing) for swing in decay.swings],
-        }
+    document = {
+        "amplitude": {"value": decay.usual.amplitude, "unit": "rad"},
+        "natural_frequency": asdict(decay.natural_frequency),
+        "natural_period": asdict(decay.usual.natural_period),
+        "damping_ratio": asdict(decay.usual.damping_ratio),
+        "damping_terms": _readings(decay.terms),
+        "over_inertia": _readings(decay.over_inertia),
+        "swings": [asdict(swing) for swing in decay.swings],
     }
+    return {"decay": document}
+
+
+def _readings(readings: Mapping[str, Reading]) -> Document:
+    return {name: asdict(reading) for name, reading in readings.items()}
 
 
 def position_errors(errors: Mapping[float, float | None], axis: Axis) -> Document:
@@ -194,25 +210,32 @@ def _method(name: str, inertia: Inertia, fit: InertiaFit) -> Document:
         document["biased"] = True
         document["expected_ratio_to_truth"] = fit.peak_bias
     if name == "regression" and fit.regression is not None:
-        document["parameters"] = parameter_document(fit.regression.estimate)
-        document["least_squares"] = dict(zip(fit.regression.estimate.names, fit.regression.least_squares, strict=True))
-        document["r_squared"] = fit.regression.r_squared
+        regression = fit.regression
+        document["parameters"] = parameter_document(regression.estimate)
+        document["least_squares"] = dict(zip(regression.estimate.names, regression.least_squares, strict=True))
+        document["r_squared"] = regression.r_squared
     return document
 
 
 def bench_document(fit: BenchFit, output: str) -> Document:
     """What `rovid fit-thruster --json` prints."""
+    thrust = fit.curve.thrust
     return {
         "schema": "rovid-thruster/1",
         "curve": output,
         "points": len(fit.curve.command),
         "dead_zone": None if fit.dead_zone is None else list(fit.dead_zone),
-        "thrust_range": [float(fit.curve.thrust.min()), float(fit.curve.thrust.max())],
+        "thrust_range": [float(thrust.min()), float(thrust.max())],
         "residual_rms": fit.rms,
         "residual_max": float(np.max(np.abs(fit.residuals))),
         "unit": "N",
-        "readings": [
-            {"command": c, "thrust": t, "residual": r}
-            for c, t, r in zip(fit.command, fit.thrust, fit.residuals, strict=True)
-        ],
+        "readings": _bench_readings(fit),
     }
+
+
+def _bench_readings(fit: BenchFit) -> list[Document]:
+    document = []
+    for command, thrust, residual in zip(fit.command, fit.thrust, fit.residuals, strict=True):
+        reading = {"command": command, "thrust": thrust, "residual": residual}
+        document.append(reading)
+    return document

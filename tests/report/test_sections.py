@@ -25,10 +25,10 @@ from rovid.report.album import Album, make_album
 from rovid.report.controller import gains_grid, runs_grid
 from rovid.report.courses import courses_of
 from rovid.report.evidence import Evidence
-from rovid.report.grids import Grid
 from rovid.report.page import render_page
 from rovid.report.plots import canvas
 from rovid.report.plots.closed_loop import closed_loop
+from rovid.report.table import Grid
 from rovid.report.text import number
 from rovid.study import Study
 from tests.conftest import SAMPLES, Rovid, run_rovid

@@ -102,8 +102,9 @@ def sheet(
         boxes = [(x / WIDTH, floor / height, wide / WIDTH, tall / height) for x in lefts]
         panels.append([figure.add_axes(box, sharex=first) for box in boxes])
         floor -= down
-    for row in panels[:-1] if share_x else []:
-        row[0].tick_params(labelbottom=False)
+    if share_x:
+        for row in panels[:-1]:
+            row[0].tick_params(labelbottom=False)
     return figure, panels
 
 
@@ -176,4 +177,6 @@ def extreme_rows(values: FloatArray, size: int) -> IntArray:
 
 def shortened(name: str, length: int) -> str:
     """The end of a long name, which tells logs in one folder apart."""
-    return name if len(name) <= length else f"…{name[1 - length :]}"
+    if len(name) <= length:
+        return name
+    return f"…{name[1 - length :]}"

@@ -22,17 +22,20 @@ _LOOKS = {
 @styled
 def rival_gains(finding: Finding) -> Figure:
     """Gain of what was found and of the best causes in its place; those not ruled out are hatched."""
-    rivals, axis = finding.rivals[:RIVALS], finding.estimate.axis
-    names = [name_of(finding.effect, axis), *(name_of(rival.effect, axis) for rival in rivals)]
-    gains = [finding.worth, *(rival.gain for rival in rivals)]
-    labels = ["found", *(standing(finding, rival) for rival in rivals)]
+    axis = finding.estimate.axis
+    names, gains, labels = [name_of(finding.effect, axis)], [finding.worth], ["found"]
+    for rival in finding.rivals[:RIVALS]:
+        names.append(name_of(rival.effect, axis))
+        gains.append(rival.gain)
+        labels.append(standing(finding, rival))
     figure, ((panel,),) = sheet([(0.3 * len(gains) + 0.15, 1)], left=3.2, right=0.55)
     for label, (colour, hatch) in _LOOKS.items():
         rows = [row for row, each in enumerate(labels) if each == label]
-        if rows:
-            shown = [gains[row] for row in rows]
-            bars = panel.barh(rows, shown, height=0.62, color=colour, hatch=hatch, edgecolor="white", label=label)
-            panel.bar_label(bars, [f"{gain:.0f}" for gain in shown], padding=3, fontsize=9)
+        if not rows:
+            continue
+        shown = [gains[row] for row in rows]
+        bars = panel.barh(rows, shown, height=0.62, color=colour, hatch=hatch, edgecolor="white", label=label)
+        panel.bar_label(bars, [f"{gain:.0f}" for gain in shown], padding=3, fontsize=9)
     panel.set_yticks(range(len(names)), [shortened(name, _NAME) for name in names])
     panel.set_ylim(len(names) - 0.5, -0.5)
     panel.axvline(0.0, color=BLACK, linewidth=0.8)

@@ -25,19 +25,20 @@ _CROWDED = 0.3
 @styled
 def inertia_methods(fit: InertiaFit, rigid_body: float | None) -> Figure:
     """Each method's inertia with its 95 % interval and single runs; where they crowd, enlarged too."""
+    names = list(fit.methods)
     panels = 2 if _crowded(fit) else 1
     height = 0.5 * len(fit.methods) + 0.3
-    figure, (row,) = sheet([(height, panels)], left=1.75, across=0.4, top=0.4)
-    _panel(row[0], fit, list(fit.methods))
-    row[0].set_yticks(range(len(fit.methods)), [_label(fit, name) for name in fit.methods])
-    row[0].set_xlim(left=0.0)
-    row[0].set_title("from zero")
+    figure, ((whole, *more),) = sheet([(height, panels)], left=1.75, across=0.4, top=0.4)
+    _panel(whole, fit, names)
+    whole.set_yticks(range(len(names)), [_label(fit, name) for name in names])
+    whole.set_xlim(left=0.0)
+    whole.set_title("from zero")
     if rigid_body is not None:
-        row[0].axvline(rigid_body, color=GREY, linestyle="--", label="rigid body alone")
-        row[0].legend(loc="lower left", bbox_to_anchor=(0.3, 1.0), borderaxespad=0.1)
-    for enlarged in row[1:]:
+        whole.axvline(rigid_body, color=GREY, linestyle="--", label="rigid body alone")
+        whole.legend(loc="lower left", bbox_to_anchor=(0.3, 1.0), borderaxespad=0.1)
+    for enlarged in more:
         _panel(enlarged, fit, _unbiased(fit))
-        enlarged.set_yticks(range(len(fit.methods)), [""] * len(fit.methods))
+        enlarged.set_yticks(range(len(names)), [""] * len(names))
         enlarged.locator_params(axis="x", nbins=6)
         enlarged.set_title("enlarged, without the peak method" if "peak" in fit.methods else "enlarged")
     return figure
@@ -61,7 +62,8 @@ def method_interval(fit: InertiaFit, name: str) -> tuple[float, float] | None:
     if name == "regression" and fit.regression is not None:
         return fit.regression.estimate.interval("inertia")
     periods = sum(trial.cycles for trial in fit.trials)
-    reach = student_t(0.975, periods - 1.0 if periods > 1 else math.inf) * reading.standard_error
+    degrees_of_freedom = periods - 1.0 if periods > 1 else math.inf
+    reach = student_t(0.975, degrees_of_freedom) * reading.standard_error
     return reading.value - reach, reading.value + reach
 
 
@@ -70,15 +72,21 @@ def _unbiased(fit: InertiaFit) -> list[str]:
 
 
 def _crowded(fit: InertiaFit) -> bool:
-    reach = [end for name in _unbiased(fit) for end in method_interval(fit, name) or ()]
-    return len(fit.methods) > 1 and bool(reach) and max(reach) - min(reach) < _CROWDED * max(reach)
+    ends: list[float] = []
+    for name in _unbiased(fit):
+        ends += method_interval(fit, name) or ()
+    if len(fit.methods) < 2 or not ends:
+        return False
+    return max(ends) - min(ends) < _CROWDED * max(ends)
 
 
 def _label(fit: InertiaFit, name: str) -> str:
     if name == "peak":
         bias = "" if fit.peak_bias is None else f": {100.0 * fit.peak_bias:.0f} % of true"
         return f"{method_title(name)}\n(biased{bias})"
-    return f"{method_title(name)}\n(used)" if name == fit.chosen else method_title(name)
+    if name == fit.chosen:
+        return f"{method_title(name)}\n(used)"
+    return method_title(name)
 
 
 def _panel(panel: Axes, fit: InertiaFit, names: list[str]) -> None:
@@ -91,12 +99,20 @@ def _panel(panel: Axes, fit: InertiaFit, names: list[str]) -> None:
 
 def _one_method(panel: Axes, row: int, name: str, fit: InertiaFit) -> None:
     reading = fit.methods[name]
-    colour = ORANGE if name == "peak" else (BLUE if name == fit.chosen else BLACK)
+    colour, marker = _look(fit, name)
     for _, value, _ in reading.runs:
         panel.plot(value, row + 0.26, "|", color=colour, markersize=7)
     interval = method_interval(fit, name)
     if interval is not None:
-        panel.errorbar(
-            reading.value, row, xerr=0.5 * (interval[1] - interval[0]), color=colour, capsize=4, elinewidth=1.6
-        )
-    panel.plot(reading.value, row, "x" if name == "peak" else "o", color=colour, markersize=6, markeredgewidth=1.8)
+        low, high = interval
+        panel.errorbar(reading.value, row, xerr=0.5 * (high - low), color=colour, capsize=4, elinewidth=1.6)
+    panel.plot(reading.value, row, marker, color=colour, markersize=6, markeredgewidth=1.8)
+
+
+def _look(fit: InertiaFit, name: str) -> tuple[str, str]:
+    """Colour and marker of the method ``name``."""
+    if name == "peak":
+        return ORANGE, "x"
+    if name == fit.chosen:
+        return BLUE, "o"
+    return BLACK, "o"

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from rovid.report.plots.canvas import BLACK, BLUE, ORANGE, sheet, styled
 from rovid.report.plots.residuals import density, memory, over_time
-from rovid.report.residual import Residual, binned
+from rovid.report.residual import Residual, all_drives, all_left, all_rates, binned
 
 _LOOKS = (("without", ORANGE, "--", "s"), ("with what was found", BLUE, "-", "o"))
 
@@ -22,10 +21,9 @@ def left_over(before: Sequence[Residual], after: Sequence[Residual], cutoff: flo
         [(2.2, 2), (1.6, 1), (1.9, 2)], top=0.4, across=0.95
     )
     axis = before[0].run.trial.axis
-    rate = np.concatenate([item.run.rates.rate for item in before])
-    torque = np.concatenate([item.drive for item in before])
+    rate, torque = all_rates(before), all_drives(before)
     for items, (label, colour, dashes, marker) in zip((before, after), _LOOKS, strict=True):
-        left = np.concatenate([item.left for item in items])
+        left = all_left(items)
         line: dict[str, Any] = {"color": colour, "linestyle": dashes}
         for panel, driver in ((by_rate, rate), (by_torque, torque)):
             panel.plot(*binned(driver, left), **line, marker=marker, markersize=4, label=label)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rovid.campaign.axis import Axis
@@ -18,31 +19,47 @@ _ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "
 def planned(found: Plan, axis: Axis) -> Figure:
     """Commands, predicted rates, and by how much these differ beside what the disturbance drives."""
     rivals = len(found.beliefs) > 1
-    rows = [(1.4, 1), (2.0, 1), *([(1.4, 1)] if rivals else [])]
+    rows = [(1.4, 1), (2.0, 1)]
+    if rivals:
+        rows.append((1.4, 1))
     figure, panels = sheet(rows, left=1.05, down=0.42, top=0.75, share_x=True)
-    run, rates = found.best.run, found.best.rates
-    command, rate = panels[0][0], panels[1][0]
+    (command,), (rate,), *more = panels
+    _commands(command, found)
+    figure.suptitle(shortened(found.best.run.name, 90), x=0.115, ha="left", fontsize=11)
+    _rates(rate, found, axis)
+    if rivals:
+        rate.legend(**_ABOVE, ncols=2)
+    for (apart,) in more:
+        _difference(apart, found, axis)
+    panels[-1][0].set_xlabel("time, s")
+    return figure
+
+
+def _commands(panel: Axes, found: Plan) -> None:
+    """Four kinds of dashes in each of two colours: as many thrusters can be told apart, and have a legend."""
+    run = found.best.run
     for at, name in enumerate(found.thrusters):
         dashes = ("-", "--", ":", "-.")[at % 4]
         colour = (BLACK, GREY)[at // 4 % 2]
-        command.step(run.time, run.commands[:, at], dashes, where="post", color=colour, linewidth=1.0, label=name)
-    command.set_ylabel("command")
+        panel.step(run.time, run.commands[:, at], dashes, where="post", color=colour, linewidth=1.0, label=name)
+    panel.set_ylabel("command")
     if len(found.thrusters) <= 8:
-        command.legend(**_ABOVE, ncols=4)
-    figure.suptitle(shortened(run.name, 90), x=0.115, ha="left", fontsize=11)
-    for belief, values, (colour, dashes) in zip(found.beliefs, rates, _LOOKS, strict=False):
-        rate.plot(run.time, values, dashes, color=colour, label=belief.name.replace("_", " "))
-    rate.set_ylabel(f"{axis.rate_words},\n{axis.rate_unit}")
-    if rivals:
-        rate.legend(**_ABOVE, ncols=2)
-        apart = panels[2][0]
-        band = found.noise_rate
-        apart.axhspan(-band, band, color=PALE, alpha=0.5, label="what the disturbance drives, ± one sd")
-        apart.plot(run.time, rates[0] - rates[1], color=BLACK, linewidth=1.0, label="difference")
-        apart.set_ylabel(f"difference,\n{axis.rate_unit}")
-        apart.legend(**_ABOVE, ncols=2)
-    panels[-1][0].set_xlabel("time, s")
-    return figure
+        panel.legend(**_ABOVE, ncols=4)
+
+
+def _rates(panel: Axes, found: Plan, axis: Axis) -> None:
+    best = found.best
+    for belief, values, (colour, dashes) in zip(found.beliefs, best.rates, _LOOKS, strict=False):
+        panel.plot(best.run.time, values, dashes, color=colour, label=belief.name.replace("_", " "))
+    panel.set_ylabel(f"{axis.rate_words},\n{axis.rate_unit}")
+
+
+def _difference(panel: Axes, found: Plan, axis: Axis) -> None:
+    best, band = found.best, found.noise_rate
+    panel.axhspan(-band, band, color=PALE, alpha=0.5, label="what the disturbance drives, ± one sd")
+    panel.plot(best.run.time, best.rates[0] - best.rates[1], color=BLACK, linewidth=1.0, label="difference")
+    panel.set_ylabel(f"difference,\n{axis.rate_unit}")
+    panel.legend(**_ABOVE, ncols=2)
 
 
 def picture(found: Plan, axis: Axis) -> bytes:

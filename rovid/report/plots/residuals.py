@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from rovid.campaign.axis import Axis
 from rovid.ground.arrays import FloatArray
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, extremes, sheet, styled
-from rovid.report.residual import Residual, autocorrelation, binned, spectrum
+from rovid.report.residual import Residual, all_drives, all_left, all_rates, autocorrelation, binned, spectrum
 
 _DOTS = 6000
 _LONGEST_LAG = 60.0  # s
@@ -26,9 +27,9 @@ def residuals(items: Sequence[Residual], cutoff: float) -> Figure:
         [(2.2, 2), (1.6, 1), (1.9, 2)], top=0.4, across=0.95
     )
     axis = items[0].run.trial.axis
-    left = np.concatenate([item.left for item in items])
-    _against(by_rate, np.concatenate([item.run.rates.rate for item in items]), left)
-    _against(by_torque, np.concatenate([item.drive for item in items]), left)
+    left = all_left(items)
+    _against(by_rate, all_rates(items), left)
+    _against(by_torque, all_drives(items), left)
     residual = f"residual {axis.push}, {axis.push_unit}"
     by_rate.set(xlabel=f"{axis.rate_words}, {axis.rate_unit}", ylabel=residual)
     by_torque.set(xlabel=f"{axis.push}, {axis.push_unit}", ylabel=residual)
@@ -45,8 +46,9 @@ def _squared(axis: Axis) -> str:
 
 
 def _against(panel: Axes, driver: FloatArray, left: FloatArray) -> None:
-    rows = np.flatnonzero(np.isfinite(driver) & np.isfinite(left))
-    rows = rows[:: max(len(rows) // _DOTS, 1)]
+    known = np.flatnonzero(np.isfinite(driver) & np.isfinite(left))
+    step = max(len(known) // _DOTS, 1)
+    rows = known[::step]
     panel.plot(
         driver[rows],
         left[rows],
@@ -66,10 +68,10 @@ def _against(panel: Axes, driver: FloatArray, left: FloatArray) -> None:
 def over_time(panel: Axes, items: Sequence[Residual], colours: Sequence[str]) -> None:
     """Residual torque of all runs one after another, in these colours by turns."""
     clock, samples = 0.0, sum(len(item.left) for item in items)
-    for k, item in enumerate(items):
+    for item, colour in zip(items, cycle(colours), strict=False):
         time = clock + item.run.rates.time - item.run.rates.time[0]
         count = max(2400 * len(item.left) // samples, 20)
-        panel.plot(*extremes(time, item.left, count), color=colours[k % len(colours)], linewidth=0.7)
+        panel.plot(*extremes(time, item.left, count), color=colour, linewidth=0.7)
         clock = float(time[-1])
     axis = items[0].run.trial.axis
     panel.set(xlabel="time, all trials one after another, s", ylabel=f"residual {axis.push}, {axis.push_unit}")
@@ -78,7 +80,9 @@ def over_time(panel: Axes, items: Sequence[Residual], colours: Sequence[str]) ->
 
 def memory(panel: Axes, items: Sequence[Residual], **look: Any) -> None:
     """Autocorrelation of what is left."""
-    longest = min(_LONGEST_LAG, 0.5 * max(float(np.ptp(item.run.rates.time)) for item in items))
+    durations = [float(np.ptp(item.run.rates.time)) for item in items]
+    # Of a longer lag than half a run too few pairs of samples are left.
+    longest = min(_LONGEST_LAG, 0.5 * max(durations))
     panel.plot(*autocorrelation(items, longest), **look)
     panel.axhline(0.0, color=BLACK, linewidth=0.8)
     panel.set(xlabel="lag, s", ylabel="autocorrelation", xlim=(0.0, longest), ylim=(-0.6, 1.05))
@@ -89,7 +93,9 @@ def density(panel: Axes, items: Sequence[Residual], cutoff: float, **look: Any) 
     panel.semilogy(*spectrum(items, cutoff), **look)
     panel.set(xlabel="frequency, Hz", ylabel=f"density, {_squared(items[0].run.trial.axis)}/Hz", xlim=(0.0, cutoff))
     drawn = np.concatenate([np.asarray(line.get_ydata(), dtype=np.float64) for line in panel.get_lines()])
+    # Within two decades the powers of ten alone would label too few places.
     wide = np.nanmax(drawn) > 100.0 * np.nanmin(drawn)
-    panel.yaxis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 3.0), numticks=7))
+    labelled = (1.0,) if wide else (1.0, 3.0)
+    panel.yaxis.set_major_locator(LogLocator(subs=labelled, numticks=7))
     panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     panel.yaxis.set_minor_locator(NullLocator())

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from rovid.campaign.axis import Axis
 from rovid.model.simulation import TrialSimulation
 from rovid.report.plots.canvas import BLUE, extremes, overlay, sheet, shortened, styled
 
@@ -21,9 +22,8 @@ def overview(simulations: Sequence[TrialSimulation]) -> Figure:
     """Measured and simulated rate of each trial, with its R²."""
     columns = min(len(simulations), _COLUMNS)
     rows = -(-len(simulations) // columns)
-    figure, panels = sheet(
-        [(0.95 if rows > 1 else 1.8, columns)] * rows, left=0.75, top=0.52, bottom=0.5, across=0.5, down=0.5
-    )
+    height = 0.95 if rows > 1 else 1.8
+    figure, panels = sheet([(height, columns)] * rows, left=0.75, top=0.52, bottom=0.5, across=0.5, down=0.5)
     flat = [panel for row in panels for panel in row]
     for panel, item in zip(flat, simulations, strict=False):
         _small(panel, item)
@@ -52,21 +52,12 @@ def one_trial(item: TrialSimulation) -> Figure:
     """One trial: the torque, measured and simulated rate, and the simulation's error in rate and position."""
     rows = [(0.75, 1), (2.2, 1), (0.9, 1), (0.9, 1)]
     figure, ((torque,), (rate,), (difference,), (position,)) = sheet(rows, left=1.05, down=0.16, share_x=True)
-    trial, time, axis = item.run.trial, item.run.rates.time, item.run.trial.axis
-    shown, factor = axis.shown
+    trial, time = item.run.trial, item.run.rates.time
     torque.step(*extremes(trial.time, item.run.torque), where="post", color=BLUE, linewidth=1.0)
     overlay(rate, time, item.measured, item.simulated)
     difference.plot(*extremes(time, item.simulated - item.measured), color=BLUE, linewidth=0.9)
-    known = trial.measured
-    error = factor * (item.position - trial.position)[known]
-    position.plot(*extremes(trial.time[known], error), color=BLUE, linewidth=0.9)
-    labels = (
-        f"{axis.push},\n{axis.push_unit}",
-        f"{axis.rate_words},\n{axis.rate_unit}",
-        f"rate error,\n{axis.rate_unit}",
-        f"{axis.position_words}\nerror, {shown}",
-    )
-    for panel, label in zip((torque, rate, difference, position), labels, strict=True):
+    _position_error(position, item)
+    for panel, label in zip((torque, rate, difference, position), _labels(trial.axis), strict=True):
         panel.set_ylabel(label)
         panel.yaxis.set_label_coords(_LABEL, 0.5)
     for panel in (torque, difference, position):
@@ -75,6 +66,23 @@ def one_trial(item: TrialSimulation) -> Figure:
     figure.legend(*rate.get_legend_handles_labels(), ncols=2, loc="upper right", borderaxespad=0.1)
     position.set_xlabel("time, s")
     return figure
+
+
+def _position_error(panel: Axes, item: TrialSimulation) -> None:
+    trial = item.run.trial
+    known = trial.measured
+    _, factor = trial.axis.shown
+    error = factor * (item.position - trial.position)[known]
+    panel.plot(*extremes(trial.time[known], error), color=BLUE, linewidth=0.9)
+
+
+def _labels(axis: Axis) -> Iterator[str]:
+    """Of each panel from the top."""
+    shown, _ = axis.shown
+    yield f"{axis.push},\n{axis.push_unit}"
+    yield f"{axis.rate_words},\n{axis.rate_unit}"
+    yield f"rate error,\n{axis.rate_unit}"
+    yield f"{axis.position_words}\nerror, {shown}"
 
 
 def _quality(item: TrialSimulation) -> str:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from rovid.effects import restoring_of
 from rovid.effects.restoring import columns
-from rovid.ground.arrays import BoolArray, FloatArray
+from rovid.ground.arrays import FloatArray
 from rovid.identify.estimate import Estimate, student_t
 from rovid.identify.steady import DragFit
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, sheet, styled
@@ -22,20 +22,14 @@ def steady_torque(fit: DragFit) -> Figure:
     """Torque against rate with the fitted line, its 95 % band, and the residuals."""
     figure, ((top,), (bottom,)) = sheet([(3.6, 1), (1.5, 1)], top=0.25, down=0.2, share_x=True)
     axis = fit.estimate.axis
-    rate, torque = (np.array([getattr(point, name) for point in fit.points]) for name in ("rate", "torque"))
+    rate = np.array([point.rate for point in fit.points])
+    torque = np.array([point.torque for point in fit.points])
     line = _line(fit)
-    reach = _reach(fit.estimate, line)
-    drag = _drag(fit.estimate, line)
-    if reach is not None:
-        top.fill_between(line, drag - reach, drag + reach, color=BLUE, alpha=0.22, linewidth=0, label="95 % band")
-        bottom.fill_between(line, -reach, reach, color=BLUE, alpha=0.22, linewidth=0)
-    top.plot(line, drag, color=BLUE, label=f"fit: DQ·|r|·r + DL·r{' + B' if len(fit.estimate.names) > 2 else ''}")
-    bottom.axhline(0.0, color=BLUE)
+    _fitted(top, bottom, fit.estimate, line)
     _points(top, fit, rate, torque)
     _points(bottom, fit, rate, fit.residuals)
     if fit.unsteady:
-        x, y = [point.rate for point in fit.unsteady], [point.torque for point in fit.unsteady]
-        top.plot(x, y, "x", color=GREY, markersize=6, label="rate still changing: not fitted")
+        _unsteady(top, fit)
     _each_direction(bottom, fit, line)
     if fit.directions:
         top.plot([], [], color=ORANGE, linestyle="--", label="each direction alone, below")
@@ -44,6 +38,24 @@ def steady_torque(fit: DragFit) -> Figure:
     bottom.set_xlabel(f"{axis.rate_words}, {axis.rate_unit}")
     top.legend(loc="upper left")
     return figure
+
+
+def _fitted(top: Axes, bottom: Axes, estimate: Estimate, line: FloatArray) -> None:
+    """The line of the fit and its band; below, where it is zero, the band alone."""
+    reach = _reach(estimate, line)
+    drag = _drag(estimate, line)
+    if reach is not None:
+        top.fill_between(line, drag - reach, drag + reach, color=BLUE, alpha=0.22, linewidth=0, label="95 % band")
+        bottom.fill_between(line, -reach, reach, color=BLUE, alpha=0.22, linewidth=0)
+    buoyancy = " + B" if len(estimate.names) > 2 else ""
+    top.plot(line, drag, color=BLUE, label=f"fit: DQ·|r|·r + DL·r{buoyancy}")
+    bottom.axhline(0.0, color=BLUE)
+
+
+def _unsteady(panel: Axes, fit: DragFit) -> None:
+    rates = [point.rate for point in fit.unsteady]
+    torques = [point.torque for point in fit.unsteady]
+    panel.plot(rates, torques, "x", color=GREY, markersize=6, label="rate still changing: not fitted")
 
 
 def _line(fit: DragFit) -> FloatArray:
@@ -67,18 +79,21 @@ def _reach(estimate: Estimate, rate: FloatArray) -> FloatArray | None:
         return None
     design = _design(estimate, rate)
     variance = np.einsum("ni,ij,nj->n", design, estimate.covariance, design)
-    return np.asarray(student_t(0.975, estimate.degrees_of_freedom) * np.sqrt(np.maximum(variance, 0.0)))
+    # Where the line is sure round-off may leave a variance just below zero.
+    errors = np.sqrt(np.maximum(variance, 0.0))
+    return np.asarray(student_t(0.975, estimate.degrees_of_freedom) * errors)
 
 
 def _points(panel: Axes, fit: DragFit, rate: FloatArray, values: FloatArray) -> None:
+    # An error of one is the weight of a point of which none is known.
     known = bool(np.any(fit.torque_error != 1.0))
     axis = fit.estimate.axis
     for rows, filled, text in ((rate > 0, BLACK, "growing"), (rate < 0, "white", "falling")):
-        if rows.any():
-            errors = fit.torque_error[rows] if known else None
-            _error_bars(
-                panel, rate[rows], values[rows], errors, filled, f"{steady_state(axis)}, {axis.position_words} {text}"
-            )
+        if not rows.any():
+            continue
+        errors = fit.torque_error[rows] if known else None
+        label = f"{steady_state(axis)}, {axis.position_words} {text}"
+        _error_bars(panel, rate[rows], values[rows], errors, filled, label)
 
 
 def _error_bars(panel: Axes, x: FloatArray, y: FloatArray, errors: FloatArray | None, filled: str, label: str) -> None:
@@ -90,6 +105,6 @@ def _error_bars(panel: Axes, x: FloatArray, y: FloatArray, errors: FloatArray | 
 def _each_direction(panel: Axes, fit: DragFit, line: FloatArray) -> None:
     """Each direction's own fit, less the fit of both."""
     for name, estimate in fit.directions.items():
-        part: BoolArray = line >= 0 if name == "up" else line <= 0
-        apart = _drag(estimate, line[part]) - _drag(fit.estimate, line[part])
-        panel.plot(line[part], apart, color=ORANGE, linestyle="--")
+        part = line[line >= 0] if name == "up" else line[line <= 0]
+        apart = _drag(estimate, part) - _drag(fit.estimate, part)
+        panel.plot(part, apart, color=ORANGE, linestyle="--")

@@ -23,19 +23,25 @@ def thrust_curves(vehicle: Vehicle, runs: Sequence[Run]) -> Figure | None:
     curves = [(k, item, item.curve) for k, item in enumerate(vehicle.thrusters) if item.curve is not None]
     if not curves:
         return None
-    columns = len(curves) if len(curves) < 3 else (2 if len(curves) == 4 else 3)
+    # Four stand two by two; no more than three beside one another.
+    columns = 2 if len(curves) == 4 else min(len(curves), 3)
     rows = -(-len(curves) // columns)
     figure, panels = sheet([(1.9, columns)] * rows, top=0.75, across=0.85, down=0.95)
     flat = [panel for row in panels for panel in row]
     for panel, (k, thruster, curve) in zip(flat, curves, strict=False):
-        used = np.concatenate([run.trial.commands[:, k] for run in runs]) if runs else np.empty(0)
-        _one_curve(panel, curve, used[np.isfinite(used)])
+        _one_curve(panel, curve, _used(runs, k))
         panel.set_title(f"{shortened(thruster.name, _ROOM // columns)}, {_lever(vehicle, thruster)}", fontsize=9)
     for panel in flat[len(curves) :]:
         panel.set_axis_off()
     handles, labels = flat[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper left", bbox_to_anchor=(0.09, 1.0), ncols=3)
     return figure
+
+
+def _used(runs: Sequence[Run], k: int) -> FloatArray:
+    """All commands of the thruster with index ``k``."""
+    commands: FloatArray = np.concatenate([np.empty(0), *(run.trial.commands[:, k] for run in runs)])
+    return commands[np.isfinite(commands)]
 
 
 def _one_curve(panel: Axes, curve: ThrustCurve, used: FloatArray) -> None:
@@ -58,4 +64,7 @@ def _one_curve(panel: Axes, curve: ThrustCurve, used: FloatArray) -> None:
 
 
 def _lever(vehicle: Vehicle, thruster: Thruster) -> str:
-    return f"arm {thruster.arm:.3g} m" if vehicle.axis.angular else f"{arm(vehicle.axis)[0]} {thruster.arm:.3g}"
+    if vehicle.axis.angular:
+        return f"arm {thruster.arm:.3g} m"
+    name, _ = arm(vehicle.axis)
+    return f"{name} {thruster.arm:.3g}"
