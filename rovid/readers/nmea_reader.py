@@ -61,14 +61,17 @@ def read(path: Path, config: Config) -> RawLog:
                 where=config.path,
                 mend=f"Map it in another format, and put that log beside the text: {path.stem}.csv, for instance.",
             )
-    own = {name: signal.sources[KIND] for name, signal in config.signals.items() if KIND in signal.sources}
     text = _Text(path)
-    channels = {name: text.channel(name, source) for name, source in own.items()}
-    others = {name: signal for name, signal in config.signals.items() if name not in own}
+    own, others = {}, {}
+    for name, signal in config.signals.items():
+        if KIND in signal.sources:
+            own[name] = text.channel(name, signal.sources[KIND])
+        else:
+            others[name] = signal
     beside, log = _beside(path, replace(config, signals=others, measured=""))
     moved = _moved(path, text, beside, log)
     everything = dict(log.channels)
-    for name, channel in channels.items():
+    for name, channel in own.items():
         everything[name] = replace(channel, time=moved[id(channel.time)])
     for name in config.needed:
         if name not in everything:
@@ -103,9 +106,11 @@ def sources(path: Path) -> Contents:
 
 def _beside(path: Path, config: Config) -> tuple[Path, RawLog]:
     """The log that holds the commands."""
-    suffixes = [suffix for suffix, form in READERS.items() if form.kind != KIND]
-    near = sorted(path.parent.glob(f"{escape(path.stem)}.*"))
-    found = [one for one in near if one.suffix.lower() in suffixes and not odd(one)]
+    found = []
+    for near in sorted(path.parent.glob(f"{escape(path.stem)}.*")):
+        form = READERS.get(near.suffix.lower())
+        if form is not None and form.kind != KIND and not odd(near):
+            found.append((near, form))
     if len(found) != 1:
         there = f"{len(found)} logs of its name stand beside it" if found else "no log of its name stands beside it"
         raise LogError(
@@ -113,8 +118,8 @@ def _beside(path: Path, config: Config) -> tuple[Path, RawLog]:
             where=path,
             mend=f"Put the log that holds the commands there, as {path.stem}.csv, for instance.",
         )
-    form = READERS[found[0].suffix.lower()]
-    return found[0], form.read(found[0], config.of(form.kind))
+    [(beside, form)] = found
+    return beside, form.read(beside, config.of(form.kind))
 
 
 def _moved(path: Path, text: _Text, beside: Path, log: RawLog) -> dict[int, FloatArray]:
