@@ -309,7 +309,9 @@ def toml_of(found: Survey) -> str:
 
 def logs_in_words(found: Survey) -> str:
     """How many logs were looked at."""
-    return "one log" if found.logs == 1 else f"{found.logs} logs"
+    if found.logs == 1:
+        return "one log"
+    return f"{found.logs} logs"
 
 
 def _head(found: Survey) -> Iterator[str]:

@@ -154,7 +154,8 @@ class _Table:
 
     def _parse(self, kinds: Mapping[int, str], decimal: str, *, spaces: bool) -> pd.DataFrame:
         direct = self.layout.plain and not self.layout.wide and self.end == self.size
-        with np.errstate(all="ignore"), self._body() if not direct else _nothing() as body:
+        opened = _nothing() if direct else self._body()
+        with np.errstate(all="ignore"), opened as body:
             frame = pd.read_csv(
                 body or str(self.layout.path),  # pandas reads a path in bytes, faster than a file in text
                 engine="c",
@@ -228,7 +229,9 @@ class _Table:
 
     def _complaint(self, reason: str) -> LogError:
         """The first wanted cell that is no number, found by a slow second look."""
-        numeric = {at: name for name, at in self.columns.items() if self._time_kind() != "str" or name != "time"}
+        numeric = {at: name for name, at in self.columns.items()}
+        if self._time_kind() == "str":
+            numeric = {at: name for name, at in self.columns.items() if name != "time"}
         decimal = self.decimal
         for number, cells in self._rows():
             for at, name in numeric.items():

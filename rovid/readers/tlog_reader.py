@@ -47,7 +47,12 @@ def read(path: Path, config: Config) -> RawLog:
         rovid.toml does not map a command for it.
     """
     signals = mapped(config, KIND, path)
-    log = Log(path, {split_sensor(signal.sources[KIND].partition(".")[0])[0] for signal in signals.values()})
+    wanted = set()
+    for signal in signals.values():
+        topic, _, _ = signal.sources[KIND].partition(".")
+        name, _ = split_sensor(topic)
+        wanted.add(name)
+    log = Log(path, wanted)
     channels = channels_of(path, KIND, signals, log.columns, _CLOCK)
     return raw_log(channels, tuple(log.remarks))
 
@@ -63,7 +68,8 @@ def sources(path: Path) -> Contents:
     log = Log(path, set(_TELLING))
     present = {name for name, system, _ in log.frames if system == log.system}
     topics = {name: log.columns(name) for name in _TELLING if name in present}
-    return Contents(sources=tuple(source for source in numeric_sources(topics) if not source.endswith(_CLOCK)))
+    found = [source for source in numeric_sources(topics) if not source.endswith(_CLOCK)]
+    return Contents(sources=tuple(found))
 
 
 class Log:
@@ -78,7 +84,8 @@ class Log:
         self.dialect = library("pymavlink.dialects.v20.ardupilotmega", _EXTRA, path)
         self.kinds = {kind.msgname: kind for kind in self.dialect.mavlink_map.values()}
         self.names = {kind.id: name for name, kind in self.kinds.items()}
-        self.wanted = {kind.id for name, kind in self.kinds.items() if name in {*wanted, _VEHICLE}}
+        chosen = self.kinds.keys() & {*wanted, _VEHICLE}
+        self.wanted = {self.kinds[name].id for name in chosen}
         # (name, system, component) -> where its frames begin, and where they end
         self.frames: dict[tuple[str, int, int], tuple[array[int], array[int]]] = {}
         self.seen: Counter[int] = Counter()

@@ -232,7 +232,8 @@ class Topics:
     def _choose(self, signal: str, source: str) -> tuple[Topic, Pick]:
         """The longest topic that ``source`` begins with, and what it gave."""
         found = [name for name in self.topics if split_path(source, name) is not None]
-        topic = self.topics[max(found, key=len)] if found else None
+        longest = max(found, key=len, default="")
+        topic = self.topics.get(longest)
         if topic is None:
             raise self._missing(
                 f"has no topic for {source!r}, which rovid.toml maps to {signal}. {nearest(source, self.topics)}",
