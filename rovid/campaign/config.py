@@ -28,9 +28,20 @@ FORCE = {"N": 1.0, "kN": 1000.0}
 LENGTH = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 SPEED = {"m/s": 1.0, "cm/s": 0.01, "mm/s": 0.001, "kn": 1852.0 / 3600.0}
 TIME_UNITS = ("auto", "s", "ms", "us", "ns", "iso8601")
+
+
+def _units_of_motion() -> dict[str, Mapping[str, float]]:
+    positions: dict[str, Mapping[str, float]] = {}
+    rates: dict[str, Mapping[str, float]] = {}
+    for axis in AXES.values():
+        position, rate = (ANGLE, ANGULAR_RATE) if axis.angular else (LENGTH, SPEED)
+        positions |= dict.fromkeys(axis.positions, position)
+        rates[axis.rate] = rate
+    return positions | rates
+
+
 UNITS: Mapping[str, Mapping[str, float]] = {
-    **{name: ANGLE if axis.angular else LENGTH for axis in AXES.values() for name in axis.positions},
-    **{axis.rate: ANGULAR_RATE if axis.angular else SPEED for axis in AXES.values()},
+    **_units_of_motion(),
     "torque": TORQUE,
     "force": FORCE,
     "north": LENGTH,

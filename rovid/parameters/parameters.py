@@ -138,7 +138,9 @@ class Parameters:
             inertia = self._needed("inertia", "Run `rovid fit-inertia` first.")
         linear_drag = _value(self.entries.get("linear_drag"))
         effects = tuple(map(effect_named, self.effects))
-        restoring = [self._needed(name, "Run `rovid fit-inertia LOGS` first.") for name in base_names(self.axis)[3:]]
+        # Behind the inertia and the two drags stands what weight and buoyancy do.
+        righting = base_names(self.axis)[3:]
+        restoring = [self._needed(name, "Run `rovid fit-inertia LOGS` first.") for name in righting]
         effect_values: list[float] = []
         for effect in effects:
             effect_values += self._effect_values(effect)
