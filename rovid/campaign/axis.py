@@ -56,7 +56,9 @@ class Axis:
     @property
     def measures(self) -> str:
         """Keys of rovid.toml that hold what is measured, for messages."""
-        return self.position if self.angular else f"{self.position} or {self.rate}"
+        if self.angular:
+            return self.position
+        return f"{self.position} or {self.rate}"
 
     @property
     def moves(self) -> str:
@@ -96,7 +98,9 @@ class Axis:
 
         ``integrated`` where that is the rate alone.
         """
-        return (self.rate_words, self.rate_unit, 1.0) if integrated else (self.position_words, *self.shown)
+        if integrated:
+            return self.rate_words, self.rate_unit, 1.0
+        return self.position_words, *self.shown
 
     def unit(self, angular: str) -> str:
         """The unit along this axis of what has the unit ``angular`` in yaw.
@@ -114,25 +118,34 @@ class Axis:
 _STRAIGHT: Mapping[str, str] = {"kg m^2": "kg", "kg m²": "kg", "N m": "N", "(N)^": "N^", "rad": "m", "deg": "m"}
 
 YAW = Axis(name="yaw", positions=("heading",), rate="yaw_rate", arm="yaw_arm", angular=True)
-AXES: Mapping[str, Axis] = {
-    axis.name: axis
-    for axis in (
-        YAW,
-        *(
-            Axis(
-                name=name,
-                positions=(f"{name}_position",),
-                rate=f"{name}_velocity",
-                arm=name,
-                angular=False,
-                fixes=("north", "east", "heading"),
-            )
-            for name in ("surge", "sway")
-        ),
-        Axis(name="heave", positions=("depth", "heave_position"), rate="heave_velocity", arm="heave", angular=False),
-        Axis(name="roll", positions=("roll",), rate="roll_rate", arm="roll_arm", angular=True, rights=True),
-        Axis(name="pitch", positions=("pitch",), rate="pitch_rate", arm="pitch_arm", angular=True, rights=True),
+
+
+def _level(name: str) -> Axis:
+    """Surge or sway."""
+    return Axis(
+        name=name,
+        positions=(f"{name}_position",),
+        rate=f"{name}_velocity",
+        arm=name,
+        angular=False,
+        fixes=("north", "east", "heading"),
     )
+
+
+def _tilt(name: str) -> Axis:
+    """Roll or pitch."""
+    return Axis(name=name, positions=(name,), rate=f"{name}_rate", arm=f"{name}_arm", angular=True, rights=True)
+
+
+AXES: Mapping[str, Axis] = {
+    "yaw": YAW,
+    "surge": _level("surge"),
+    "sway": _level("sway"),
+    "heave": Axis(
+        name="heave", positions=("depth", "heave_position"), rate="heave_velocity", arm="heave", angular=False
+    ),
+    "roll": _tilt("roll"),
+    "pitch": _tilt("pitch"),
 }
 
 

@@ -28,16 +28,28 @@ FORCE = {"N": 1.0, "kN": 1000.0}
 LENGTH = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 SPEED = {"m/s": 1.0, "cm/s": 0.01, "mm/s": 0.001, "kn": 1852.0 / 3600.0}
 TIME_UNITS = ("auto", "s", "ms", "us", "ns", "iso8601")
+
+
+def _units_of_motion() -> dict[str, Mapping[str, float]]:
+    positions: dict[str, Mapping[str, float]] = {}
+    rates: dict[str, Mapping[str, float]] = {}
+    for axis in AXES.values():
+        position, rate = (ANGLE, ANGULAR_RATE) if axis.angular else (LENGTH, SPEED)
+        positions |= dict.fromkeys(axis.positions, position)
+        rates[axis.rate] = rate
+    return positions | rates
+
+
 UNITS: Mapping[str, Mapping[str, float]] = {
-    **{name: ANGLE if axis.angular else LENGTH for axis in AXES.values() for name in axis.positions},
-    **{axis.rate: ANGULAR_RATE if axis.angular else SPEED for axis in AXES.values()},
+    **_units_of_motion(),
     "torque": TORQUE,
     "force": FORCE,
     "north": LENGTH,
     "east": LENGTH,
 }
 _DEFAULT_UNIT = {name: list(units)[-1 if units is ANGULAR_RATE else 0] for name, units in UNITS.items()}
-_VEHICLE_KEYS = ("name", "mass", "length", "width", "height", "rigid_body_inertia")
+_VEHICLE_NUMBERS = ("mass", "length", "width", "height", "rigid_body_inertia")
+_VEHICLE_KEYS = ("name", *_VEHICLE_NUMBERS)
 _ARMS = tuple(axis.arm for axis in AXES.values())
 _THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside")
 _NOT_SOURCES = ("unit", "sign")
@@ -83,7 +95,9 @@ class Signal:
     def of(self, kind: str) -> Signal:
         """With a source for the format ``kind`` where one for its like is named."""
         other = SHARED.get(kind, kind)
-        return replace(self, sources={kind: self.sources[other], **self.sources}) if other in self.sources else self
+        if other not in self.sources:
+            return self
+        return replace(self, sources={kind: self.sources[other], **self.sources})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,9 +126,12 @@ class Config:
     @property
     def needed(self) -> tuple[str, ...]:
         """Names of the signals without which a log says nothing."""
-        fixes = self.axis.fixes
-        measured = fixes if self.measured in fixes else (self.measured,) if self.measured else ()
-        return (*measured, *(signal.name for signal in self.commands))
+        commands = [signal.name for signal in self.commands]
+        if self.measured in self.axis.fixes:
+            return (*self.axis.fixes, *commands)
+        if self.measured:
+            return (self.measured, *commands)
+        return tuple(commands)
 
     def maps(self, kind: str) -> bool:
         """Whether any signal is mapped to logs of the format ``kind``."""
@@ -122,26 +139,23 @@ class Config:
 
     def of(self, kind: str) -> Config:
         """As it applies to logs of the format ``kind``, by `STANDARD` and `SHARED`."""
-        standard = {
-            name: Signal(
-                name=name,
-                sources={kind: source},
-                unit=unit,
-                factor=ANGLE[unit],
-                optional=name not in self.needed,
-            )
-            for name, (source, unit) in STANDARD.get(kind, {}).items()
-        }
+        signals = {}
+        for name, (source, unit) in STANDARD.get(kind, {}).items():
+            optional = name not in self.needed
+            signals[name] = Signal(name=name, sources={kind: source}, unit=unit, factor=ANGLE[unit], optional=optional)
+        signals |= {name: signal.of(kind) for name, signal in self.signals.items()}
         return replace(
             self,
             time=self.time.of(kind),
-            signals={**standard, **{name: signal.of(kind) for name, signal in self.signals.items()}},
+            signals=signals,
             commands=tuple(signal.of(kind) for signal in self.commands),
         )
 
     def wanted(self, kind: str) -> dict[str, Signal]:
         """Every signal that logs of the format ``kind`` are mapped to, time excepted."""
-        everything = {**self.signals, **{signal.name: signal for signal in self.commands}}
+        everything = dict(self.signals)
+        for command in self.commands:
+            everything[command.name] = command
         return {name: signal for name, signal in everything.items() if kind in signal.sources}
 
 
@@ -155,8 +169,9 @@ def find_config(paths: Sequence[Path]) -> Path:
     """
     for path in paths:
         require(path)
-    start = paths[0].resolve()
-    folder = start if start.is_dir() else start.parent
+    folder = paths[0].resolve()
+    if not folder.is_dir():
+        folder = folder.parent
     settle(folder)  # a `rovid init` that was killed
     for candidate in (folder, *folder.parents):
         if (candidate / FILE_NAME).is_file() or odd(candidate / FILE_NAME):
@@ -202,45 +217,60 @@ class _Reader:
 
     def config(self, document: Mapping[str, Any]) -> Config:
         self.known(document, ("vehicle", "thrusters", "signals"), "top level")
-        axis, signals = self.axis, self.signals(self.table(document, "signals"))
+        signals = self.signals(self.table(document, "signals"))
         time = signals.pop("time", Signal(name="time", sources={}, unit="auto"))
-        thrusters = document.get("thrusters", [])
-        if not isinstance(thrusters, list):
+        blocks = document.get("thrusters", [])
+        if not isinstance(blocks, list):
             raise self.complain("thrusters", "must be written [[thrusters]], one block each.")
-        pairs = [pair for index, block in enumerate(thrusters) if (pair := self.thruster(index, block)) is not None]
-        if pairs and axis.push in signals:
-            raise self.complain(
-                f"[signals] {axis.push}",
-                f"stands beside [[thrusters]]; the {axis.push} comes from one of them.",
-                "Delete one.",
-            )
-        push = signals.pop(axis.push, None)
-        if push is not None:
-            pairs = [(Thruster(name=axis.push, arm=1.0, curve=None), push)]
-        measured = self.measured(signals, {kind for _, command in pairs for kind in command.sources})
-        # What rights itself swings when it is let go of, and tells of itself without a drive.
-        if not thrusters and push is None and not axis.rights:
-            raise self.complain("[[thrusters]]", f"there are none, and no {axis.push} is mapped in [signals].")
-        if not pairs and not axis.rights:
-            raise self.complain("[[thrusters]]", f"none has {axis.arm}.", f"Add {axis.arm} = {_example(axis)}.")
-        names = [thruster.name for thruster, _ in pairs]
-        if len(set(names)) < len(names):
-            raise self.complain("[[thrusters]]", f"two have the same name among {names}.", "Name each differently.")
+        thrusters, commands = self.drive(blocks, signals)
+        kinds: set[str] = set().union(*(command.sources for command in commands))
+        measured = self.measured(signals, kinds)
+        self.check_drive(blocks, thrusters)
         return Config(
             path=self.path,
-            vehicle=self.vehicle(self.table(document, "vehicle"), tuple(thruster for thruster, _ in pairs)),
+            vehicle=self.vehicle(self.table(document, "vehicle"), tuple(thrusters)),
             time=time,
             signals=signals,
-            commands=tuple(signal for _, signal in pairs),
+            commands=tuple(commands),
             measured=measured,
         )
+
+    def drive(self, blocks: Sequence[Any], signals: dict[str, Signal]) -> tuple[list[Thruster], list[Signal]]:
+        """What pushes along the axis, and its commands; a logged torque is taken out of ``signals``."""
+        thrusters, commands = [], []
+        for index, block in enumerate(blocks):
+            pair = self.thruster(index, block)
+            if pair is not None:
+                thrusters.append(pair[0])
+                commands.append(pair[1])
+        push = self.axis.push
+        if push not in signals:
+            return thrusters, commands
+        if thrusters:
+            text = f"stands beside [[thrusters]]; the {push} comes from one of them."
+            raise self.complain(f"[signals] {push}", text, "Delete one.")
+        return [Thruster(name=push, arm=1.0, curve=None)], [signals.pop(push)]
+
+    def check_drive(self, blocks: Sequence[Any], thrusters: Sequence[Thruster]) -> None:
+        axis = self.axis
+        # What rights itself swings when it is let go of, and tells of itself without a drive.
+        wanting = not thrusters and not axis.rights
+        if wanting and not blocks:
+            raise self.complain("[[thrusters]]", f"there are none, and no {axis.push} is mapped in [signals].")
+        if wanting:
+            raise self.complain("[[thrusters]]", f"none has {axis.arm}.", f"Add {axis.arm} = {_example(axis)}.")
+        names = [thruster.name for thruster in thrusters]
+        if len(set(names)) < len(names):
+            raise self.complain("[[thrusters]]", f"two have the same name among {names}.", "Name each differently.")
 
     def measured(self, signals: Mapping[str, Signal], kinds: Iterable[str]) -> str:
         """Name of the signal that tells where the vehicle is; logs of ``kinds`` may hold it by a standard name."""
         axis = self.axis
-        there = set(signals).union(*(STANDARD.get(kind, ()) for kind in kinds))
+        there = set(signals)
+        for kind in kinds:
+            there.update(STANDARD.get(kind, ()))
         measured = next((name for name in (*axis.positions, axis.rate) if name in there), "")
-        if not measured and axis.fixes and set(axis.fixes) <= there:
+        if not measured and axis.fixes and there.issuperset(axis.fixes):
             measured = axis.fixes[0]
         # A rate alone would leave unknown where the vehicle points: the heading, or the tilt that rights it.
         if not measured or (axis.angular and measured == axis.rate):
@@ -275,9 +305,10 @@ class _Reader:
 
     def vehicle(self, table: Mapping[str, Any], thrusters: tuple[Thruster, ...]) -> Vehicle:
         self.known(table, _VEHICLE_KEYS, "[vehicle]")
-        numbers = {
-            key: self.number(table[key], f"[vehicle] {key}", positive=True) for key in _VEHICLE_KEYS[1:] if key in table
-        }
+        numbers = {}
+        for key in _VEHICLE_NUMBERS:
+            if key in table:
+                numbers[key] = self.number(table[key], f"[vehicle] {key}", positive=True)
         name = self.name(table.get("name", "vehicle"), "[vehicle] name")
         return Vehicle(name=name, thrusters=thrusters, axis=self.axis, **numbers)
 
@@ -292,11 +323,8 @@ class _Reader:
         arm = self.axis.arm
         if arm not in block and any(other in block for other in _ARMS):
             return None
-        for key, example in (
-            (arm, _example(self.axis)),
-            ("curve", '"thrust_curve.csv"'),
-            ("command", '{ csv = "…" }'),
-        ):
+        examples = {arm: _example(self.axis), "curve": '"thrust_curve.csv"', "command": '{ csv = "…" }'}
+        for key, example in examples.items():
             if key not in block:
                 raise self.complain(place, f"has no {key}.", f"Add {key} = {example}.")
         outside = block.get("outside", "refuse")
@@ -325,14 +353,18 @@ class _Reader:
             if key != "sign" and not isinstance(text, str):
                 raise self.complain(f"{place} {key}", f"is {text!r}; text was expected.")
         sources = {key: text for key, text in entry.items() if key not in _NOT_SOURCES}
-        unit = entry.get("unit", "auto" if name == "time" else _DEFAULT_UNIT.get(name, ""))
+        # A signal that is none of these is the user's own, and keeps its unit.
+        units, default = UNITS.get(name), _DEFAULT_UNIT.get(name, "")
+        if name == "time":
+            units, default = dict.fromkeys(TIME_UNITS, 1.0), "auto"
+        unit = entry.get("unit", default)
         sign = self.number(entry.get("sign", 1), f"{place} sign")
         if abs(sign) != 1:
             raise self.complain(f"{place} sign", f"is {sign:g}; 1 or -1 was expected.")
-        units = dict.fromkeys(TIME_UNITS, 1.0) if name == "time" else UNITS.get(name)
         if units is not None and unit not in units:
             raise self.complain(f"{place} unit", f"is {unit!r}; one of {', '.join(units)} was expected.")
-        return Signal(name=name, sources=sources, unit=unit, factor=sign * (units or {}).get(unit, 1.0))
+        factor = 1.0 if units is None else units[unit]
+        return Signal(name=name, sources=sources, unit=unit, factor=sign * factor)
 
 
 def _example(axis: Axis) -> str:
@@ -355,7 +387,7 @@ def read_curve(path: Path) -> ThrustCurve:
             mend="Make one from bench readings with `rovid fit-thruster BENCH.csv -o " + path.name + "`.",
         )
     table = read_table(path)
-    command, thrust = (table.numbers(column) for column in CURVE_COLUMNS)
+    command, thrust = map(table.numbers, CURVE_COLUMNS)
     order = np.argsort(command, kind="stable")
     command, thrust = command[order], thrust[order]
     if len(command) < 2 or np.any(np.diff(command) <= 0):

@@ -80,8 +80,13 @@ class Table:
         Digits beyond were printed, not read.
         """
         finest = _FINEST * float(np.max(np.abs(self.numbers(column))))
-        digits = [int(Decimal(cell).as_tuple().exponent) for cell in self.text(column)]
-        return np.array([max(10.0 ** min(digit, 300), finest) for digit in digits])
+        sizes = []
+        for cell in self.text(column):
+            exponent = int(Decimal(cell).as_tuple().exponent)
+            # Of 10 to a higher power no float is left.
+            size = 10.0 ** min(exponent, 300)
+            sizes.append(max(size, finest))
+        return np.array(sizes)
 
 
 def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> Table:
@@ -95,6 +100,23 @@ def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> Table:
         The file cannot be read or holds no rows.
     """
     refuse_odd(path, LogError)
+    lines, texts = [], []
+    for number, line in enumerate(_content(path).splitlines(), 1):
+        if _says_something(line):
+            lines.append(number)
+            texts.append(line)
+    if not lines:
+        raise LogError("is empty.", where=path)
+    rows = _rows(path, texts)
+    if headerless and len(rows[0]) == len(headerless) and all(map(_is_number, rows[0])):
+        rows.insert(0, headerless)
+        lines.insert(0, 0)
+    if len(rows) < 2:
+        raise LogError("holds a header and no rows.", where=path)
+    return Table(path=path, header=rows[0], rows=tuple(rows[1:]), lines=tuple(lines[1:]))
+
+
+def _content(path: Path) -> str:
     try:
         with path.open("rb") as file:
             content = file.read(_SIZE + 1)
@@ -103,28 +125,35 @@ def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> Table:
     if len(content) > _SIZE:
         raise LogError(f"is larger than {_SIZE / 1e6:g} MB; a table of results was expected.", where=path)
     try:
-        text = content.decode("utf-8-sig")
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError:
         # Vendors' sheets write the micro sign in their own code page.
-        text = content.decode("cp1252", errors="replace")
-    numbered = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
-    if not numbered:
-        raise LogError("is empty.", where=path)
-    separator = max(",;\t", key=numbered[0][1].count)
-    rows = csv.reader((line for _, line in numbered), delimiter=separator)
+        return content.decode("cp1252", errors="replace")
+
+
+def _says_something(line: str) -> bool:
+    """Whether a line is neither blank nor a comment."""
+    return bool(line.strip()) and line[0] != "#"
+
+
+def _rows(path: Path, lines: Sequence[str]) -> list[tuple[str, ...]]:
+    """Cells of each line; the separator is the one that the first line has most of."""
+    separator = _separator(lines[0])
+    rows = []
     try:
-        cells = [tuple(cell.strip() for cell in row) for row in rows]
+        for cells in csv.reader(lines, delimiter=separator):
+            stripped = map(str.strip, cells)
+            rows.append(tuple(stripped))
     except csv.Error as error:
         raise LogError(f"is no table: {error}.", where=path) from error
     if separator == ";":
-        cells = [tuple(cell.replace(",", ".") for cell in row) for row in cells]
-    lines = [k for k, _ in numbered]
-    if headerless and len(cells[0]) == len(headerless) and all(map(_is_number, cells[0])):
-        cells.insert(0, headerless)
-        lines.insert(0, 0)
-    if len(cells) < 2:
-        raise LogError("holds a header and no rows.", where=path)
-    return Table(path=path, header=cells[0], rows=tuple(cells[1:]), lines=tuple(lines[1:]))
+        # Where the comma does not part the cells it is the decimal sign.
+        return [tuple(cell.replace(",", ".") for cell in row) for row in rows]
+    return rows
+
+
+def _separator(line: str) -> str:
+    return max(",;\t", key=line.count)
 
 
 def offered(wanted: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -154,10 +183,10 @@ def header(path: Path) -> tuple[str, ...]:
             start = stream.read(4096).decode("utf-8-sig", errors="replace")
     except OSError:
         return ()
-    lines = [line for line in start.splitlines() if line.strip() and line[0] != "#"]
-    if not lines:
+    first = next(filter(_says_something, start.splitlines()), "")
+    if not first:
         return ()
-    return tuple(cell.strip().strip('"') for cell in lines[0].split(max(",;\t", key=lines[0].count)))
+    return tuple(cell.strip().strip('"') for cell in first.split(_separator(first)))
 
 
 def find_table(paths: Sequence[Path], columns: Sequence[str]) -> Path | None:
@@ -174,10 +203,10 @@ def find_table(paths: Sequence[Path], columns: Sequence[str]) -> Path | None:
     if any(map(_is_log, chain.from_iterable(inside.values()))):
         return None
     for path, files in inside.items():
-        for one in files:
-            near = path in (one, one.parent)
-            if near and one.suffix.lower() == ".csv" and set(columns) <= set(header(one)) and _is_table(one):
-                return one
+        for file in files:
+            near = path in (file, file.parent)
+            if near and file.suffix.lower() == ".csv" and set(columns) <= set(header(file)) and _is_table(file):
+                return file
     return None
 
 
@@ -189,8 +218,9 @@ def _is_log(path: Path) -> bool:
 def _is_table(path: Path) -> bool:
     """Whether a CSV is one of the tables rovid knows, which a time column would make a log."""
     names = header(path)
-    timed = any(name.lower().startswith(("time", "t_s", "stamp")) for name in names)
-    return not timed and any(set(columns) <= set(names) for columns in (CURVE_COLUMNS, STEADY_COLUMNS, SINE_COLUMNS))
+    if any(name.lower().startswith(("time", "t_s", "stamp")) for name in names):
+        return False
+    return any(set(columns) <= set(names) for columns in (CURVE_COLUMNS, STEADY_COLUMNS, SINE_COLUMNS))
 
 
 def curve_text(command: FloatArray, thrust: FloatArray) -> str:

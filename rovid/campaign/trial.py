@@ -131,6 +131,7 @@ class Trial:
         def cut(values: FloatArray | None) -> FloatArray | None:
             return None if values is None else values[where]
 
+        start = float(self.time[where][0])
         return replace(
             self,
             name=name,
@@ -142,8 +143,8 @@ class Trial:
             roll=cut(self.roll),
             pitch=cut(self.pitch),
             extras={channel: values[where] for channel, values in self.extras.items()},
-            began=None if self.began is None else self.began + float(self.time[where][0]),
-            since=self.since + float(self.time[where][0]),
+            began=None if self.began is None else self.began + start,
+            since=self.since + start,
         )
 
     @property

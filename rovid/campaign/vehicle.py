@@ -52,7 +52,9 @@ class ThrustCurve:
         if not finite.size:
             return 0.0
         beyond = max(self.command[0] - finite.min(), finite.max() - self.command[-1])
-        return float(beyond) if beyond > _ROUNDING * self.span else 0.0
+        if beyond > _ROUNDING * self.span:
+            return float(beyond)
+        return 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,7 +80,9 @@ class Thruster:
     @property
     def full_thrust(self) -> float:
         """N; the largest that the curve gives, or N m that a log of the torque holds."""
-        return self.most if self.curve is None else float(np.max(np.abs(self.curve.thrust)))
+        if self.curve is None:
+            return self.most
+        return float(np.max(np.abs(self.curve.thrust)))
 
     def torque(self, command: FloatArray) -> FloatArray:
         """(n,) N m for (n,) commands."""
@@ -130,7 +134,9 @@ class Vehicle:
         told = np.array([thruster.ahead for thruster in self.thrusters])
         arms = np.array([thruster.arm for thruster in self.thrusters])
         both_sides = self.axis is YAW and bool(np.any(arms > 0.0) and np.any(arms < 0.0))
-        return np.ones(len(told)) if both_sides and not told.any() else told
+        if both_sides and not told.any():
+            return np.ones(len(told))
+        return told
 
     def _inertia(self) -> float | None:
         """Of the body alone, if it were a uniform box."""
@@ -138,14 +144,18 @@ class Vehicle:
             return self.mass
         across = {"yaw": (self.length, self.width), "pitch": (self.length, self.height)}
         first, second = across.get(self.axis.name, (self.width, self.height))
-        return None if first is None or second is None else box_inertia(self.mass, first, second)
+        if first is None or second is None:
+            return None
+        return box_inertia(self.mass, first, second)
 
     def used(self, trials: Sequence[Trial]) -> Self:
         """With what a logged torque comes to in ``trials``."""
         most = np.max([np.max(np.abs(trial.commands), axis=0) for trial in trials], axis=0)
-        pairs = zip(self.thrusters, most.tolist(), strict=True)
-        used = (replace(one, most=size or 1.0) if one.curve is None else one for one, size in pairs)
-        return replace(self, thrusters=tuple(used))
+        thrusters = []
+        for thruster, size in zip(self.thrusters, most.tolist(), strict=True):
+            known = thruster if thruster.curve is not None else replace(thruster, most=size or 1.0)
+            thrusters.append(known)
+        return replace(self, thrusters=tuple(thrusters))
 
     def thrust(self, commands: FloatArray) -> FloatArray:
         """(n, k) thrust in N for (n, k) commands; the torque itself for a logged torque."""

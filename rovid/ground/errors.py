@@ -29,19 +29,29 @@ def visible(text: str) -> str:
     """``text`` with everything that is not seen for what it is as an escape, as `repr` has it."""
     if text.isprintable():
         return text
-    return "".join(sign if is_visible(sign) else sign.encode("unicode_escape").decode() for sign in text)
+    return "".join(map(_escaped, text))
+
+
+def _escaped(sign: str) -> str:
+    if is_visible(sign):
+        return sign
+    return sign.encode("unicode_escape").decode()
 
 
 def shown(text: object, length: int = NAME_LENGTH) -> str:
     """Text from elsewhere (a name, a path, a cell) as people are shown it: visible, its middle left out where long."""
     whole = str(text)
-    # Only the ends of what is very long are looked at; an escape is longer than its sign.
-    seen = visible(whole) if len(whole) <= 2 * length else visible(whole[:length]) + visible(whole[-length:])
-    if len(whole) <= 2 * length and len(seen) <= length:
-        return seen
+    if len(whole) <= 2 * length:
+        seen = visible(whole)
+        if len(seen) <= length:
+            return seen
+    else:
+        # Only the ends of what is very long are looked at; an escape is longer than its sign.
+        seen = visible(whole[:length]) + visible(whole[-length:])
     gap = f" … ({len(whole)} characters) … "
     kept = max(length - len(gap), 2)
-    return f"{seen[: kept - kept // 2]}{gap}{seen[-(kept // 2) :]}"
+    behind = kept // 2
+    return seen[: kept - behind] + gap + seen[-behind:]
 
 
 class RovidError(Exception):
@@ -90,7 +100,8 @@ def nearest(wanted: str, present: Iterable[str]) -> str:
         return f"Nearest: {_listed(names[name] for name in close)}."
     if not names:
         return "There are none."
-    return f"There are: {_listed(islice(names.values(), _OFFERED))}{', …' if len(names) > _OFFERED else ''}."
+    more = ", …" if len(names) > _OFFERED else ""
+    return f"There are: {_listed(islice(names.values(), _OFFERED))}{more}."
 
 
 def _listed(names: Iterable[str]) -> str:

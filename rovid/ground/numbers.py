@@ -21,12 +21,12 @@ def _finite(value: Any) -> Any:
         return [_finite(item) for item in value]
     if isinstance(value, str):
         return encodable(value)
-    if isinstance(value, bool) or value is None:
-        return value
-    if isinstance(value, int):
+    if value is None or isinstance(value, int):
         return value
     number = float(value)
-    return number if math.isfinite(number) else None
+    if not math.isfinite(number):
+        return None
+    return number
 
 
 def plus_minus(value: float, error: float) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,7 +46,10 @@ def odd(path: Path) -> str:
         return ""
     except OSError as error:
         return _LOOP if error.errno == errno.ELOOP else ""
-    return next((what for test, what in _ODD.items() if test(mode)), "")
+    for test, what in _ODD.items():
+        if test(mode):
+            return what
+    return ""
 
 
 def refuse_odd(path: Path, error: type[RovidError] = ConfigError) -> None:
@@ -93,15 +96,19 @@ def search(path: Path, unreadable: Callable[[OSError], None]) -> Folder:
     files: list[Path] = []
     strange: dict[Path, str] = {}
     for here, folders, names in os.walk(path, onerror=unreadable):
+        # What os.walk is left with here is where it goes next.
         folders[:] = sorted(_shown(folders))
-        found = {Path(here, name): "" for name in folders} | {Path(here, name): "" for name in _shown(names)}
-        strange |= {one: what for one in found if (what := odd(one) or _above(one))}
-        files += [Path(here, name) for name in _shown(names) if Path(here, name) not in strange]
+        inside = [Path(here, name) for name in _shown(names)]
+        for one in (*(Path(here, name) for name in folders), *inside):
+            what = odd(one) or _above(one)
+            if what:
+                strange[one] = what
+        files += [one for one in inside if one not in strange]
     return Folder(files=tuple(sorted(files)), odd=dict(sorted(strange.items())))
 
 
-def _shown(names: list[str]) -> Iterator[str]:
-    return (name for name in names if not name.startswith("."))
+def _shown(names: list[str]) -> list[str]:
+    return [name for name in names if not name.startswith(".")]
 
 
 def _above(path: Path) -> str:
@@ -109,4 +116,6 @@ def _above(path: Path) -> str:
     if not path.is_symlink():
         return ""
     holder, target = path.parent.resolve(), path.resolve()
-    return _ABOVE if target in (holder, *holder.parents) else ""
+    if target in (holder, *holder.parents):
+        return _ABOVE
+    return ""

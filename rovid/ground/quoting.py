@@ -24,10 +24,20 @@ def encodable(text: str) -> str:
 
 def json_lines(text: str) -> str:
     """A JSON document with what is not visible in its strings as JSON's own escapes."""
-    return "\n".join(
-        line if line.isprintable() else "".join(sign if is_visible(sign) else json.dumps(sign)[1:-1] for sign in line)
-        for line in text.split("\n")
-    )
+    return "\n".join(map(_json_line, text.split("\n")))
+
+
+def _json_line(line: str) -> str:
+    # Most lines are, and a look at each sign takes long.
+    if line.isprintable():
+        return line
+    return "".join(map(_json_sign, line))
+
+
+def _json_sign(sign: str) -> str:
+    if is_visible(sign):
+        return sign
+    return json.dumps(sign)[1:-1]
 
 
 def xml_attribute(text: str) -> str:
@@ -55,7 +65,10 @@ def _toml_sign(sign: str) -> str:
         return "\\" + sign
     if is_visible(sign):
         return sign
-    return f"\\u{ord(sign):04X}" if ord(sign) < 0x10000 else f"\\U{ord(sign):08X}"
+    code = ord(sign)
+    if code < 0x10000:
+        return f"\\u{code:04X}"
+    return f"\\U{code:08X}"
 
 
 def python_docstring(text: str) -> str:
@@ -79,8 +92,12 @@ def _csv_cell(text: str) -> str:
 
 def identifiers(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:
     """Each of ``names`` as XML, YAML, topics and programs take it; no two alike, and none of those ``taken``."""
-    plain = [re.sub(r"[^A-Za-z0-9_]", "_", name) for name in names]
-    return _distinct([name if re.match("[A-Za-z_]", name) else f"_{name}" for name in plain], taken)
+    found = []
+    for name in names:
+        plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
+        begins_well = re.match("[A-Za-z_]", plain)
+        found.append(plain if begins_well else f"_{plain}")
+    return _distinct(found, taken)
 
 
 def words(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:
@@ -96,6 +113,7 @@ def _distinct(names: Sequence[str], taken: Collection[str]) -> list[str]:
         # What is another's own name stays that one's.
         while one in taken or one in given or (count > 1 and one in names):
             count += 1
-            one = f"{start[: _LONGEST - len(str(count)) - 1]}_{count}"
+            end = f"_{count}"
+            one = start[: _LONGEST - len(end)] + end
         given.append(one)
     return given

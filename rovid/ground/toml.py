@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -55,18 +56,25 @@ def read_toml(path: Path, mend: str = "") -> dict[str, Any]:
         raise too_deep from error
     except ValueError as error:  # of a number with thousands of digits too
         raise ConfigError(f"is not valid TOML: {str(error).partition(';')[0]}.", where=path, mend=mend) from error
-    open_places: list[tuple[tuple[str, ...], Any]] = [((), document)]
-    while open_places:
-        place, value = open_places.pop()
+    for place, value in _everything(document):
         if len(place) > _DEPTH:
             raise too_deep
         if isinstance(value, int) and abs(value) >= _INTEGER:
             raise ConfigError("is an integer beyond 64 bits.", where=f"{path}: {_words(place)}", mend=mend)
-        if isinstance(value, dict):
-            open_places += [((*place, key), inside) for key, inside in value.items()]
-        elif isinstance(value, list):
-            open_places += [((*place, str(index + 1)), inside) for index, inside in enumerate(value)]
     return document
+
+
+def _everything(document: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Each value and the keys that lead to it, the document itself first."""
+    # A list of what is to be looked at, in place of a function that calls itself: depth is what is to be found out.
+    waiting: list[tuple[tuple[str, ...], Any]] = [((), document)]
+    while waiting:
+        place, value = waiting.pop()
+        yield place, value
+        if isinstance(value, dict):
+            waiting += [((*place, key), inside) for key, inside in value.items()]
+        elif isinstance(value, list):
+            waiting += [((*place, str(number)), inside) for number, inside in enumerate(value, 1)]
 
 
 def _words(place: tuple[str, ...]) -> str:

@@ -43,22 +43,24 @@ def check_logs(paths: Sequence[Path], config: Config) -> Check:
         except RovidError as error:
             problems[name] = str(error)
     # One recording in two formats is one run.
-    advice = advise(without_twins([trial for trial, _ in rows], remarks), config.vehicle)
+    trials = [trial for trial, _ in rows]
+    advice = advise(without_twins(trials, remarks), config.vehicle)
     return Check(rows=tuple(rows), problems=problems, remarks=tuple(remarks), advice=tuple(advice))
 
 
 def _facts(trial: Trial, config: Config) -> dict[str, Any]:
     torque = config.vehicle.torque(trial)
     position = trial.position[trial.measured]
-    measured = trial.rate[trial.measured] if trial.integrated and trial.rate is not None else position
-    noise, travel = white_noise(measured), float(np.sum(np.abs(np.diff(position))))
+    measured = position
+    if trial.integrated and trial.rate is not None:
+        measured = trial.rate[trial.measured]
     return {
         "duration": trial.duration,
         "samples": int(trial.measured.sum()),
         "sample_rate": 1.0 / trial.period,
         "measured": config.measured,
-        "noise": noise,
-        "travel": travel,
+        "noise": white_noise(measured),
+        "travel": float(np.sum(np.abs(np.diff(position)))),
         f"{trial.axis.push}_range": [float(torque.min()), float(torque.max())],
         "held_commands": len(find_holds(trial, config.vehicle, torque)),
         "sine_runs": len(find_sines(trial, torque)),

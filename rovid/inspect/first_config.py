@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from rovid.ground.quoting import toml_text
 from rovid.inspect.signals import Guess, Guesses, Seen, Thrusting, guess
 from rovid.readers.csv_header import read_layout
 from rovid.readers.formats import READERS
-from rovid.readers.raw import Channel, sensible
+from rovid.readers.raw import Channel, Contents, sensible
 
 GUESSED_CURVE = "thrust_guess.csv"
 # Logs are many and alike: so many of each format tell enough.
@@ -63,6 +63,32 @@ class Survey:
     lacking: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Looked:
+    """What was read, by format, and what was in the way."""
+
+    logs: dict[str, list[Mapping[str, Seen]]] = field(default_factory=dict)
+    names: dict[str, list[str]] = field(default_factory=dict)
+    clocks: dict[str, str] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+
+    def add(self, path: Path) -> None:
+        """Read one log more, where its format has not been seen often enough."""
+        kind = READERS[path.suffix.lower()].kind
+        logs = self.logs.setdefault(kind, [])
+        if len(logs) >= _LOGS or _is_table(path):
+            return
+        try:
+            clock, seen, left_out = _seen(path)
+        except RovidError as error:
+            self.problems.append(str(error))
+            return
+        self.problems.extend(left_out)
+        self.clocks.setdefault(kind, clock)
+        self.names.setdefault(kind, []).append(path.name)
+        logs.append(seen)
+
+
 def survey(paths: Sequence[Path]) -> Survey:
     """Look at the logs in ``paths``.
 
@@ -72,57 +98,70 @@ def survey(paths: Sequence[Path]) -> Survey:
         There are no logs, none can be read, or none holds a heading or a command.
     """
     folder = _folder(paths)
-    logs: dict[str, list[Mapping[str, Seen]]] = {}
-    clocks: dict[str, str] = {}
-    names: dict[str, list[str]] = {}
-    problems: list[str] = []
-    for path in _files(paths, problems):
-        kind = READERS[path.suffix.lower()].kind
-        if len(logs.setdefault(kind, [])) >= _LOGS or _is_table(path):
-            continue
-        try:
-            clock, seen, left_out = _seen(path)
-        except RovidError as error:
-            problems.append(str(error))
-            continue
-        problems += left_out
-        clocks.setdefault(kind, clock)
-        logs[kind].append(seen)
-        names.setdefault(kind, []).append(path.name)
-    every = {kind: guess(found) for kind, found in logs.items() if found}
-    if not every:
-        raise DataError(problems[0] if problems else "holds no logs.", where="" if problems else folder)
-    unknown = [_not_recognised(found, logs[kind], folder, problems) for kind, found in every.items() if found.lacking]
-    guesses = {kind: found for kind, found in every.items() if not found.lacking}
-    if not guesses:
-        raise unknown[0]
-    problems += map(str, unknown)
-    curve, guessed = _curve(folder, [one for found in guesses.values() for one in found.commands], problems)
-    lacking = [
-        text
-        for kind, found in guesses.items()
-        for name, log in zip(names[kind], logs[kind], strict=True)
-        if (text := _lacks(name, log, found))
-    ]
+    looked = _Looked()
+    for path in _files(paths, looked.problems):
+        looked.add(path)
+    guesses = _recognised(looked, folder)
+    commands = list(_commands(guesses))
+    curve, guessed = _curve(folder, commands, looked.problems)
     return Survey(
         folder=folder,
         guesses=guesses,
-        clocks=clocks,
+        clocks=looked.clocks,
         curve=curve,
         curve_guessed=guessed,
-        logs=sum(map(len, logs.values())),
-        lacking=(*problems, *lacking),
+        logs=sum(map(len, looked.logs.values())),
+        lacking=(*looked.problems, *_lacking(looked, guesses)),
     )
 
 
 def _folder(paths: Sequence[Path]) -> Path:
-    return paths[0] if paths[0].is_dir() else paths[0].parent
+    first = paths[0]
+    if first.is_dir():
+        return first
+    return first.parent
 
 
-def _lacks(name: str, log: Mapping[str, Seen], found: Guesses) -> str:
-    turning = [one.source for one in found.commands if one.way] or [one.source for one in found.commands]
-    missing = [source for source in (*(one.source for one in found.signals.values()), *turning) if source not in log]
-    return f"{name}: holds no {', '.join(missing)}; is it of another vehicle?" if missing else ""
+def _recognised(looked: _Looked, folder: Path) -> dict[str, Guesses]:
+    """What the sources are, of each format in which a heading and a command were found."""
+    every = {kind: guess(logs) for kind, logs in looked.logs.items() if logs}
+    if not every and looked.problems:
+        raise DataError(looked.problems[0], where="")
+    if not every:
+        raise DataError("holds no logs.", where=folder)
+    guesses, unknown = {}, []
+    for kind, found in every.items():
+        if found.lacking:
+            unknown.append(_not_recognised(found, looked.logs[kind], folder, looked.problems))
+        else:
+            guesses[kind] = found
+    if not guesses:
+        raise unknown[0]
+    looked.problems.extend(map(str, unknown))
+    return guesses
+
+
+def _commands(guesses: Mapping[str, Guesses]) -> Iterator[Thrusting]:
+    """Those of every format."""
+    for found in guesses.values():
+        yield from found.commands
+
+
+def _lacking(looked: _Looked, guesses: Mapping[str, Guesses]) -> Iterator[str]:
+    """What `rovid check` will say of each log without a signal that is mapped."""
+    for kind, found in guesses.items():
+        mapped = [guessed.source for guessed in found.signals.values()]
+        mapped += _turning(found.commands)
+        for name, log in zip(looked.names[kind], looked.logs[kind], strict=True):
+            missing = [source for source in mapped if source not in log]
+            if missing:
+                yield f"{name}: holds no {', '.join(missing)}; is it of another vehicle?"
+
+
+def _turning(commands: Sequence[Thrusting]) -> list[str]:
+    """Sources of the commands that turn the vehicle; of all where none is known to."""
+    turning = [command.source for command in commands if command.way]
+    return turning or [command.source for command in commands]
 
 
 def _files(paths: Sequence[Path], problems: list[str]) -> Iterator[Path]:
@@ -131,8 +170,10 @@ def _files(paths: Sequence[Path], problems: list[str]) -> Iterator[Path]:
 
     for path in paths:
         inside = search(path, unreadable)
-        problems += [f"{one}: is {what}." for one, what in inside.odd.items()]
-        yield from (one for one in inside.files if one.suffix.lower() in READERS)
+        problems += [f"{odd}: is {what}." for odd, what in inside.odd.items()]
+        for file in inside.files:
+            if file.suffix.lower() in READERS:
+                yield file
 
 
 def _is_table(path: Path) -> bool:
@@ -152,22 +193,30 @@ def _seen(path: Path) -> tuple[str, dict[str, Seen], list[str]]:
     found = form.sources(path)
     if not found.sources:
         raise DataError("holds no column of numbers.", where=path, mend=next(iter(found.left_out), ""))
-    # An orientation is made into a heading where that is asked for.
-    names = {source: "heading" if source.endswith(_ORIENTATIONS) else source for source in found.sources}
-    signals = {name: Signal(name=name, sources={form.kind: source}, optional=True) for source, name in names.items()}
-    time = Signal(name="time", sources={form.kind: found.clock} if found.clock else {}, unit="auto")
-    config = Config(
+    raw = form.read(path, _config_of_all(path, form.kind, found))
+    timed = [channel for channel in raw.channels.values() if sensible(channel.time).any()]
+    seen = {channel.source: _sane(channel) for channel in timed}
+    skipped = [remark.text for remark in raw.remarks if remark.kind == "skipped"]
+    left_out = dict.fromkeys((*found.left_out, *skipped))
+    return found.clock, seen, _few(path, left_out)
+
+
+def _config_of_all(path: Path, kind: str, found: Contents) -> Config:
+    """A configuration that maps every source of a log, each under its own name."""
+    signals = {}
+    for source in found.sources:
+        # An orientation is made into a heading where that is asked for.
+        name = "heading" if source.endswith(_ORIENTATIONS) else source
+        signals[name] = Signal(name=name, sources={kind: source}, optional=True)
+    clock = {kind: found.clock} if found.clock else {}
+    return Config(
         path=path,
         vehicle=Vehicle(name="", thrusters=()),
-        time=time,
+        time=Signal(name="time", sources=clock, unit="auto"),
         signals=signals,
         commands=(),
         measured=next(iter(signals)),
     )
-    raw = form.read(path, config)
-    skipped = (remark.text for remark in raw.remarks if remark.kind == "skipped")
-    seen = {one.source: _sane(one) for one in raw.channels.values() if sensible(one.time).any()}
-    return found.clock, seen, _few(path, dict.fromkeys((*found.left_out, *skipped)))
 
 
 def _sane(one: Channel) -> Seen:
@@ -180,17 +229,20 @@ def _sane(one: Channel) -> Seen:
 def _few(path: Path, texts: Iterable[str]) -> list[str]:
     """The first of ``texts``, and how many more there are."""
     every = list(texts)
-    more = [f"{path}: {len(every) - _SHOWN} more cannot be read."] if len(every) > _SHOWN else []
-    return every[:_SHOWN] + more
+    more = len(every) - _SHOWN
+    if more <= 0:
+        return every
+    return [*every[:_SHOWN], f"{path}: {more} more cannot be read."]
 
 
 def _not_recognised(
     found: Guesses, logs: Sequence[Mapping[str, Seen]], folder: Path, problems: Sequence[str]
 ) -> DataError:
-    there = sorted({source for log in logs for source in log})
+    there = sorted(set().union(*logs))
+    missing = " and no ".join(found.lacking)
     unread = f" What could not be read: {problems[0]}" if problems else ""
     return DataError(
-        f"no {' and no '.join(found.lacking)} was recognised among {', '.join(there[:20])}.{unread}",
+        f"no {missing} was recognised among {', '.join(there[:20])}.{unread}",
         where=folder,
         mend=f"Write {FILE_NAME} by hand: see the README, sample_logs for examples, and docs/axes.md where the runs "
         "are along another axis than yaw, which alone is guessed.",
@@ -199,25 +251,32 @@ def _not_recognised(
 
 def _curve(folder: Path, commands: Sequence[Thrusting], problems: list[str]) -> tuple[str, ThrustCurve | None]:
     """A curve beside the logs that knows these commands, or a straight line."""
-    lowest, highest = min(one.lowest for one in commands), max(one.highest for one in commands)
+    lowest = min(command.lowest for command in commands)
+    highest = max(command.highest for command in commands)
     for path in search(folder, lambda _: None).files:
-        if path.parent == folder and path.name != GUESSED_CURVE and _is_table(path):
-            try:
-                curve = read_curve(path)
-            except RovidError as error:
-                problems.append(str(error))
-                continue
-            room = 0.01 * curve.span
-            if curve.command[0] <= lowest + room and highest - room <= curve.command[-1]:
-                return path.name, None
-    neutral = commands[0].neutral
+        if path.parent != folder or path.name == GUESSED_CURVE or not _is_table(path):
+            continue
+        try:
+            curve = read_curve(path)
+        except RovidError as error:
+            problems.append(str(error))
+            continue
+        room = 0.01 * curve.span
+        if curve.command[0] <= lowest + room and highest - room <= curve.command[-1]:
+            return path.name, None
+    return GUESSED_CURVE, _straight(lowest, highest, commands[0].neutral)
+
+
+def _straight(lowest: float, highest: float, neutral: float) -> ThrustCurve:
+    """Thrust in proportion to the command, from below the lowest to above the highest."""
     if neutral:
         ends = np.array([min(_PULSES[0], lowest), neutral, max(_PULSES[-1], highest)])
     else:
         most = _ROOM * max(abs(lowest), abs(highest))
         ends = np.array([-most, 0.0, most])
-    thrust = _FULL_THRUST * (ends - neutral) / np.max(np.abs(ends - neutral))
-    return GUESSED_CURVE, ThrustCurve(command=ends, thrust=thrust)
+    above = ends - neutral
+    thrust = _FULL_THRUST * above / np.max(np.abs(above))
+    return ThrustCurve(command=ends, thrust=thrust)
 
 
 def outputs_beside(paths: Sequence[Path]) -> tuple[Output, Output]:
@@ -250,7 +309,9 @@ def toml_of(found: Survey) -> str:
 
 def logs_in_words(found: Survey) -> str:
     """How many logs were looked at."""
-    return "one log" if found.logs == 1 else f"{found.logs} logs"
+    if found.logs == 1:
+        return "one log"
+    return f"{found.logs} logs"
 
 
 def _head(found: Survey) -> Iterator[str]:
@@ -266,16 +327,19 @@ def _head(found: Survey) -> Iterator[str]:
 
 
 def _thrusters(found: Survey) -> Iterator[str]:
-    turning = {one.name for guesses in found.guesses.values() for one in guesses.commands if one.way}
-    names = list(dict.fromkeys(one.name for guesses in found.guesses.values() for one in guesses.commands))
     if found.curve_guessed is not None:
         yield ""
         yield f"# {found.curve} is a guess: thrust in proportion to the command, {_FULL_THRUST:g} N at its end. Until a"
         yield "# bench curve takes its place, inertia and drag are right among themselves, not in size, and the"
         yield "# diagnosis finds the drive's dead band as one."
-    for name in names:
-        ones = {kind: one for kind, g in found.guesses.items() for one in g.commands if one.name == name}
-        mark = "" if name in turning or not turning else "# "
+    named: dict[str, dict[str, Thrusting]] = {}
+    for kind, guesses in found.guesses.items():
+        for command in guesses.commands:
+            named.setdefault(command.name, {})[kind] = command
+    turning = {command.name for command in _commands(found.guesses) if command.way}
+    for name, ones in named.items():
+        # Where some are known to turn the vehicle, the others wait for the user to say so.
+        mark = "# " if turning and name not in turning else ""
         way = next((one.way for one in ones.values() if one.way), 1)
         yield ""
         yield from _why(ones)
@@ -283,7 +347,8 @@ def _thrusters(found: Survey) -> Iterator[str]:
         yield f"{mark}name = {toml_text(name)}"
         yield f"{mark}yaw_arm = {way:.1f}     # m: the sense is that of the logs, the distance is not in them"
         yield f"{mark}curve = {toml_text(found.curve)}"
-        yield f"{mark}command = {_sources({kind: one.source for kind, one in ones.items()})}"
+        sources = {kind: one.source for kind, one in ones.items()}
+        yield f"{mark}command = {_sources(sources)}"
 
 
 def _signals(found: Survey) -> Iterator[str]:
@@ -292,9 +357,11 @@ def _signals(found: Survey) -> Iterator[str]:
     clocks = {kind: clock for kind, clock in found.clocks.items() if clock and kind in found.guesses}
     if clocks:
         yield f"time = {_sources(clocks)}"
-    names = list(dict.fromkeys(name for guesses in found.guesses.values() for name in guesses.signals))
-    for name in names:
-        ones = {kind: g.signals[name] for kind, g in found.guesses.items() if name in g.signals}
+    named: dict[str, dict[str, Guess]] = {}
+    for kind, guesses in found.guesses.items():
+        for name, signal in guesses.signals.items():
+            named.setdefault(name, {})[kind] = signal
+    for name, ones in named.items():
         yield from _why(ones)
         yield f"{name} = {_signal(ones)}"
 
@@ -302,13 +369,16 @@ def _signals(found: Survey) -> Iterator[str]:
 def _signal(ones: Mapping[str, Guess]) -> str:
     first = next(iter(ones.values()))
     parts = [f"{kind} = {toml_text(one.source)}" for kind, one in ones.items()]
-    parts += [f"unit = {toml_text(first.unit)}"] if first.unit else []
-    parts += ["sign = -1"] if first.sign < 0 else []
+    if first.unit:
+        parts.append(f"unit = {toml_text(first.unit)}")
+    if first.sign < 0:
+        parts.append("sign = -1")
     return "{ " + ", ".join(parts) + " }"
 
 
 def _sources(sources: Mapping[str, str]) -> str:
-    return "{ " + ", ".join(f"{kind} = {toml_text(source)}" for kind, source in sources.items()) + " }"
+    parts = [f"{kind} = {toml_text(source)}" for kind, source in sources.items()]
+    return "{ " + ", ".join(parts) + " }"
 
 
 def _why(ones: Mapping[str, Guess] | Mapping[str, Thrusting]) -> Iterator[str]:

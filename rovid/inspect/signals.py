@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -82,25 +82,38 @@ def guess(logs: Sequence[Mapping[str, Seen]]) -> Guesses:
             every.setdefault(source, []).append(seen)
     # A log without a signal that is mapped cannot be read: what is not needed has to be in all of them.
     shared = {source: seen for source, seen in every.items() if len(seen) == len(logs)}
-    signals: dict[str, Guess] = {}
     heading = _heading(every)
-    if heading is not None:
-        signals["heading"] = heading
-        rate = _yaw_rate(shared, logs, heading)
-        if rate is not None:
-            signals["yaw_rate"] = rate
-    for name, known in (("roll", {"roll", "phi"}), ("pitch", {"pitch", "theta"})):
-        found = _angle(shared, known, heading)
-        if found is not None:
-            signals[name] = found
-    taken = {one.source for one in signals.values()}
-    commands = _commands({source: every[source] for source in every if source not in taken}, logs, heading)
-    supply = next((s for s in shared if words(s) & _SUPPLY and not words(s) & _NOT_VOLTS and s not in taken), None)
+    signals = _motions(shared, logs, heading)
+    taken = {signal.source for signal in signals.values()}
+    free = {source: seen for source, seen in every.items() if source not in taken}
+    commands = _commands(free, logs, heading)
+    supply = _supply(shared, taken)
     if supply is not None:
         signals["supply_voltage"] = Guess(source=supply, why="named so; the diagnosis tests what depends on it")
-        commands = tuple(one for one in commands if one.source != supply)
+        commands = tuple(command for command in commands if command.source != supply)
     lacking = [what for what, there in (("heading", heading), ("command", commands)) if not there]
     return Guesses(signals=signals, commands=commands, lacking=tuple(lacking))
+
+
+def _motions(
+    shared: Mapping[str, Sequence[Seen]], logs: Sequence[Mapping[str, Seen]], heading: Guess | None
+) -> dict[str, Guess]:
+    """Heading, rate and tilts, as far as they are there."""
+    found = {"heading": heading}
+    if heading is not None:
+        found["yaw_rate"] = _yaw_rate(shared, logs, heading)
+    found["roll"] = _angle(shared, {"roll", "phi"}, heading)
+    found["pitch"] = _angle(shared, {"pitch", "theta"}, heading)
+    return {name: guessed for name, guessed in found.items() if guessed is not None}
+
+
+def _supply(shared: Iterable[str], taken: set[str]) -> str | None:
+    """The first source that is named as the voltage of the supply."""
+    for source in shared:
+        named = words(source)
+        if named & _SUPPLY and not named & _NOT_VOLTS and source not in taken:
+            return source
+    return None
 
 
 def _finite(seen: Sequence[Seen]) -> FloatArray:
@@ -109,27 +122,34 @@ def _finite(seen: Sequence[Seen]) -> FloatArray:
 
 
 def _declared(source: str) -> str:
-    return next((unit for word, unit in _UNITS.items() if word in words(source)), "")
+    named = words(source)
+    for word, unit in _UNITS.items():
+        if word in named:
+            return unit
+    return ""
 
 
 def _heading(every: Mapping[str, Sequence[Seen]]) -> Guess | None:
     """By its name; without one, by jumps of a whole turn."""
-    named = [
-        source
-        for source in every
-        if words(source) & _HEADING and not words(source) & (_NOT_MEASURED | _RATES | _COMMAND)
-    ]
-    turned = next((source for source, seen in every.items() if seen[0].radians), None)
-    if turned is not None and not named:
-        return Guess(source=turned, unit="rad", why="an orientation, of which the heading is made")
-    others = [source for source in every if not words(source) & (_NOT_MEASURED | _RATES | _COMMAND | _VOLTS)]
-    found = [(source, *_turning(source, every[source])) for source in (named or others)]
-    found = [one for one in found if one[1] and (named or "jumps" in one[2])]
-    if not found:
-        return None
-    # The one that jumps is an angle for sure; of several the finest.
-    source, unit, why = max(found, key=lambda one: ("jumps" in one[2], len(np.unique(_finite(every[one[0]])))))
-    return Guess(source=source, unit=unit, why=("named so; " if source in named else "") + why)
+    measured = [source for source in every if not words(source) & (_NOT_MEASURED | _RATES | _COMMAND)]
+    named = [source for source in measured if words(source) & _HEADING]
+    turned = [source for source, seen in every.items() if seen[0].radians]
+    if turned and not named:
+        return Guess(source=turned[0], unit="rad", why="an orientation, of which the heading is made")
+    best, best_rank = None, (False, 0)
+    for source in named or measured:
+        if not named and words(source) & _VOLTS:
+            continue
+        unit, why = _turning(source, every[source])
+        jumps = "jumps" in why
+        if not unit or not (named or jumps):
+            continue
+        # The one that jumps is an angle for sure; of several the finest.
+        rank = (jumps, len(np.unique(_finite(every[source]))))
+        if best is None or rank > best_rank:
+            said = f"named so; {why}" if named else why
+            best, best_rank = Guess(source=source, unit=unit, why=said), rank
+    return best
 
 
 def _turning(source: str, seen: Sequence[Seen]) -> tuple[str, str]:
@@ -139,9 +159,10 @@ def _turning(source: str, seen: Sequence[Seen]) -> tuple[str, str]:
         return "", ""
     low, high = float(values.min()), float(values.max())
     span = f"{low:.4g} to {high:.4g}"
+    steps = np.concatenate([np.abs(np.diff(one.values)) for one in seen])
     for unit, turn in _TURN.items():
-        steps = np.concatenate([np.abs(np.diff(one.values)) for one in seen])
-        if -1.01 * turn / 2 <= low and high <= 1.01 * turn and np.any(np.abs(steps - turn) < 0.1 * turn):
+        within = -1.01 * turn / 2 <= low and high <= 1.01 * turn
+        if within and np.any(np.abs(steps - turn) < 0.1 * turn):
             return unit, f"{span}, and it jumps by {turn:.4g}, a whole turn"
     declared = _declared(source)
     if declared in _TURN:
@@ -153,48 +174,72 @@ def _turning(source: str, seen: Sequence[Seen]) -> tuple[str, str]:
 
 def _angle(every: Mapping[str, Sequence[Seen]], known: set[str], heading: Guess | None) -> Guess | None:
     """By its name; a tilt is small in either unit, and mostly in that of the heading."""
-    for source in every:
-        if words(source) & known and not words(source) & (_NOT_MEASURED | _RATES | _COMMAND):
-            values = _finite(every[source])
-            if len(values) < _FEWEST:
-                continue
-            span = f"{values.min():.3g} to {values.max():.3g}"
-            if declared := _declared(source):
-                return Guess(source=source, unit=declared, why=f"named so; {span}")
-            if float(np.max(np.abs(values))) > 0.5 * np.pi:
-                return Guess(source=source, unit="deg", why=f"named so; {span}, more than upright in radians")
-            unit, like = ("deg", "") if heading is None else (heading.unit, " like the heading")
-            return Guess(source=source, unit=unit, why=f"named so; {span}: taken for {unit}{like}")
+    for source, seen in every.items():
+        named = words(source)
+        if not named & known or named & (_NOT_MEASURED | _RATES | _COMMAND):
+            continue
+        values = _finite(seen)
+        if len(values) < _FEWEST:
+            continue
+        unit, why = _tilt_unit(source, values, heading)
+        return Guess(source=source, unit=unit, why=f"named so; {values.min():.3g} to {values.max():.3g}{why}")
     return None
+
+
+def _tilt_unit(source: str, values: FloatArray, heading: Guess | None) -> tuple[str, str]:
+    """Unit of a tilt, and why that."""
+    declared = _declared(source)
+    if declared:
+        return declared, ""
+    if float(np.max(np.abs(values))) > 0.5 * np.pi:
+        return "deg", ", more than upright in radians"
+    if heading is None:
+        return "deg", ": taken for deg"
+    return heading.unit, f": taken for {heading.unit} like the heading"
 
 
 def _yaw_rate(every: Mapping[str, Sequence[Seen]], logs: Sequence[Mapping[str, Seen]], heading: Guess) -> Guess | None:
     """A gyro that goes with the heading's own rate, which tells unit and sense too."""
     for source in every:
-        named = words(source)
-        about = named & _HEADING or "z" in named or "r" in named
-        if source == heading.source or not named & _RATES or not about or named & _NOT_MEASURED:
+        if source == heading.source or not _named_yaw_rate(words(source)):
             continue
-        pairs = [_side_by_side(log, heading, source) for log in logs if heading.source in log and source in log]
-        own, logged = (np.concatenate(column) for column in zip(*pairs, strict=True)) if pairs else (np.empty(0),) * 2
+        own, logged = _in_all(logs, heading, source)
         if len(own) < _FEWEST or not np.std(own) > 0.0 or not np.std(logged) > 0.0:
             continue
         alike = float(np.corrcoef(own, logged)[0, 1])
         if abs(alike) < 0.7:
             continue
         ratio = abs(float(logged @ own / (own @ own)))
+        # In the middle, as a ratio, between the same unit and degrees for radians.
         unit = "deg/s" if ratio > np.sqrt(180.0 / np.pi) else "rad/s"
-        sense = "as the heading's" if alike > 0.0 else "against the heading's: turned around here"
-        return Guess(source=source, unit=unit, sign=1 if alike > 0.0 else -1, why=f"named so; it goes {sense}")
+        sign, sense = (1, "as the heading's") if alike > 0.0 else (-1, "against the heading's: turned around here")
+        return Guess(source=source, unit=unit, sign=sign, why=f"named so; it goes {sense}")
     return None
+
+
+def _named_yaw_rate(named: set[str]) -> bool:
+    about_vertical = named & (_HEADING | {"z", "r"})
+    return bool(about_vertical and named & _RATES and not named & _NOT_MEASURED)
+
+
+def _in_all(logs: Sequence[Mapping[str, Seen]], heading: Guess, source: str) -> tuple[FloatArray, FloatArray]:
+    """The heading's own rates and those of ``source``, side by side, of all logs that hold both."""
+    own, logged = [np.empty(0)], [np.empty(0)]
+    for log in logs:
+        if heading.source in log and source in log:
+            rate, other = _side_by_side(log, heading, source)
+            own.append(rate)
+            logged.append(other)
+    return np.concatenate(own), np.concatenate(logged)
 
 
 def _radians(heading: Guess, seen: Seen) -> tuple[FloatArray, FloatArray]:
     """(n,) s and the unwrapped heading in rad."""
     known = np.flatnonzero(np.isfinite(seen.values) & np.isfinite(seen.time))
     if known.size:
+        stamps = seen.time[known]
         # A stamp of before the clock was set, or a damaged one, is years away.
-        known = known[np.abs(seen.time[known] - np.median(seen.time[known])) < _LONGEST]
+        known = known[np.abs(stamps - np.median(stamps)) < _LONGEST]
     scale = 2.0 * np.pi / _TURN[heading.unit]
     return seen.time[known], np.unwrap(seen.values[known] * scale)
 
@@ -216,54 +261,72 @@ def _side_by_side(log: Mapping[str, Seen], heading: Guess, source: str) -> tuple
     known = np.isfinite(other.values)
     if not known.any() or not rate.size:
         return np.empty(0), np.empty(0)
-    return rate, np.interp(0.5 * (time[1:] + time[:-1]), other.time[known], other.values[known])
+    middles = 0.5 * (time[1:] + time[:-1])
+    return rate, np.interp(middles, other.time[known], other.values[known])
 
 
 def _commands(
     every: Mapping[str, Sequence[Seen]], logs: Sequence[Mapping[str, Seen]], heading: Guess | None
 ) -> tuple[Thrusting, ...]:
     """By their names; which of them turns the vehicle is told by how its rate changes."""
-    found = {
-        source: values
-        for source, seen in every.items()
-        if _commands_something(words(source)) and not words(source) & (CLOCK | _SUPPLY)
-        if len(values := _finite(seen)) and np.ptp(values) > 0.0
-    }
-    # What a person or an autopilot asks for goes to the thrusters by way of their own pulses, where those are logged.
-    pulses = {source: values for source, values in found.items() if _neutral(values) == _REST}
-    found = pulses or found
+    found = _moving(every)
     neutral = {source: _neutral(values) for source, values in found.items()}
-    ways = {} if heading is None or not found else _ways(neutral, logs, heading)
+    # What a person or an autopilot asks for goes to the thrusters by way of their own pulses, where those are logged.
+    pulses = {source: rest for source, rest in neutral.items() if rest == _REST}
+    neutral = pulses or neutral
+    ways = _ways(neutral, logs, heading) if heading is not None and neutral else {}
+    names: list[str] = []
     commands: list[Thrusting] = []
-    for source, values in found.items():
+    for source, rest in neutral.items():
+        names.append(_thruster(source, names))
         way, sure = ways.get(source, (0, 0.0))
-        if way:
-            turns = f"more of it turns the heading {'up' if way > 0 else 'down'} ({sure:.0f} standard errors)"
-        else:
-            turns = "whether it turns the vehicle is not told by these logs"
-        span = f"{values.min():.4g} to {values.max():.4g}, no thrust at {neutral[source]:g}"
-        commands.append(
-            Thrusting(
-                name=_thruster(source, [one.name for one in commands]),
-                source=source,
-                way=way,
-                neutral=neutral[source],
-                lowest=float(values.min()),
-                highest=float(values.max()),
-                why=f"named so; {span}; {turns}",
-            )
+        values = found[source]
+        why = f"named so; {values.min():.4g} to {values.max():.4g}, no thrust at {rest:g}; {_turns(way, sure)}"
+        command = Thrusting(
+            name=names[-1],
+            source=source,
+            way=way,
+            neutral=rest,
+            lowest=float(values.min()),
+            highest=float(values.max()),
+            why=why,
         )
+        commands.append(command)
     return tuple(commands)
 
 
+def _moving(every: Mapping[str, Sequence[Seen]]) -> dict[str, FloatArray]:
+    """Values of each source that is named as a command, and moves."""
+    found = {}
+    for source, seen in every.items():
+        named = words(source)
+        if not _commands_something(named) or named & (CLOCK | _SUPPLY):
+            continue
+        values = _finite(seen)
+        if len(values) and np.ptp(values) > 0.0:
+            found[source] = values
+    return found
+
+
+def _turns(way: int, sure: float) -> str:
+    if not way:
+        return "whether it turns the vehicle is not told by these logs"
+    sense = "up" if way > 0 else "down"
+    return f"more of it turns the heading {sense} ({sure:.0f} standard errors)"
+
+
 def _commands_something(named: set[str]) -> bool:
+    if named & _COMMAND:
+        return True
     # A v is a sway velocity as well.
-    return bool(named & _COMMAND or (named & _VOLTS and named != {"v"} and not named & _NOT_VOLTAGES))
+    return bool(named & _VOLTS and named != {"v"} and not named & _NOT_VOLTAGES)
 
 
 def _neutral(values: FloatArray) -> float:
     low, high = _PULSE
-    return _REST if low <= values.min() and values.max() <= high and values.max() > 1.1 * low else 0.0
+    if low <= values.min() and values.max() <= high and values.max() > 1.1 * low:
+        return _REST
+    return 0.0
 
 
 def _ways(
@@ -281,23 +344,36 @@ def _ways(
         time, rate = _rates(heading, log[heading.source])
         if len(rate) < 3:
             continue
-        columns = [_mean(log[source], time) - rest for source, rest in neutral.items()]
-        rows.append(np.column_stack((np.ones(len(rate) - 1), rate[:-1], *(0.5 * (u[1:] + u[:-1]) for u in columns))))
+        means = []
+        for source, rest in neutral.items():
+            command = _mean(log[source], time) - rest
+            means.append(0.5 * (command[1:] + command[:-1]))
+        rows.append(np.column_stack((np.ones(len(rate) - 1), rate[:-1], *means)))
         rates.append(rate[1:])
     if sum(map(len, rates)) < _FEWEST:
         return {}
-    x, y = np.nan_to_num(np.concatenate(rows)), np.concatenate(rates)
+    sure = _significance(np.nan_to_num(np.concatenate(rows)), np.concatenate(rates))
+    ways = {}
+    # Before the commands stand the constant and the rate of the window before.
+    for source, one in zip(neutral, sure[2:], strict=True):
+        sense = int(np.sign(one)) if abs(one) > _SURE else 0
+        ways[source] = (sense, abs(float(one)))
+    return ways
+
+
+def _significance(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Each coefficient of a regression of ``y`` on the columns of ``x``, in its standard errors."""
     scale = np.linalg.norm(x, axis=0)
+    # Columns of one length: else a command in us would drown one in volts.
     x = x / np.where(scale > 0.0, scale, 1.0)
+    # Commands that always go together leave no plain inverse.
     inverse = np.linalg.pinv(x.T @ x, rcond=1e-6)
     values = inverse @ (x.T @ y)
     left = y - x @ values
     spread = np.sqrt(np.diag(inverse) * float(left @ left) / max(len(y) - len(values), 1))
-    sure = np.where(spread > 0.0, values / np.where(spread > 0.0, spread, 1.0), 0.0)[2:]
-    return {
-        source: (int(np.sign(one)) if abs(one) > _SURE else 0, abs(float(one)))
-        for source, one in zip(neutral, sure, strict=True)
-    }
+    # A column of zeros has no spread, and tells nothing.
+    known = spread > 0.0
+    return np.where(known, values / np.where(known, spread, 1.0), 0.0)
 
 
 def _mean(seen: Seen, time: FloatArray) -> FloatArray:
@@ -313,7 +389,10 @@ def _mean(seen: Seen, time: FloatArray) -> FloatArray:
 
 def _thruster(source: str, taken: Sequence[str]) -> str:
     """A name for people: the source without what only says that it is a command."""
-    parts = [p for p in re.split(r"[^\w]+|_", source) if p and p.lower() not in _SAYS_LITTLE]
+    parts = [part for part in re.split(r"[^\w]+|_", source) if part and part.lower() not in _SAYS_LITTLE]
     name = "_".join(parts).lower()
-    name = f"thruster_{name}" if not name or name.isdigit() else name
-    return name if name not in taken else f"{name}_{len(taken) + 1}"
+    if not name or name.isdigit():
+        name = f"thruster_{name}"
+    if name in taken:
+        return f"{name}_{len(taken) + 1}"
+    return name

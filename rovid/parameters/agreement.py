@@ -45,7 +45,9 @@ def _compared(entries: Mapping[str, Entry], estimate: Estimate, name: str) -> bo
 
 def _gap(entry: Entry, estimate: Estimate, name: str) -> float:
     joint = math.hypot(entry.standard_error, estimate.standard_error(name))
-    return abs(entry.value - estimate.value(name)) / joint if 0.0 < joint < math.inf else 0.0
+    if 0.0 < joint < math.inf:
+        return abs(entry.value - estimate.value(name)) / joint
+    return 0.0
 
 
 def _advice(entry: Entry, estimate: Estimate) -> str:

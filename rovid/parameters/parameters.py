@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from rovid import __version__
 from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.trial import Campaign
 from rovid.effects import effect_named
+from rovid.effects.base import Effect
 from rovid.ground.errors import ConfigError
 from rovid.ground.files import Claim, Output
 from rovid.ground.files.form import PARAMETERS
@@ -75,42 +76,27 @@ class Parameters:
 
     def with_estimate(self, estimate: Estimate) -> Parameters:
         """The same with the parameters of ``estimate`` put in or replaced."""
-        new = {
-            name: Entry(
-                value=estimate.value(name),
-                standard_error=estimate.standard_error(name),
-                unit=estimate.unit(name),
-                method=estimate.method,
-            )
-            for name in estimate.names
-            if name not in estimate.refused
-        }
-        kept = {pair: value for pair, value in self.covariance.items() if not set(pair) & set(estimate.names)}
-        fresh = {
-            (first, second): float(estimate.covariance[i, j])
-            for i, first in enumerate(estimate.names)
-            for j, second in enumerate(estimate.names)
-            if i <= j and first in new and second in new
-        }
+        stale = set(estimate.names)
+        covariance = {pair: value for pair, value in self.covariance.items() if stale.isdisjoint(pair)}
         # Effects belong to the fit that found them: another fit of the inertia does without, or finds them anew.
-        stale = set(estimate.names) | (
-            {name for name in self.entries if "." in name} if "inertia" in estimate.names else set()
-        )
+        if "inertia" in estimate.names:
+            stale.update(filter(_of_an_effect, self.entries))
         entries = {name: entry for name, entry in self.entries.items() if name not in stale}
-        return replace(self, entries=entries | new, covariance=kept | fresh)
+        entries |= _entries(estimate)
+        covariance |= _covariance(estimate)
+        return replace(self, entries=entries, covariance=covariance)
 
     def with_logs(self, paths: Sequence[Path], vehicle: str, campaign: Campaign | None) -> Parameters:
         """The same with the logs it rests on, each with its hash."""
-        sources = (
-            ()
-            if campaign is None
-            else tuple(_source(trial.name, trial.path, int(trial.measured.sum())) for trial in campaign.trials)
-        )
+        trials = () if campaign is None else campaign.trials
+        sources = tuple(_source(trial.name, trial.path, int(trial.measured.sum())) for trial in trials)
         return replace(self, vehicle=vehicle, logs=_absolute(paths), sources=sources)
 
     def entries_of(self, paths: Sequence[Path]) -> Mapping[str, Entry]:
         """What methods said of the logs at ``paths``; nothing where the file rests on others."""
-        return self.entries if self.logs == _absolute(paths) else {}
+        if self.logs == _absolute(paths):
+            return self.entries
+        return {}
 
     def drag(self) -> Estimate | None:
         """Quadratic and linear drag from elsewhere than the inertia; a refused linear drag is zero.
@@ -118,17 +104,16 @@ class Parameters:
         None where there is no drag, or where it was found together with the inertia: it cannot judge that inertia, and
         a second `rovid fit-inertia` has to give what the first gave.
         """
-        names, needed = ("quadratic_drag", "linear_drag"), "quadratic_drag"
-        together = self.covariance.get(("inertia", needed), 0.0) != 0.0
-        if needed not in self.entries or together or self.per_inertia:
+        names = ("quadratic_drag", "linear_drag")
+        quadratic, linear = map(self.entries.get, names)
+        together = self.covariance.get(("inertia", "quadratic_drag"), 0.0) != 0.0
+        if quadratic is None or together or self.per_inertia:
             return None
-        values = [self.entries[name].value if name in self.entries else 0.0 for name in names]
-        covariance = [[self.covariance.get((a, b), self.covariance.get((b, a), 0.0)) for b in names] for a in names]
         return Estimate(
             names=names,
-            values=np.array(values),
-            covariance=np.array(covariance),
-            method=self.entries[needed].method,
+            values=np.array([quadratic.value, _value(linear)]),
+            covariance=np.array(self._matrix(names)),
+            method=quadratic.method,
             samples=0,
             axis=self.axis,
         )
@@ -147,20 +132,18 @@ class Parameters:
         ConfigError
             Inertia, drag or a parameter of an effect is missing, or the drag ends any motion at once.
         """
-        for name, command in (("quadratic_drag", "fit-drag LOGS"), ("inertia", "fit-inertia")):
-            if name not in self.entries and not (name == "inertia" and self.per_inertia):
-                raise ConfigError(f"holds no {name}.", where=self.path, mend=f"Run `rovid {command}` first.")
-        linear = self.entries.get("linear_drag")
-        effects = tuple(effect_named(name) for name in self.effects)
-        for name in self._restoring:
-            if name not in self.entries:
-                raise ConfigError(f"holds no {name}.", where=self.path, mend="Run `rovid fit-inertia LOGS` first.")
-        for name in (f"{effect.key}.{parameter.name}" for effect in effects for parameter in effect.parameters):
-            if name not in self.entries:
-                mend = f"Run `rovid fit --effect {name.rpartition('.')[0]}`, or delete what is left of the effect."
-                raise ConfigError(f"holds no {name}.", where=self.path, mend=mend)
-        inertia = 1.0 if self.per_inertia else self.entries["inertia"].value
-        quadratic_drag, linear_drag = self.entries["quadratic_drag"].value, 0.0 if linear is None else linear.value
+        quadratic_drag = self._needed("quadratic_drag", "Run `rovid fit-drag LOGS` first.")
+        inertia = 1.0
+        if not self.per_inertia:
+            inertia = self._needed("inertia", "Run `rovid fit-inertia` first.")
+        linear_drag = _value(self.entries.get("linear_drag"))
+        effects = tuple(map(effect_named, self.effects))
+        # Behind the inertia and the two drags stands what weight and buoyancy do.
+        righting = base_names(self.axis)[3:]
+        restoring = [self._needed(name, "Run `rovid fit-inertia LOGS` first.") for name in righting]
+        effect_values: list[float] = []
+        for effect in effects:
+            effect_values += self._effect_values(effect)
         if quadratic_drag + linear_drag > _FASTEST * inertia:
             raise ConfigError(
                 f"the drag of {quadratic_drag:.3g} and {linear_drag:.3g} would end a motion at 1 {self.axis.rate_unit} "
@@ -173,15 +156,29 @@ class Parameters:
             quadratic_drag=quadratic_drag,
             linear_drag=linear_drag,
             effects=effects,
-            effect_values=tuple(self.entries[f"{e.key}.{p.name}"].value for e in effects for p in e.parameters),
+            effect_values=tuple(effect_values),
             axis=self.axis,
-            restoring_values=tuple(self.entries[name].value for name in self._restoring),
+            restoring_values=tuple(restoring),
         )
 
-    @property
-    def _restoring(self) -> tuple[str, ...]:
-        """Names of the parameters of what weight and buoyancy do."""
-        return base_names(self.axis)[3:]
+    def _needed(self, name: str, mend: str) -> float:
+        """The value of a parameter without which there is no model."""
+        if name not in self.entries:
+            raise ConfigError(f"holds no {name}.", where=self.path, mend=mend)
+        return self.entries[name].value
+
+    def _effect_values(self, effect: Effect) -> list[float]:
+        mend = f"Run `rovid fit --effect {effect.key}`, or delete what is left of the effect."
+        return [self._needed(f"{effect.key}.{parameter.name}", mend) for parameter in effect.parameters]
+
+    def _matrix(self, names: Sequence[str]) -> list[list[float]]:
+        """Covariance of ``names`` with each other."""
+        return [[self._covariance_of(first, second) for second in names] for first in names]
+
+    def _covariance_of(self, first: str, second: str) -> float:
+        if (first, second) in self.covariance:
+            return self.covariance[first, second]
+        return self.covariance.get((second, first), 0.0)
 
     @property
     def effects(self) -> list[str]:
@@ -191,8 +188,11 @@ class Parameters:
     def changed_sources(self, campaign: Campaign) -> list[str]:
         """Say which logs are not the ones that the parameters were fitted to."""
         known = {source.name: source.sha256 for source in self.sources}
-        trials = [(encodable(trial.name), trial.path) for trial in campaign.trials]
-        changed = [name for name, where in trials if name in known and sha256(where) != known[name]]
+        changed = []
+        for trial in campaign.trials:
+            name = encodable(trial.name)
+            if name in known and sha256(trial.path) != known[name]:
+                changed.append(name)
         if not changed:
             return []
         return [f"{', '.join(changed)}: not the same file as when the parameters were fitted."]
@@ -216,25 +216,56 @@ class Parameters:
         """The content of the file."""
         import tomli_w
 
-        names = [name for name in base_names(self.axis) if name in self.entries] + [
-            name for name in self.entries if "." in name
-        ]
-        matrix = [[self.covariance.get((a, b), self.covariance.get((b, a), 0.0)) for b in names] for a in names]
+        names = [name for name in base_names(self.axis) if name in self.entries]
+        names += filter(_of_an_effect, self.entries)
+        axis = {} if self.axis is YAW else {"axis": self.axis.name}
         document = {
             "schema": f"{SCHEMA}/{SCHEMA_VERSION}",
             "rovid_version": __version__,
             "written": datetime.now(UTC).replace(microsecond=0),
             "vehicle": self.vehicle,
-            **({} if self.axis is YAW else {"axis": self.axis.name}),
+            **axis,
             "logs": [_relative(path, self.path.parent) for path in self.logs],
-            "parameters": {
-                name: {"value": e.value, "standard_error": e.standard_error, "unit": e.unit, "method": e.method}
-                for name, e in ((name, self.entries[name]) for name in names)
-            },
-            "covariance": {"names": names, "matrix": matrix},
-            "sources": [{"name": s.name, "sha256": s.sha256, "samples": s.samples} for s in self.sources],
+            "parameters": {name: asdict(self.entries[name]) for name in names},
+            "covariance": {"names": names, "matrix": self._matrix(names)},
+            "sources": list(map(asdict, self.sources)),
         }
         return tomli_w.dumps(document)
+
+
+def _of_an_effect(name: str) -> bool:
+    return "." in name
+
+
+def _value(entry: Entry | None) -> float:
+    if entry is None:
+        return 0.0
+    return entry.value
+
+
+def _entries(estimate: Estimate) -> dict[str, Entry]:
+    """What an estimate says, but for what it refuses to say."""
+    entries = {}
+    for name in estimate.names:
+        if name not in estimate.refused:
+            entries[name] = Entry(
+                value=estimate.value(name),
+                standard_error=estimate.standard_error(name),
+                unit=estimate.unit(name),
+                method=estimate.method,
+            )
+    return entries
+
+
+def _covariance(estimate: Estimate) -> dict[tuple[str, str], float]:
+    """Each pair once, the one that is named first in front."""
+    found = {}
+    for i, first in enumerate(estimate.names):
+        for j, second in enumerate(estimate.names):
+            refused = first in estimate.refused or second in estimate.refused
+            if i <= j and not refused:
+                found[first, second] = float(estimate.covariance[i, j])
+    return found
 
 
 def _absolute(paths: Sequence[Path]) -> tuple[Path, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from rovid import __version__
 from rovid.campaign.axis import YAW, axis_named
+from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import ConfigError
 from rovid.ground.files.form import PARAMETERS
 from rovid.ground.places import refuse_odd
@@ -71,21 +73,9 @@ def _check_schema(path: Path, schema: object) -> None:
 
 
 def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
-    entries = {
-        name: Entry(
-            value=_number(e["value"], name),
-            standard_error=_number_or_nan(e["standard_error"], f"standard_error of {name}"),
-            unit=str(e["unit"]),
-            method=str(e["method"]),
-        )
-        for name, e in document["parameters"].items()
-    }
+    entries = {name: _entry(name, written) for name, written in document["parameters"].items()}
     for name, entry in entries.items():
-        # Drag may be zero, not negative.
-        if (name in base_names(YAW) and not entry.value >= 0.0) or (name == "inertia" and entry.value < SMALLEST):
-            raise ValueError(f"{name} is {entry.value:g}, which no vehicle has")
-        if entry.standard_error < 0.0:
-            raise ValueError(f"standard_error of {name} is {entry.standard_error:g}; zero or more was expected")
+        _check_entry(name, entry)
     return Parameters(
         path=path,
         vehicle=str(document.get("vehicle", "")),
@@ -93,10 +83,34 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
         logs=tuple((path.parent / str(item)).resolve() for item in document["logs"]),
         entries=entries,
         covariance=_covariance(document["covariance"]["names"], document["covariance"]["matrix"], entries),
-        sources=tuple(
-            Source(name=str(s["name"]), sha256=str(s["sha256"]), samples=_count(s["samples"]))
-            for s in document["sources"]
-        ),
+        sources=tuple(map(_source, document["sources"])),
+    )
+
+
+def _entry(name: str, written: Mapping[str, Any]) -> Entry:
+    return Entry(
+        value=_number(written["value"], name),
+        standard_error=_number_or_nan(written["standard_error"], f"standard_error of {name}"),
+        unit=str(written["unit"]),
+        method=str(written["method"]),
+    )
+
+
+def _check_entry(name: str, entry: Entry) -> None:
+    # Drag may be zero, not negative.
+    negative = name in base_names(YAW) and not entry.value >= 0.0
+    weightless = name == "inertia" and entry.value < SMALLEST
+    if negative or weightless:
+        raise ValueError(f"{name} is {entry.value:g}, which no vehicle has")
+    if entry.standard_error < 0.0:
+        raise ValueError(f"standard_error of {name} is {entry.standard_error:g}; zero or more was expected")
+
+
+def _source(written: Mapping[str, Any]) -> Source:
+    return Source(
+        name=str(written["name"]),
+        sha256=str(written["sha256"]),
+        samples=_count(written["samples"]),
     )
 
 
@@ -109,7 +123,9 @@ def _number(value: object, place: str, largest: float = LARGEST) -> float:
 
 def _number_or_nan(value: object, place: str, largest: float = LARGEST) -> float:
     """As ``_number``; NaN for an error that one reading alone cannot tell."""
-    return value if isinstance(value, float) and math.isnan(value) else _number(value, place, largest)
+    if isinstance(value, float) and math.isnan(value):
+        return value
+    return _number(value, place, largest)
 
 
 def _count(value: object) -> int:
@@ -136,17 +152,20 @@ def _covariance(
         if math.isnan(entry.standard_error) and not math.isnan(variance.get(name, 0.0)):
             raise ValueError(f"standard_error of {name} is nan; a number was expected")
     known = [i for i, name in enumerate(names) if not math.isnan(entries[name].standard_error)]
-    found = written.reshape(len(names), len(names))[np.ix_(known, known)]
+    _check_covariance(written.reshape(len(names), len(names))[np.ix_(known, known)])
+    pairs = combinations_with_replacement(enumerate(names), 2)
+    return {(first, second): float(written[i, j]) for (i, first), (j, second) in pairs}
+
+
+def _check_covariance(found: FloatArray) -> None:
     if np.isnan(found).any():
         raise ValueError("a covariance is nan; a number was expected")
     spread = np.sqrt(np.maximum(np.diag(found), 0.0))
     most = np.outer(spread, spread)
+    # As correlations all are of one size, whatever the units.
     correlation = np.divide(found, most, out=np.zeros_like(found), where=most > 0.0)
     if not np.allclose(correlation, correlation.T, rtol=0.0, atol=_ROUNDING):
         raise ValueError("the covariance is not symmetric")
-    if (
-        np.any(np.abs(found) > (1.0 + _ROUNDING) * most)
-        or np.linalg.eigvalsh(correlation).min(initial=0.0) < -_ROUNDING
-    ):
+    too_large = np.any(np.abs(found) > (1.0 + _ROUNDING) * most)
+    if too_large or np.linalg.eigvalsh(correlation).min(initial=0.0) < -_ROUNDING:
         raise ValueError("the covariance is none: a variance is negative, or parameters go together more than wholly")
-    return {(a, b): float(written[i, j]) for i, a in enumerate(names) for j, b in enumerate(names) if i <= j}

@@ -74,12 +74,14 @@ def read(path: Path, config: Config) -> RawLog:
     """
     topics = Topics(path, KIND, mapped(config, KIND, path), config.time)
     with _opened(path) as (connections, messages, damage):
-        handlers = {
-            one.number: handler
-            for one in connections
-            if (topic := topics.open(one.topic, mapping=False)) is not None
-            and (handler := topic.handler(partial(_decoder, path, one), mapping=False)) is not None
-        }
+        handlers = {}
+        for one in connections:
+            topic = topics.open(one.topic, mapping=False)
+            if topic is None:
+                continue
+            handler = topic.handler(partial(_decoder, path, one), mapping=False)
+            if handler is not None:
+                handlers[one.number] = handler
         for number, stamp, data in _until_damage(messages, handlers, damage):
             handlers[number](data, stamp, stamp)
     remarks = tuple(Remark(kind="truncated", count=1, text=text) for text in damage)
@@ -108,8 +110,11 @@ def sources(path: Path) -> Contents:
 def _until_damage(messages: _Messages, wanted: Collection[int], damage: list[str]) -> Iterator[tuple[int, int, bytes]]:
     """The messages of the connections ``wanted``; what ends them early is put into ``damage``."""
     try:
-        # An empty choice would be every connection to rosbags, and a damaged index leads to messages of any.
-        yield from (message for message in (messages(wanted) if wanted else ()) if message[0] in wanted)
+        # To rosbags an empty choice would be every connection.
+        for message in messages(wanted) if wanted else ():
+            # A damaged index leads to messages of any.
+            if message[0] in wanted:
+                yield message
     except Exception as error:  # noqa: BLE001 - damaged files make the libraries raise anything
         damage.append(f"The bag is cut or damaged ({str(error)[:100]}); what comes behind was not read.")
 
@@ -134,20 +139,21 @@ def _ros1(path: Path) -> Iterator[_Bag]:
     except Exception as error:
         raise _unreadable(path, error, "If it was not closed, `rosbag reindex` mends it; else leave it out.") from error
     reader.chunks = {at: chunk._replace(decompressor=_unpacker(chunk)) for at, chunk in reader.chunks.items()}
+
+    def messages(wanted: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+        chosen = [one for one in reader.connections if one.id in wanted]
+        for one, stamp, data in reader.messages(connections=chosen):
+            yield one.id, stamp, data
+
     try:
-        yield (
-            [
-                _Connection(number=c.id, topic=c.topic, kind=c.msgtype, encoding="ros1", definition=c.msgdef.data)
-                for c in reader.connections
-            ],
-            lambda wanted: (
-                (c.id, stamp, data)
-                for c, stamp, data in reader.messages(connections=[c for c in reader.connections if c.id in wanted])
-            ),
-            [],
-        )
+        yield list(map(_connection, reader.connections)), messages, []
     finally:
         reader.close()
+
+
+def _connection(one: Any) -> _Connection:
+    """As rosbags has it of a ROS 1 bag."""
+    return _Connection(number=one.id, topic=one.topic, kind=one.msgtype, encoding="ros1", definition=one.msgdef.data)
 
 
 def _unpacker(chunk: Any) -> Callable[[bytes], bytes]:
@@ -196,12 +202,11 @@ def _ros2(path: Path) -> Iterator[_Bag]:
                 raise sqlite3.DatabaseError(f"no table {min(lacking)}")
             # Bags up to ROS 2 Humble do not hold the definitions of their messages.
             definitions = dict(bag.execute(_DEFINITIONS)) if "message_definitions" in names else {}
-            connections = [
-                _Connection(
-                    number=number, topic=topic, kind=kind, encoding=encoding, definition=definitions.get(kind, "")
-                )
-                for number, topic, kind, encoding in bag.execute(_TOPICS)
-            ]
+            connections = []
+            for number, topic, kind, encoding in bag.execute(_TOPICS):
+                text = definitions.get(kind, "")
+                one = _Connection(number=number, topic=topic, kind=kind, encoding=encoding, definition=text)
+                connections.append(one)
             ((pages,),) = bag.execute("PRAGMA page_count")
             ((page,),) = bag.execute("PRAGMA page_size")
         except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite quotes what is damaged, text or not

@@ -83,7 +83,8 @@ class _Kind:
 
     def __init__(self, letters: str, labels: list[str]) -> None:
         fields = list(zip(labels, letters, strict=True))
-        self.labels, self.instance = labels, next((label for label, kind in _INSTANCES if (label, kind) in fields), "")
+        self.labels = labels
+        self.instance = next((label for label, kind in _INSTANCES if (label, kind) in fields), "")
         self.offsets = array("q")
         self.factors = {label: _FACTORS[letter] for label, letter in fields if letter in _FACTORS}
         self.layout = np.dtype([("", "V3"), *((label, _TYPES[letter]) for label, letter in fields)])
@@ -95,9 +96,15 @@ class _Kind:
         for at in self.offsets:
             found += data[at : at + size]
         rows = np.frombuffer(found, dtype=self.layout)
-        return {
-            label: rows[label] * self.factors[label] if label in self.factors else rows[label] for label in self.labels
-        }
+        columns = {label: rows[label] for label in self.labels}
+        for label, factor in self.factors.items():
+            columns[label] = columns[label] * factor
+        return columns
+
+
+def _text(padded: bytes) -> str:
+    """What stands before the first zero."""
+    return padded.split(b"\0", 1)[0].decode("ascii", errors="replace")
 
 
 class Log:
@@ -116,6 +123,7 @@ class Log:
         self._instances()
 
     def _walk(self) -> None:
+        # Looked up once, not at each of a million messages.
         data, lengths, takers, size = self.data, self._lengths, self._takers, len(self.data)
         at = lost = 0
         while at + 3 <= size:
@@ -123,7 +131,8 @@ class Log:
             length = lengths[kind]
             if head != 0xA3 or mark != 0x95 or not length:
                 after = data.find(_MARK, at + 1)
-                after = size if after < 0 else after
+                if after < 0:
+                    after = size
                 lost += after - at
                 at = after
                 continue
@@ -143,24 +152,29 @@ class Log:
     def _describe(self, at: int) -> None:
         """Take a FMT message: the length of a kind, and its fields if it is wanted."""
         number, length, *texts = _DESCRIPTION.unpack_from(self.data, at + 3)
-        name, letters, labels = (text.split(b"\0", 1)[0].decode("ascii", errors="replace") for text in texts)
+        name, letters, labels = map(_text, texts)
         names = labels.split(",") if labels else []
         if number == _FMT or number in self._names:
             return
-        whole = all(names) and len(names) == len(set(names)) == len(letters) and set(letters) <= set(_TYPES)
-        kind = _Kind(letters, names) if whole else None
-        if kind is None or kind.layout.itemsize != length:  # a damaged description would lead the walk astray
+        # A damaged description would lead the walk astray.
+        each_once = all(names) and len(names) == len(set(names)) == len(letters)
+        if not each_once or not set(letters) <= set(_TYPES):
             return
-        self._lengths[number], self._names[number], self.kinds[name] = length, name, kind
+        kind = _Kind(letters, names)
+        if kind.layout.itemsize != length:
+            return
+        self._lengths[number] = length
+        self._names[number] = name
+        self.kinds[name] = kind
         if name in self.wanted:
             self._takers[number] = kind.offsets.append
 
     def _instances(self) -> None:
         """Learn from FMTU which field tells sensors of one kind apart."""
         units = self.kinds.get("FMTU")
-        columns = units.columns(self.data) if units else {}
-        if not {"FmtType", "UnitIds"} <= set(columns):
+        if units is None or not {"FmtType", "UnitIds"} <= set(units.labels):
             return
+        columns = units.columns(self.data)
         for number, letters in zip(columns["FmtType"].tolist(), columns["UnitIds"].tolist(), strict=True):
             kind = self.kinds.get(self._names.get(number, ""))
             at = letters.find(b"#") if isinstance(letters, bytes) else -1

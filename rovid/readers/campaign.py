@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import filecmp
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ import numpy as np
 from rovid.campaign.config import Config
 from rovid.campaign.tables import CURVE_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS
 from rovid.campaign.trial import Campaign, Remark, Trial
+from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import LogError
 from rovid.ground.places import require, search
 from rovid.readers.formats import READERS, read_log
@@ -69,28 +71,33 @@ def read_campaign(paths: Sequence[Path], config: Config, progress: Progress | No
 
     kept = without_twins(trials, remarks)
     medians = _medians(kept)
-    return Campaign(
-        trials=tuple(
-            replace(trial, reference=medians, since=since) for trial, since in zip(kept, _since(kept), strict=True)
-        ),
-        sources=tuple(paths),
-        remarks=tuple(remarks),
-    )
+    pairs = zip(kept, _since(kept), strict=True)
+    together = tuple(replace(trial, reference=medians, since=since) for trial, since in pairs)
+    return Campaign(trials=together, sources=tuple(paths), remarks=tuple(remarks))
 
 
 def _since(trials: Sequence[Trial]) -> list[float]:
     """When each trial began, in s from the first; where a log does not tell, one after the other by name."""
     told = [trial.began for trial in trials if trial.began is not None]
     if len(told) == len(trials):
-        return [began - min(told) for began in told]
-    return [0.0, *np.cumsum([trial.duration for trial in trials[:-1]]).tolist()]
+        first = min(told, default=0.0)
+        return [began - first for began in told]
+    durations = [trial.duration for trial in trials[:-1]]
+    return [0.0, *np.cumsum(durations).tolist()]
 
 
 def _medians(trials: Sequence[Trial]) -> dict[str, float]:
     """Median of each further channel over all trials that have readings of it."""
-    names = {name for trial in trials for name in trial.extras}
-    readings = {name: np.concatenate([t.extras[name] for t in trials if name in t.extras]) for name in sorted(names)}
-    return {name: float(np.nanmedian(values)) for name, values in readings.items() if np.isfinite(values).any()}
+    readings: dict[str, list[FloatArray]] = {}
+    for trial in trials:
+        for name, values in trial.extras.items():
+            readings.setdefault(name, []).append(values)
+    medians = {}
+    for name in sorted(readings):
+        values = np.concatenate(readings[name])
+        if np.isfinite(values).any():
+            medians[name] = float(np.nanmedian(values))
+    return medians
 
 
 def find_logs(paths: Sequence[Path], config: Config) -> tuple[list[tuple[str, Path]], list[Remark]]:
@@ -102,20 +109,36 @@ def find_logs(paths: Sequence[Path], config: Config) -> tuple[list[tuple[str, Pa
         A path does not exist, or there are no logs.
     """
     remarks: list[Remark] = []
-    found = _named(_once([one for path in paths for one in _search(path, remarks)], remarks))
-    if config.maps("nmea"):  # the log beside such a text is read with it
-        texts = {one.path.with_suffix("") for one in found if one.path.suffix.lower() == ".nmea"}
-        found = [one for one in found if one.path.suffix.lower() == ".nmea" or one.path.with_suffix("") not in texts]
-    # A table alone is read as the log that it was given for, which says what it lacks.
-    logs = [one for one in found if _is_log(one, config, remarks)] or [one for one in found if one.asked]
+    everything: list[_Found] = []
+    for path in paths:
+        everything += _search(path, remarks)
+    found = _named(_once(everything, remarks))
+    if config.maps("nmea"):
+        found = _without_companions(found)
+    logs = [one for one in found if _is_log(one, config, remarks)]
+    if not logs:
+        # A table alone is read as the log that it was given for, which says what it lacks.
+        logs = [one for one in found if one.asked]
     if not logs:
         raise _no_logs(paths, found)
-    return [(one.name, one.path) for one in _without_copies(logs, remarks)], remarks
+    kept = _without_copies(logs, remarks)
+    return [(one.name, one.path) for one in kept], remarks
+
+
+def _without_companions(found: Sequence[_Found]) -> list[_Found]:
+    """Without the logs beside an NMEA text, which are read with it."""
+    texts = {one.path for one in found if one.path.suffix.lower() == ".nmea"}
+    stems = {text.with_suffix("") for text in texts}
+    return [one for one in found if one.path in texts or one.path.with_suffix("") not in stems]
 
 
 def files_in(paths: Sequence[Path]) -> list[Path]:
     """Every file in ``paths`` that may be a log or a table, whatever is in it."""
-    return [one.path for path in paths if path.exists() for one in _search(path, [])]
+    files: list[Path] = []
+    for path in paths:
+        if path.exists():
+            files += [found.path for found in _search(path, [])]
+    return files
 
 
 def _search(path: Path, remarks: list[Remark]) -> Iterator[_Found]:
@@ -128,8 +151,9 @@ def _search(path: Path, remarks: list[Remark]) -> Iterator[_Found]:
     for item, what in inside.odd.items():
         text = f"{item.relative_to(path).as_posix()} was left out: it is {what}."
         remarks.append(Remark(kind="skipped", count=1, text=text))
-    names = sorted((item.relative_to(path).as_posix(), item) for item in inside.files if item.suffix.lower() in READERS)
-    yield from (_Found(path=item, name=name, asked=False) for name, item in names)
+    readable = [item for item in inside.files if item.suffix.lower() in READERS]
+    for name, item in sorted((item.relative_to(path).as_posix(), item) for item in readable):
+        yield _Found(path=item, name=name, asked=False)
 
 
 def _unreadable(error: OSError) -> None:
@@ -152,10 +176,11 @@ def _left_out(name: str, why: str) -> Remark:
 
 def _named(found: Sequence[_Found]) -> list[_Found]:
     """Files with names that differ: with more of their path where two folders hold the same name."""
-    counts: dict[str, int] = {}
+    counts = Counter(one.name for one in found)
+    named = []
     for one in found:
-        counts[one.name] = counts.get(one.name, 0) + 1
-    named = [one if counts[one.name] == 1 else replace(one, name=one.path.as_posix()) for one in found]
+        alone = counts[one.name] == 1
+        named.append(one if alone else replace(one, name=one.path.as_posix()))
     return sorted(named, key=lambda one: one.name)
 
 
@@ -163,44 +188,54 @@ def _is_log(one: _Found, config: Config, remarks: list[Remark]) -> bool:
     """Whether a file is a log; tables may stand beside them, and in a folder files of any use."""
     form = READERS.get(one.path.suffix.lower())
     kind = form.kind if form else ""
-    if kind != "csv":
-        known = one.asked or kind == "mcap" or config.maps(kind)
-        if not known:
-            text = f"{one.name} was left out: rovid.toml maps nothing for {kind} logs."
-            remarks.append(Remark(kind="skipped", count=1, text=text))
-        return known
+    if kind == "csv":
+        return _is_csv_log(one, config, remarks)
+    if one.asked or kind == "mcap" or config.maps(kind):
+        return True
+    remarks.append(_skipped(one.name, f"rovid.toml maps nothing for {kind} logs"))
+    return False
+
+
+def _is_csv_log(one: _Found, config: Config, remarks: list[Remark]) -> bool:
     from rovid.readers.csv_header import read_layout
 
-    mapped = {signal.sources["csv"] for signal in config.wanted("csv").values()}
     time = config.time.sources.get("csv", "")
+    mapped = {signal.sources["csv"] for signal in config.wanted("csv").values()} | {time}
     try:
-        names = set(read_layout(one.path, mapped | {time}).names)
+        names = set(read_layout(one.path, mapped).names)
     except (OSError, LogError):
         return True  # reading it says what is wrong
     if time not in names and any(columns <= names for columns in _TABLES):
         if one.asked:
-            remarks.append(Remark(kind="skipped", count=1, text=f"{one.name} was left out: it is a table, no log."))
+            remarks.append(_skipped(one.name, "it is a table, no log"))
         return False
-    if one.asked or names & (mapped | {time}):
+    if one.asked or names & mapped:
         return True
-    text = f"{one.name} was left out: it holds none of the columns that rovid.toml maps, so it is no log."
-    remarks.append(Remark(kind="skipped", count=1, text=text))
+    remarks.append(_skipped(one.name, "it holds none of the columns that rovid.toml maps, so it is no log"))
     return False
 
 
+def _skipped(name: str, why: str) -> Remark:
+    return Remark(kind="skipped", count=1, text=f"{name} was left out: {why}.")
+
+
 def _no_logs(paths: Sequence[Path], found: Sequence[_Found]) -> LogError:
-    where = ", ".join(str(path) for path in paths)
+    where = ", ".join(map(str, paths))
     if not found:
         return LogError(
             f"holds no logs: no {', '.join(READERS)} file.",
             where=where or "logs",
             mend="Give the folder that holds the logs.",
         )
-    shown = ", ".join(one.name for one in found[:5])
+    names = [one.name for one in found]
+    if len(names) > 5:
+        names[5:] = ["…"]
+    what, also = "tables", ""
     others = sorted({READERS[one.path.suffix.lower()].kind for one in found} - {"csv"})
-    also = f", and rovid.toml maps nothing for {' or '.join(others)} logs" if others else ""
+    if others:
+        what, also = "files", f", and rovid.toml maps nothing for {' or '.join(others)} logs"
     return LogError(
-        f"holds {len(found)} {'files' if others else 'tables'} ({shown}{', …' if len(found) > 5 else ''}) but no log: "
+        f"holds {len(found)} {what} ({', '.join(names)}) but no log: "
         f"none has the mapped time and heading columns{also}.",
         where=where,
         mend="Correct [signals] in rovid.toml, or give the folder that holds the logs.",
@@ -212,8 +247,10 @@ def _without_copies(logs: Sequence[_Found], remarks: list[Remark]) -> list[_Foun
     by_size: dict[int, list[_Found]] = {}
     kept = []
     for one in logs:
-        alike = by_size.setdefault(_size(one.path), [])
-        twin = next((other for other in alike if _size(one.path) and _same_bytes(other.path, one.path)), None)
+        size = _size(one.path)
+        alike = by_size.setdefault(size, [])
+        twins = (other for other in alike if size and _same_bytes(other.path, one.path))
+        twin = next(twins, None)
         if twin is None:
             alike.append(one)
             kept.append(one)

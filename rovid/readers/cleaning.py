@@ -64,7 +64,9 @@ class Kind:
 
     def wrap(self, step: FloatArray) -> FloatArray:
         """``step`` the short way round."""
-        return step if np.isinf(self.turn) else step - self.turn * np.rint(step / self.turn)
+        if np.isinf(self.turn):
+            return step
+        return step - self.turn * np.rint(step / self.turn)
 
 
 # An acceleration to and fro of 160 deg/s^2 (4 * 40), or of 4 m/s^2.

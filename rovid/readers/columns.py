@@ -52,14 +52,14 @@ def channels_of(
             if not signal.optional:
                 raise
     stamps = {one: _whole(_field(path, clock, one, topics[one], "time")) for one, _, _ in found.values()}
-    origin = min((int(values[0]) for values in stamps.values() if values.dtype.kind == "i"), default=0)
+    first = [int(values[0]) for values in stamps.values() if values.dtype.kind == "i"]
+    origin = min(first, default=0)
     times = {one: seconds(values, clock, "us", origin) for one, values in stamps.items()}
-    return {
-        name: Channel(
-            source=signals[name].sources[kind], clock=one, time=times[one], values=_float64(values), radians=turned
-        )
-        for name, (one, values, turned) in found.items()
-    }
+    channels = {}
+    for name, (one, values, turned) in found.items():
+        source = signals[name].sources[kind]
+        channels[name] = Channel(source=source, clock=one, time=times[one], values=_float64(values), radians=turned)
+    return channels
 
 
 def numeric_sources(topics: Mapping[str, Columns]) -> list[str]:
@@ -95,7 +95,9 @@ def missing_topic(path: Path, kind: str, name: str, present: Mapping[str, Any]) 
 def split_sensor(topic: str) -> tuple[str, int | None]:
     """Name of a message, and which of several sensors it is asked of: ``IMU[1]``."""
     found = _SENSOR.match(topic)
-    return (found[1], int(found[2])) if found else (topic, None)
+    if found is None:
+        return topic, None
+    return found[1], int(found[2])
 
 
 def of_sensor(path: Path, kind: str, topic: str, columns: Columns, marker: str, remarks: list[Remark]) -> Columns:
@@ -125,16 +127,18 @@ def of_sensor(path: Path, kind: str, topic: str, columns: Columns, marker: str, 
 def _values(path: Path, field: str, topic: str, columns: Columns, name: str) -> tuple[NDArray[Any], bool]:
     """(n,) of the field, and whether they are rad because it is a quaternion."""
     # PX4 writes w first.
-    parts = [columns.get(f"{field}[{at}]") for at in (1, 2, 3, 0)] if name in ANGLES and field not in columns else []
-    known = [_float64(part) for part in parts if part is not None]
-    if len(known) == 4:
-        return euler(np.column_stack(known), name), True
+    parts = [f"{field}[{at}]" for at in (1, 2, 3, 0)]
+    if name in ANGLES and field not in columns and columns.keys() >= set(parts):
+        quaternion = [_float64(columns[part]) for part in parts]
+        return euler(np.column_stack(quaternion), name), True
     return _field(path, field, topic, columns, name), False
 
 
 def _whole(values: NDArray[Any]) -> NDArray[Any]:
     """Whole numbers with a sign, so that every difference is one too; a stamp that does not fit is damaged."""
-    return values.astype(np.int64) if values.dtype.kind == "u" else values
+    if values.dtype.kind == "u":
+        return values.astype(np.int64)
+    return values
 
 
 def _float64(values: NDArray[Any]) -> FloatArray:

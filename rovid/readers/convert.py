@@ -85,35 +85,46 @@ def convert(log: Path, config: Config, target: Path) -> Converted:
     """
     trial = read_log(log, config)
     columns = _columns(trial, config)
-    kind = target.suffix.lower().removeprefix(".")
-    return Converted(
-        trial=trial, content=_WRITERS[target.suffix.lower()](trial, columns, target), mapping=_mapping(columns, kind)
-    )
+    suffix = target.suffix.lower()
+    content = _WRITERS[suffix](trial, columns, target)
+    return Converted(trial=trial, content=content, mapping=_mapping(columns, suffix.removeprefix(".")))
 
 
 def _columns(trial: Trial, config: Config) -> list[_Column]:
     axis = trial.axis
-    signals: dict[str, FloatArray | None] = {} if trial.integrated else {axis.position: trial.position}
-    signals |= {
-        axis.rate: trial.rate,
-        "roll": signals.get("roll", trial.roll),
-        "pitch": signals.get("pitch", trial.pitch),
-    }
+    signals: dict[str, FloatArray | None] = {}
+    if not trial.integrated:
+        signals[axis.position] = trial.position
+    signals[axis.rate] = trial.rate
+    # Along roll or pitch the position is one of these already.
+    signals.setdefault("roll", trial.roll)
+    signals.setdefault("pitch", trial.pitch)
+    for command, values in zip(config.commands, trial.commands.T, strict=True):
+        signals[command.name] = values
     columns: dict[str, _Column] = {}
-    commands = {signal.name: values for signal, values in zip(config.commands, trial.commands.T, strict=True)}
-    for name, values in {**signals, **commands, **trial.extras}.items():
-        if values is not None and np.isfinite(values).any():
-            one = _column(name, values, set(columns))
-            columns[one.name] = one
+    for name, found in {**signals, **trial.extras}.items():
+        if found is not None and np.isfinite(found).any():
+            column = _column(name, found, set(columns))
+            columns[column.name] = column
     return list(columns.values())
 
 
 def _column(signal: str, values: FloatArray, taken: set[str]) -> _Column:
-    units = UNITS.get(signal, {})
-    unit = "deg" if units is ANGLE else next((unit for unit, factor in units.items() if factor == 1.0), "")
+    unit = _unit(signal)
     [name] = words([with_unit(re.sub(r"\W+", "_", signal), unit)], taken={*taken, _TIME})
-    turned = np.remainder(np.rad2deg(values), 360.0) if signal == "heading" else np.rad2deg(values)
-    return _Column(signal=signal, name=name, numbers=turned if unit == "deg" else values, unit=unit)
+    if unit == "deg":
+        values = np.rad2deg(values)
+    if signal == "heading":
+        values = np.remainder(values, 360.0)
+    return _Column(signal=signal, name=name, numbers=values, unit=unit)
+
+
+def _unit(signal: str) -> str:
+    """SI's, but for angles, which people read in degrees; empty where only the user knows it."""
+    units = UNITS.get(signal, {})
+    if units is ANGLE:
+        return "deg"
+    return next((unit for unit, factor in units.items() if factor == 1.0), "")
 
 
 def _frame(trial: Trial, columns: list[_Column]) -> pd.DataFrame:
@@ -150,7 +161,9 @@ def _mapping(columns: list[_Column], kind: str) -> str:
         if column.signal.startswith(_COMMAND):
             name = toml_text(column.signal.removeprefix(_COMMAND))
             lines += ["[[thrusters]]", f"name = {name}", f"command = {_source(column, kind)}", ""]
-    lines += ["[signals]", 'time = { mcap = "log" }' if kind == "mcap" else f'time = {{ {kind} = "{_TIME}" }}']
+    # Messages bring a clock with them, tables have a column of it.
+    clock = "log" if kind == "mcap" else _TIME
+    lines += ["[signals]", f'time = {{ {kind} = "{clock}" }}']
     for column in columns:
         if not column.signal.startswith(_COMMAND):
             key = column.signal if _BARE.fullmatch(column.signal) else toml_text(column.signal)

@@ -95,8 +95,11 @@ class Layout:
 
     def decimal(self, columns: Collection[int]) -> str:
         """The decimal sign that the first rows use in ``columns``."""
-        cells = (row[at] for row in self.rows for at in columns if at < len(row))
-        return "," if any(_DECIMAL_COMMA.fullmatch(cell) for cell in cells) else "."
+        for row in self.rows:
+            for at in columns:
+                if at < len(row) and _DECIMAL_COMMA.fullmatch(row[at]):
+                    return ","
+        return "."
 
     def column(self, name: str, signal: str) -> int:
         """Index of the column ``name``.
@@ -146,19 +149,22 @@ def read_layout(path: Path, wanted: Collection[str]) -> Layout:
     at = _header_line(lines, wanted, path)
     line, end = lines[at]
     delimiter = max(_DELIMITERS, key=lambda sign: _score(_split(line, sign), wanted))
-    names = _split(line.lstrip("#") if line.lstrip().startswith("#") else line, delimiter)
+    if _is_comment(line):
+        line = line.lstrip("#")
     before = [text for text, _ in lines[:at] if text]
-    whole = lines[at + 1 :] if len(head) < _HEAD else lines[at + 1 : -1]
-    rows = [tuple(_cells(text, delimiter)) for text, _ in whole[:_SAMPLE_ROWS] if text.strip()]
+    # Of a longer file the last line of its head may be cut.
+    last = None if len(head) < _HEAD else -1
+    sample = [text for text, _ in lines[at + 1 : last]][:_SAMPLE_ROWS]
+    rows = [tuple(_cells(text, delimiter)) for text in sample if text.strip()]
     return Layout(
         path=path,
         encoding=encoding,
         delimiter=delimiter,
-        names=tuple(names),
+        names=tuple(_split(line, delimiter)),
         lines=at + 1,
         before=len(before),
         plain=all(text.strip() and text.count('"') % 2 == 0 for text in before),
-        spaced=any(_SPACED_QUOTE.search(text) for text, _ in whole[:_SAMPLE_ROWS]),
+        spaced=any(map(_SPACED_QUOTE.search, sample)),
         offset=end if encoding.startswith(("utf-16", "utf-32")) else len(_encode(text[:end], encoding)),
         rows=tuple(rows),
     )
@@ -211,17 +217,25 @@ def _lines(text: str) -> Iterator[tuple[str, int]]:
 
 def _header_line(lines: list[tuple[str, int]], wanted: Collection[str], path: Path) -> int:
     """Index of the first line that is no comment, or of a comment just before it that names columns."""
-    number = next((i for i, (line, _) in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), None)
-    comment = next((i for i in range(len(lines) if number is None else number, 0, -1) if lines[i - 1][0]), 0) - 1
-    if comment >= 0 and lines[comment][0].lstrip().startswith("#"):
-        inside = lines[comment][0].lstrip().lstrip("#")
-        if _hits(inside, wanted) > (0 if number is None else _hits(lines[number][0], wanted)):
-            number = comment
+    texts = [line for line, _ in lines]
+    plain = [at for at, text in enumerate(texts) if text.strip() and not _is_comment(text)]
+    number = plain[0] if plain else None
+    least = 0 if number is None else _hits(texts[number], wanted)
+    before = [at for at, text in enumerate(texts[:number]) if text]
+    if before and _is_comment(texts[before[-1]]):
+        inside = texts[before[-1]].lstrip().lstrip("#")
+        if _hits(inside, wanted) > least:
+            number = before[-1]
     if number is None:
         raise LogError("has no header row, only comments.", where=path)
-    if found := _NOT_TEXT.search(lines[number][0]):
+    found = _NOT_TEXT.search(texts[number])
+    if found:
         raise _binary(path, f"the control character {found[0]!r}")
     return number
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith("#")
 
 
 def _hits(line: str, wanted: Collection[str]) -> int:

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import IO, Any
 
@@ -55,16 +56,14 @@ def read(path: Path, config: Config) -> RawLog:
     if not len(frame):
         raise LogError("has a header but no rows.", where=path, mend="Leave it out.")
     time = table.time(frame)
-    channels = {
-        name: Channel(
-            source=signal.sources[KIND],
-            clock=signals["time"].sources[KIND],
-            time=time,
-            values=time if columns[name] == columns["time"] else frame[columns[name]].to_numpy(dtype=np.float64),
-        )
-        for name, signal in signals.items()
-        if name != "time" and columns[name] in frame
-    }
+    clock = signals["time"].sources[KIND]
+    channels = {}
+    for name, signal in signals.items():
+        at = columns[name]
+        if name == "time" or at not in frame:
+            continue
+        values = time if at == columns["time"] else frame[at].to_numpy(dtype=np.float64)
+        channels[name] = Channel(source=signal.sources[KIND], clock=clock, time=time, values=values)
     return RawLog(
         channels=channels,
         place=lambda _, row: f"line {table.line(row)}",
@@ -96,7 +95,11 @@ class _NoNumberError(LogError):
 def _cut(line: int, nul: int) -> tuple[Remark, ...]:
     if not line and not nul:
         return ()
-    parts = [f"a last line of {line} bytes without an end"] * bool(line) + [f"{nul} NUL bytes"] * bool(nul)
+    parts = []
+    if line:
+        parts.append(f"a last line of {line} bytes without an end")
+    if nul:
+        parts.append(f"{nul} NUL bytes")
     text = f"The file ends in {' and '.join(parts)}, as a crash leaves it; that was left out."
     return (Remark(kind="truncated", count=line + nul, text=text),)
 
@@ -141,15 +144,18 @@ class _Table:
 
     def _time_kind(self) -> str:
         at = self.columns["time"]
-        cells = (row[at].strip() for row in self.layout.rows if at < len(row))
+        cells = [row[at].strip() for row in self.layout.rows if at < len(row)]
         cell = next((cell for cell in cells if cell not in _MISSING), "0")
         if self.signals["time"].unit == "iso8601" or not _is_number(cell, self.decimal):
             return "str"
-        return "int64" if cell.isdigit() and len(cell) >= _LONG_INTEGER else "float64"
+        if cell.isdigit() and len(cell) >= _LONG_INTEGER:
+            return "int64"
+        return "float64"
 
     def _parse(self, kinds: Mapping[int, str], decimal: str, *, spaces: bool) -> pd.DataFrame:
         direct = self.layout.plain and not self.layout.wide and self.end == self.size
-        with np.errstate(all="ignore"), self._body() if not direct else _nothing() as body:
+        opened = _nothing() if direct else self._body()
+        with np.errstate(all="ignore"), opened as body:
             frame = pd.read_csv(
                 body or str(self.layout.path),  # pandas reads a path in bytes, faster than a file in text
                 engine="c",
@@ -198,7 +204,8 @@ class _Table:
 
     def line(self, row: int) -> int:
         """Number, from 1, of the line in the file that holds the data row ``row``; slow, for messages only."""
-        return next((number for index, (number, _) in enumerate(self._rows()) if index == row), 0)
+        number, _ = next(islice(self._rows(), row, None), (0, []))
+        return number
 
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
         """(line number, cells) of each data row."""
@@ -222,7 +229,9 @@ class _Table:
 
     def _complaint(self, reason: str) -> LogError:
         """The first wanted cell that is no number, found by a slow second look."""
-        numeric = {at: name for name, at in self.columns.items() if self._time_kind() != "str" or name != "time"}
+        numeric = {at: name for name, at in self.columns.items()}
+        if self._time_kind() == "str":
+            numeric = {at: name for name, at in self.columns.items() if name != "time"}
         decimal = self.decimal
         for number, cells in self._rows():
             for at, name in numeric.items():
@@ -246,7 +255,9 @@ def _is_number(cell: str, decimal: str) -> bool:
 
 
 def _short(cell: str) -> str:
-    return repr(cell if len(cell) <= 40 else cell[:40] + "…")
+    if len(cell) > 40:
+        cell = cell[:40] + "…"
+    return repr(cell)
 
 
 def _last_end(text: str) -> int:
@@ -284,16 +295,18 @@ def sources(path: Path) -> Contents:
     """
     layout = read_layout(path, ())
     twice = {name for name, count in Counter(layout.names).items() if count > 1}
-    columns = {
-        name: [row[at] for row in layout.rows if at < len(row)]
-        for at, name in enumerate(layout.names)
-        if name and name not in twice
-    }
-    numbers = {name: found for name, cells in columns.items() if (found := _numbers(cells, layout)) is not None}
-    rising = [name for name in columns if name not in numbers or _rises(numbers[name])]
-    called = [name for name in rising if words(name) & CLOCK]
-    clocks = [name for name in called if not words(name) & NOT_CLOCK] or called
-    clock = next(iter(clocks or (name for name in rising if name in numbers)), "")
+    numbers: dict[str, FloatArray] = {}
+    rising = []
+    for at, name in enumerate(layout.names):
+        if not name or name in twice:
+            continue
+        values = _numbers([row[at] for row in layout.rows if at < len(row)], layout)
+        if values is not None:
+            numbers[name] = values
+        # What is no number may be a time in words.
+        if values is None or _rises(values):
+            rising.append(name)
+    clock = _clock(rising, numbers)
     if numbers and not clock:
         raise LogError(
             "holds no column that could be the time: none only grows.",
@@ -307,15 +320,31 @@ def sources(path: Path) -> Contents:
     )
 
 
+def _clock(rising: Sequence[str], numbers: Mapping[str, FloatArray]) -> str:
+    """The likeliest of the columns that only grow: by its name, else the first of numbers; empty if there is none."""
+    called = [name for name in rising if words(name) & CLOCK]
+    likely = [name for name in called if not words(name) & NOT_CLOCK]
+    unnamed = [name for name in rising if name in numbers]
+    candidates = likely or called or unnamed
+    return candidates[0] if candidates else ""
+
+
 def _numbers(cells: Sequence[str], layout: Layout) -> FloatArray | None:
     """(n,) what the cells hold, NaN where empty; None where one holds something else, or all are empty."""
-    comma = layout.delimiter != ","
-    try:
-        texts = [cell.strip().replace(",", ".") if comma else cell.strip() for cell in cells]
-        values = np.array([float(text) if text not in _MISSING else math.nan for text in texts])
-    except ValueError:
+    values = np.full(len(cells), np.nan)
+    for row, cell in enumerate(cells):
+        text = cell.strip()
+        if layout.delimiter != ",":
+            text = text.replace(",", ".")
+        if text in _MISSING:
+            continue
+        try:
+            values[row] = float(text)
+        except ValueError:
+            return None
+    if not np.isfinite(values).any():
         return None
-    return values if np.isfinite(values).any() else None
+    return values
 
 
 def _rises(values: FloatArray) -> bool:

@@ -25,7 +25,9 @@ SUFFIXES: Mapping[str, str] = {
 
 def with_unit(name: str, unit: str) -> str:
     """``name`` with its ``unit`` at the end, where that is known."""
-    return f"{name}_{SUFFIXES[unit]}" if unit in SUFFIXES else name
+    if unit not in SUFFIXES:
+        return name
+    return f"{name}_{SUFFIXES[unit]}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,10 +51,12 @@ class Topic:
 
     def schema(self) -> dict[str, object]:
         """JSON schema of its messages."""
-        fields = {
-            name: {"type": "number", **({"description": self.units[name]} if self.units.get(name) else {})}
-            for name in self.fields
-        }
+        fields = {}
+        for name in self.fields:
+            field = {"type": "number"}
+            if self.units.get(name):
+                field["description"] = self.units[name]
+            fields[name] = field
         return {
             "$schema": "https://json-schema.org/draft/2020-12/schema",
             "title": self.name.strip("/"),
@@ -63,6 +67,7 @@ class Topic:
 
     def messages(self) -> Iterator[tuple[int, bytes]]:
         """(ns, text) of every message that holds anything."""
+        # As lists: single numbers come out of those much faster than out of arrays.
         columns = [(name, values.tolist(), np.isfinite(values).tolist()) for name, values in self.fields.items()]
         for at, ns in enumerate(np.rint(self.time * 1e9).astype(np.int64).tolist()):
             message = {name: values[at] for name, values, known in columns if known[at]}

@@ -107,8 +107,10 @@ def _members(value: Any) -> dict[str, Any]:
         return {str(name): member for name, member in value.items()}
     if hasattr(value, "DESCRIPTOR"):
         return {item.name: getattr(value, item.name) for item in value.DESCRIPTOR.fields}
+    if not _is_object(value):
+        return {}
     names = getattr(value, "__slots__", None) or getattr(value, "__dict__", None) or ()
-    return {str(name): getattr(value, name, None) for name in names} if _is_object(value) else {}
+    return {str(name): getattr(value, name, None) for name in names}
 
 
 def _is_object(value: Any) -> bool:
@@ -166,7 +168,9 @@ class Pick:
 
     def _orientation(self, value: Any) -> bool:
         """Find the quaternion in ``value`` and prepare to read it from now on."""
-        for inner in _ORIENTATIONS if self.signal in ANGLES and not self.seen else ():
+        if self.signal not in ANGLES or self.seen:
+            return False
+        for inner in _ORIENTATIONS:
             try:
                 parts = _parts(_descend(value, inner))
             except ABSENT:
@@ -181,7 +185,9 @@ class Pick:
         try:
             self.values.extend(map(as_float, _parts(self._get(message))))
         except (*ABSENT, ValueError):
-            del self.values[len(self.values) // 4 * 4 :]
+            # Of a quaternion that broke off the first numbers are there already.
+            whole = len(self.values) // 4 * 4
+            del self.values[whole:]
             self.values.extend((float("nan"),) * 4)
 
     def _refuse(self, value: Any, message: Any) -> LogError:
@@ -197,7 +203,9 @@ class Pick:
     def column(self) -> FloatArray:
         """(n,) values as logged; rad where they come from a quaternion; NaN where missing."""
         values = np.frombuffer(self.values, dtype=np.float64) if self.values else np.empty(0)
-        return euler(values.reshape(-1, 4), self.signal) if self.quaternion else values
+        if self.quaternion:
+            return euler(values.reshape(-1, 4), self.signal)
+        return values
 
 
 def as_float(value: Any) -> float:
@@ -238,12 +246,13 @@ def stamp_getter(message: Any, *, mapping: bool) -> Getter | None:
         except ABSENT:
             continue
         for seconds, fraction in _STAMP_PARTS:
-            parts = (*fields, seconds), (*fields, fraction)
             try:
                 _get(stamp, seconds), _get(stamp, fraction)
             except ABSENT:
                 continue
-            return _whole_and_fraction(*(getter(part, mapping=mapping) for part in parts))
+            whole = getter((*fields, seconds), mapping=mapping)
+            part = getter((*fields, fraction), mapping=mapping)
+            return _whole_and_fraction(whole, part)
     return None
 
 

@@ -61,13 +61,18 @@ def read(path: Path, config: Config) -> RawLog:
                 where=config.path,
                 mend=f"Map it in another format, and put that log beside the text: {path.stem}.csv, for instance.",
             )
-    own = {name: signal.sources[KIND] for name, signal in config.signals.items() if KIND in signal.sources}
     text = _Text(path)
-    channels = {name: text.channel(name, source) for name, source in own.items()}
-    others = {name: signal for name, signal in config.signals.items() if name not in own}
+    own, others = {}, {}
+    for name, signal in config.signals.items():
+        if KIND in signal.sources:
+            own[name] = text.channel(name, signal.sources[KIND])
+        else:
+            others[name] = signal
     beside, log = _beside(path, replace(config, signals=others, measured=""))
     moved = _moved(path, text, beside, log)
-    everything = {**log.channels, **{name: replace(one, time=moved[id(one.time)]) for name, one in channels.items()}}
+    everything = dict(log.channels)
+    for name, channel in own.items():
+        everything[name] = replace(channel, time=moved[id(channel.time)])
     for name in config.needed:
         if name not in everything:
             raise ConfigError(
@@ -77,7 +82,9 @@ def read(path: Path, config: Config) -> RawLog:
             )
 
     def place(name: str, index: int) -> str:
-        return f"sentence {index + 1} of {everything[name].clock}" if name in own else log.place(name, index)
+        if name not in own:
+            return log.place(name, index)
+        return f"sentence {index + 1} of {everything[name].clock}"
 
     return RawLog(channels=everything, place=place, remarks=(*text.remarks, *log.remarks), sortable=log.sortable)
 
@@ -99,9 +106,11 @@ def sources(path: Path) -> Contents:
 
 def _beside(path: Path, config: Config) -> tuple[Path, RawLog]:
     """The log that holds the commands."""
-    suffixes = [suffix for suffix, form in READERS.items() if form.kind != KIND]
-    near = sorted(path.parent.glob(f"{escape(path.stem)}.*"))
-    found = [one for one in near if one.suffix.lower() in suffixes and not odd(one)]
+    found = []
+    for near in sorted(path.parent.glob(f"{escape(path.stem)}.*")):
+        form = READERS.get(near.suffix.lower())
+        if form is not None and form.kind != KIND and not odd(near):
+            found.append((near, form))
     if len(found) != 1:
         there = f"{len(found)} logs of its name stand beside it" if found else "no log of its name stands beside it"
         raise LogError(
@@ -109,8 +118,8 @@ def _beside(path: Path, config: Config) -> tuple[Path, RawLog]:
             where=path,
             mend=f"Put the log that holds the commands there, as {path.stem}.csv, for instance.",
         )
-    form = READERS[found[0].suffix.lower()]
-    return found[0], form.read(found[0], config.of(form.kind))
+    [(beside, form)] = found
+    return beside, form.read(beside, config.of(form.kind))
 
 
 def _moved(path: Path, text: _Text, beside: Path, log: RawLog) -> dict[int, FloatArray]:
@@ -148,8 +157,10 @@ class _Text:
         self._scan()
         self.dated = True
         wanted = sorted({kind for kind, _, _ in _CHANNELS.values()} & set(self.cells))
-        times = self._stamped(wanted) if any(map(any, self._fronts.values())) else self._spread(wanted)
-        self.origin = min((float(np.nanmin(time)) for time in times.values() if np.isfinite(time).any()), default=0.0)
+        stamped = any(map(any, self._fronts.values()))
+        times = self._stamped(wanted) if stamped else self._spread(wanted)
+        known = [time for time in times.values() if np.isfinite(time).any()]
+        self.origin = min((float(np.nanmin(time)) for time in known), default=0.0)
         self.clocks = {kind: time - self.origin for kind, time in times.items()}
 
     def channel(self, name: str, source: str) -> Channel:
@@ -167,7 +178,7 @@ class _Text:
                 where=self.path,
                 mend=f"Delete nmea from {name} in rovid.toml, or leave this log out.",
             )
-        values = np.array([_number(cells[at] if at < len(cells) else b"") for cells in self.cells[kind]])
+        values = np.array([_number(_cell(cells, at)) for cells in self.cells[kind]])
         return Channel(source=source, clock=kind, time=self.clocks[kind], values=values * factor)
 
     def _scan(self) -> None:
@@ -179,19 +190,20 @@ class _Text:
             if at < 0:
                 continue
             body, _, told = line[at + 1 :].strip().partition(b"*")
-            if not re.fullmatch(b"[0-9A-Fa-f]{2}", told) or reduce(xor, body, 0) != int(told, 16):
-                broken = _SENTENCE.match(body) is not None
-                bad += broken
-                cut = b"" if broken else cut
+            if not _right(body, told):
+                if _SENTENCE.match(body):
+                    bad += 1
+                    cut = b""
                 continue
             cut = b""
             cells = body.split(b",")
-            kind = (cells[1] if cells[0] == b"PIXSE" and len(cells) > 1 else cells[0][2:]).decode("ascii", "replace")
-            zda, gga = zda + (kind == "ZDA"), gga + (kind == "GGA")
+            kind = _kind(cells)
+            zda += kind == "ZDA"
+            gga += kind == "GGA"
+            of_kind = self.cells.setdefault(kind, [])
             if kind not in _TAKEN:
-                self.cells.setdefault(kind, [])
                 continue
-            self.cells.setdefault(kind, []).append(cells[:_CELLS])
+            of_kind.append(cells[:_CELLS])
             self._fronts.setdefault(kind, []).append(line[:at].strip(b" \t,;[]"))
             self._marks.setdefault(kind, []).append((zda, gga))
         if not self.cells and not bad:
@@ -230,14 +242,19 @@ class _Text:
         if not self.dated:
             known = np.isfinite(times)
             times[known] = np.unwrap(times[known], period=_DAY)
-        steps = np.diff(times, append=times[-1] + (times[-1] - times[-2] if len(times) > 1 else 0.0))
+        # What follows the last of them is taken to last as long as what stood before it.
+        last = times[-1] - times[-2] if len(times) > 1 else 0.0
+        steps = np.diff(times, append=times[-1] + last)
+        column = 0 if self.dated else 1
         spread = {}
         for kind in kinds:
-            marks = np.array(self._marks[kind])[:, 0 if self.dated else 1] - 1
-            of_mark = np.bincount(marks[marks >= 0], minlength=len(times))
-            turn = np.arange(len(marks)) - (np.cumsum(of_mark) - of_mark)[marks] - np.count_nonzero(marks < 0)
+            marks = np.array(self._marks[kind])[:, column] - 1
+            early = marks < 0
+            of_mark = np.bincount(marks[~early], minlength=len(times))
+            before = np.cumsum(of_mark) - of_mark
+            turn = np.arange(len(marks)) - before[marks] - np.count_nonzero(early)
             share = turn / np.maximum(of_mark[marks], 1)
-            spread[kind] = np.where(marks < 0, np.nan, times[marks] + steps[marks] * share)
+            spread[kind] = np.where(early, np.nan, times[marks] + steps[marks] * share)
         return spread
 
     def _timeless(self) -> LogError:
@@ -256,6 +273,26 @@ def _lines(path: Path) -> Iterator[tuple[bytes, bool]]:
                 yield line.rstrip(b"\r\n"), line.endswith((b"\r", b"\n"))
 
 
+def _right(body: bytes, told: bytes) -> bool:
+    """Whether the checksum that is told is that of the sentence."""
+    if not re.fullmatch(b"[0-9A-Fa-f]{2}", told):
+        return False
+    return reduce(xor, body, 0) == int(told, 16)
+
+
+def _kind(cells: list[bytes]) -> str:
+    """What a sentence tells: its address without the talker, or the word behind that of iXblue's own."""
+    if cells[0] == b"PIXSE" and len(cells) > 1:
+        return cells[1].decode("ascii", "replace")
+    return cells[0][2:].decode("ascii", "replace")
+
+
+def _cell(cells: list[bytes], at: int) -> bytes:
+    if at < len(cells):
+        return cells[at]
+    return b""
+
+
 def _number(text: bytes | str) -> float:
     try:
         return float(text)
@@ -266,23 +303,27 @@ def _number(text: bytes | str) -> float:
 def _date(text: str) -> float:
     try:
         moment = datetime.fromisoformat(text.replace(",", "."))
-        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+        if moment.tzinfo is None:
+            moment = moment.replace(tzinfo=UTC)
+        return moment.timestamp()
     except (ValueError, OverflowError):
         return np.nan
 
 
 def _time_of_day(cells: list[bytes]) -> float:
     """S since midnight of hhmmss.ss; NaN beyond the day's end, a leap second allowed."""
-    text = cells[1] if len(cells) > 1 else b""
-    hours, minutes, rest = (_number(part) for part in (text[:2], text[2:4], text[4:]))
+    text = _cell(cells, 1)
+    hours, minutes, rest = map(_number, (text[:2], text[2:4], text[4:]))
     time = 3600.0 * hours + 60.0 * minutes + rest
-    return time if 0.0 <= time <= _DAY + 1.0 else np.nan
+    if 0.0 <= time <= _DAY + 1.0:
+        return time
+    return np.nan
 
 
 def _zda(cells: list[bytes]) -> float:
     """S since 1970 of hhmmss.ss,dd,mm,yyyy."""
     try:
-        day, month, year = (int(cell) for cell in cells[2:5])
+        day, month, year = map(int, cells[2:5])
         return datetime(year, month, day, tzinfo=UTC).timestamp() + _time_of_day(cells)
     except (ValueError, OverflowError):  # a year of many digits
         return np.nan

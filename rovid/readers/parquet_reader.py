@@ -42,12 +42,11 @@ def read(path: Path, config: Config) -> RawLog:
     wanted = {name: signal.sources[KIND] for name, signal in signals.items()}
     moments, columns = _columns(path, wanted)
     time = stamps(moments, wanted["time"], signals["time"].unit, lambda row: f"{path}: row {row + 1}")
-    channels = {
-        name: Channel(source=column, clock=wanted["time"], time=time, values=columns[column])
-        for name, column in wanted.items()
-        if name != "time"
-    }
     epoch = epoch_of(moments, time, wanted["time"], signals["time"].unit)
+    clock = wanted.pop("time")
+    channels = {}
+    for name, column in wanted.items():
+        channels[name] = Channel(source=column, clock=clock, time=time, values=columns[column])
     return RawLog(channels=channels, place=lambda _, row: f"row {row + 1}", epoch=epoch)
 
 
@@ -120,7 +119,9 @@ def _batches(path: Path, columns: list[str], texts: list[str]) -> Iterator[dict[
 
 def _plain(values: Any, arrow: Any) -> Any:
     """Decimals as floats; everything else as it is."""
-    return values.cast(arrow.float64()) if arrow.types.is_decimal(values.type) else values
+    if arrow.types.is_decimal(values.type):
+        return values.cast(arrow.float64())
+    return values
 
 
 @contextmanager
@@ -145,10 +146,14 @@ def sources(path: Path) -> Contents:
     parquet, types = library("pyarrow.parquet", EXTRA, path), library("pyarrow.types", EXTRA, path)
     with _reading(path):
         schema = parquet.read_schema(path)
-    names = [name for name, count in Counter(schema.names).items() if count == 1]
-    numbers = [one.name for one in schema if types.is_integer(one.type) or types.is_floating(one.type)]
-    clock = next((name for name in names if words(name) & CLOCK), "")
-    return Contents(clock=clock, sources=tuple(name for name in numbers if name in names and name != clock))
+    counts = Counter(schema.names)
+    clock = next((name for name in counts if counts[name] == 1 and words(name) & CLOCK), "")
+    numbers = []
+    for column in schema:
+        is_number = types.is_integer(column.type) or types.is_floating(column.type)
+        if is_number and counts[column.name] == 1 and column.name != clock:
+            numbers.append(column.name)
+    return Contents(clock=clock, sources=tuple(numbers))
 
 
 def _check(path: Path) -> None:
@@ -189,8 +194,10 @@ def _numbers(path: Path, values: Any, column: str, name: str, before: int) -> Fl
         numbers, wrong = _read_numbers(_series(path, values))
     else:
         each, none = _read_numbers(_series(path, values.dictionary))
+        # A missing cell takes the place behind the last of them.
         codes = values.indices.fill_null(len(each)).to_numpy()
-        numbers, wrong = np.append(each, np.nan)[codes], np.append(none, False)[codes]
+        numbers = np.append(each, np.nan)[codes]
+        wrong = np.append(none, False)[codes]
     if wrong.any():
         row = int(np.argmax(wrong))
         raise LogError(

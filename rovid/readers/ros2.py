@@ -111,8 +111,10 @@ def _type(text: str, package: str) -> _Type | None:
     kind = _SHORT.get(found["kind"], found["kind"])
     if kind not in _NUMBERS and kind != "string":
         kind = _full(kind) if "/" in kind else f"{package}/{kind}"
-    size = found["list"] or ""
-    return _Type(kind, is_list=bool(size), count=int(size[1:-1]) if size[1:-1].isdigit() else 0)
+    brackets = found["list"] or ""
+    size = brackets[1:-1]
+    count = int(size) if size.isdigit() else 0
+    return _Type(kind, is_list=bool(brackets), count=count)
 
 
 # --- bytes --------------------------------------------------------------------------------------------------------
@@ -185,8 +187,10 @@ def _other(name: str, read: Callable[[_Cursor], Any]) -> _Step:
 
 def _reader(kind: _Type, steps: _Steps) -> Callable[[_Cursor], Any]:
     """What reads anything but a single number."""
+    if not kind.is_list and kind.kind == "string":
+        return _Cursor.string
     if not kind.is_list:
-        return _Cursor.string if kind.kind == "string" else lambda cursor: _message(steps[kind.kind], cursor)
+        return lambda cursor: _message(steps[kind.kind], cursor)
     if kind.kind in _RAW:
         return lambda cursor: cursor.take(kind.count or cursor.count())
     if kind.kind in _NUMBERS:
@@ -221,9 +225,11 @@ def _steps(fields: _Fields, steps: _Steps) -> Iterator[_Step]:
     for plain, group in groupby(fields.items(), lambda one: one[1].kind in _NUMBERS and not one[1].is_list):
         run = list(group)
         if plain:
-            yield _run(tuple(name for name, _ in run), "".join(_NUMBERS[kind.kind] for _, kind in run))
-        else:
-            yield from (_other(name, readers[kind]) for name, kind in run)
+            names, kinds = zip(*run, strict=True)
+            yield _run(names, "".join(_NUMBERS[kind.kind] for kind in kinds))
+            continue
+        for name, kind in run:
+            yield _other(name, readers[kind])
 
 
 def _linked(root: str, definitions: Mapping[str, _Fields]) -> _Steps:

@@ -41,12 +41,16 @@ class Series:
     @cached_property
     def stamps(self) -> FloatArray:
         """(k,) s at which it is known; ``time`` itself where nothing is missing."""
-        return self.time[self.good] if self.missing else self.time
+        if not self.missing:
+            return self.time
+        return self.time[self.good]
 
     @cached_property
     def known(self) -> FloatArray:
         """(k,) values at ``stamps``."""
-        return self.values[self.good] if self.missing else self.values
+        if not self.missing:
+            return self.values
+        return self.values[self.good]
 
     @cached_property
     def held(self) -> FloatArray:
@@ -98,7 +102,8 @@ class Base:
         """(n,) linear between neighbours no farther apart than a gap, NaN elsewhere; the short way for an ``angle``."""
         if series.time is self.clock and not series.missing:
             return series.values[self.rows]
-        stamps, known = series.stamps, np.unwrap(series.known) if angle else series.known
+        stamps = series.stamps
+        known = np.unwrap(series.known) if angle else series.known
         after = np.minimum(np.searchsorted(stamps, self.time), len(stamps) - 1)
         before = np.maximum(after - 1, 0)
         exact = stamps[after] == self.time

@@ -47,7 +47,10 @@ class _Builder:
     remarks: list[Remark] = field(default_factory=list)
 
     def signal(self, name: str) -> Signal:
-        return next((s for s in self.config.commands if s.name == name), None) or self.config.signals[name]
+        for command in self.config.commands:
+            if command.name == name:
+                return command
+        return self.config.signals[name]
 
     @property
     def measured(self) -> str:
@@ -97,12 +100,14 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
     if axis is YAW and not integrated:
         _check_units(work, base.time, position, rate)
     plain = [key for key in series if key in config.signals and key not in (config.measured, *beside)]
+    held = np.array([base.held(command) for command in commands])
     trial = Trial(
         name=name,
         path=path,
         time=base.time - base.time[0],
         position=position,
-        commands=np.array([base.held(command) for command in commands]).reshape(len(commands), len(base.time)).T,
+        # Without any command the array would lose its second dimension.
+        commands=held.reshape(len(commands), len(base.time)).T,
         extras={key: _extra(work, key, series[key], base) for key in plain},
         remarks=tuple(work.remarks),
         rate=rate,
@@ -112,8 +117,11 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
         integrated=integrated,
         began=None if raw.epoch is None else raw.epoch + float(base.time[0]),
     )
+    if not fixes:
+        return trial
     # A place on the map is none along the body before the heading is known too.
-    return trial.part(slice(int(np.argmax(trial.measured)), None), name) if fixes else trial
+    first = int(np.argmax(trial.measured))
+    return trial.part(slice(first, None), name)
 
 
 def _is_dead(time: FloatArray, rate: FloatArray, position: FloatArray, kind: Kind) -> bool:
@@ -132,19 +140,23 @@ def _along(work: _Builder, north: FloatArray, others: Mapping[str, FloatArray | 
     known = np.flatnonzero(np.isfinite(north) & np.isfinite(east) & np.isfinite(heading))
     if len(known) < _FEWEST:
         empty = [name for name, values in others.items() if values is None or not np.isfinite(values).any()]
+        what = " and ".join(empty) or "north, east and heading together"
         raise LogError(
-            f"{' and '.join(empty) or 'north, east and heading together'} cannot be read at {len(north) - len(known)} "
+            f"{what} cannot be read at {len(north) - len(known)} "
             f"of {len(north)} places; all three were expected at {_FEWEST} at least.",
             where=work.name,
             mend="Leave this log out, or map the column or topic that holds them.",
         )
-    position, axis = np.full(len(north), np.nan), work.config.axis
     steps = np.column_stack((np.diff(north[known]), np.diff(east[known])))
-    course = 0.5 * (heading[known][1:] + heading[known][:-1])
-    ahead = np.column_stack((np.cos(course), np.sin(course)))
-    if axis.name == "sway":
-        ahead = np.column_stack((-ahead[:, 1], ahead[:, 0]))
-    position[known] = np.concatenate(([0.0], np.cumsum(np.sum(steps * ahead, axis=1))))
+    headings = heading[known]
+    course = 0.5 * (headings[1:] + headings[:-1])
+    along = np.column_stack((np.cos(course), np.sin(course)))
+    if work.config.axis.name == "sway":
+        # A quarter turn to starboard.
+        along = np.column_stack((-along[:, 1], along[:, 0]))
+    gone = np.cumsum(np.sum(steps * along, axis=1))
+    position = np.full(len(north), np.nan)
+    position[known] = np.concatenate(([0.0], gone))
     return position
 
 
@@ -179,16 +191,22 @@ def _one_clock(work: _Builder, channels: Mapping[str, Channel]) -> dict[str, Ser
         where=work.name,
     )
     work.remarks.extend(ordered.remarks)
-    return {
-        name: Series(time=ordered.time, values=_scaled(values, channels[name], work.signal(name)))
-        for name, values in ordered.values.items()
-    }
+    series = {}
+    for name, values in ordered.values.items():
+        scaled = _scaled(values, channels[name], work.signal(name))
+        series[name] = Series(time=ordered.time, values=scaled)
+    return series
 
 
 def _scaled(values: FloatArray, channel: Channel, signal: Signal) -> FloatArray:
-    factor = float(np.sign(signal.factor)) if channel.radians else signal.factor
+    factor = signal.factor
+    if channel.radians:
+        # Of the factor only the sense is left.
+        factor = float(np.sign(factor))
+    if factor == 1.0:
+        return values
     with np.errstate(invalid="ignore"):  # a damaged number may be a NaN that signals
-        return values if factor == 1.0 else values * factor
+        return values * factor
 
 
 def _measured(work: _Builder, logged: Series) -> Series:
@@ -254,14 +272,16 @@ def _span(work: _Builder, series: Series, commands: list[Series]) -> tuple[float
     measured = series.stamps
     known = max((float(command.stamps[0]) for command in commands), default=-np.inf)
     first = int(np.searchsorted(measured, known))
-    if (count := len(measured) - first) < _FEWEST:
+    count = len(measured) - first
+    if count < _FEWEST:
         raise LogError(
             f"{count} {work.measured} readings come after every command is known (from {known - measured[0]:.1f} s "
             f"behind the first on); at least {_FEWEST} were expected.",
             where=work.name,
             mend="Leave this log out, or check that its topics or columns are mapped right.",
         )
-    if (late := measured[first] - measured[0]) > _LATE_START:
+    late = measured[first] - measured[0]
+    if late > _LATE_START:
         work.remark("start", first, f"The first {late:.1f} s were left out: a command was not known yet.")
     for signal, command in zip(work.config.commands, commands, strict=True):
         _say_stale(work, signal.name, command.stamps, float(measured[-1]))
@@ -282,7 +302,9 @@ def _say_stale(work: _Builder, name: str, time: FloatArray, end: float) -> None:
 def _continuous(work: _Builder, name: str, logged: Series, base: Base) -> FloatArray | None:
     """(n,) on the time base; None if it is nowhere known."""
     _say_missing(work, name, logged)
-    return base.interpolated(logged, angle=name in (*_TILTS, "heading")) if logged.known.size else None
+    if not logged.known.size:
+        return None
+    return base.interpolated(logged, angle=name in (*_TILTS, "heading"))
 
 
 def _extra(work: _Builder, name: str, logged: Series, base: Base) -> FloatArray:
@@ -294,8 +316,8 @@ def _extra(work: _Builder, name: str, logged: Series, base: Base) -> FloatArray:
 
 def _check_units(work: _Builder, base: FloatArray, psi: FloatArray, yaw_rate: FloatArray | None) -> None:
     heading = work.config.signals["heading"]
-    if yaw_rate is not None and told_by_gyro(
-        base, psi, yaw_rate, (heading, work.config.signals["yaw_rate"]), work.name
-    ):
-        return
+    if yaw_rate is not None:
+        signals = (heading, work.config.signals["yaw_rate"])
+        if told_by_gyro(base, psi, yaw_rate, signals, work.name):
+            return
     refuse_wrong_heading(work.raw.channels["heading"], heading, psi, work.name)

@@ -47,7 +47,12 @@ def read(path: Path, config: Config) -> RawLog:
         rovid.toml does not map a command for it.
     """
     signals = mapped(config, KIND, path)
-    log = Log(path, {split_sensor(signal.sources[KIND].partition(".")[0])[0] for signal in signals.values()})
+    wanted = set()
+    for signal in signals.values():
+        topic, _, _ = signal.sources[KIND].partition(".")
+        name, _ = split_sensor(topic)
+        wanted.add(name)
+    log = Log(path, wanted)
     channels = channels_of(path, KIND, signals, log.columns, _CLOCK)
     return raw_log(channels, tuple(log.remarks))
 
@@ -63,7 +68,8 @@ def sources(path: Path) -> Contents:
     log = Log(path, set(_TELLING))
     present = {name for name, system, _ in log.frames if system == log.system}
     topics = {name: log.columns(name) for name in _TELLING if name in present}
-    return Contents(sources=tuple(source for source in numeric_sources(topics) if not source.endswith(_CLOCK)))
+    found = [source for source in numeric_sources(topics) if not source.endswith(_CLOCK)]
+    return Contents(sources=tuple(found))
 
 
 class Log:
@@ -78,7 +84,8 @@ class Log:
         self.dialect = library("pymavlink.dialects.v20.ardupilotmega", _EXTRA, path)
         self.kinds = {kind.msgname: kind for kind in self.dialect.mavlink_map.values()}
         self.names = {kind.id: name for name, kind in self.kinds.items()}
-        self.wanted = {kind.id for name, kind in self.kinds.items() if name in {*wanted, _VEHICLE}}
+        chosen = self.kinds.keys() & {*wanted, _VEHICLE}
+        self.wanted = {self.kinds[name].id for name in chosen}
         # (name, system, component) -> where its frames begin, and where they end
         self.frames: dict[tuple[str, int, int], tuple[array[int], array[int]]] = {}
         self.seen: Counter[int] = Counter()
@@ -117,12 +124,14 @@ class Log:
 
     def _vehicle(self) -> int:
         """The system that tells its attitude; where none does, the one that sends most of what is wanted."""
-        every = {key: len(begins) for key, (begins, _) in self.frames.items()}
-        telling = {key: count for key, count in every.items() if key[0] == _VEHICLE}
-        counts: Counter[int] = Counter()
-        for (_, system, _), count in (telling or every).items():
-            counts[system] += count
-        first = next((system for system, _ in counts.most_common(1)), 0)
+        telling: Counter[int] = Counter()
+        every: Counter[int] = Counter()
+        for (name, system, _), (begins, _) in self.frames.items():
+            every[system] += len(begins)
+            if name == _VEHICLE:
+                telling[system] += len(begins)
+        counts = telling or every
+        first = max(counts, key=lambda system: counts[system], default=0)
         if len(counts) > 1:
             what = "tell an attitude" if telling else "send what is wanted, and no attitude"
             text = f"Systems {sorted(counts)} {what}; {first}, which does so most often, was taken."
@@ -134,7 +143,8 @@ class Log:
         name, _ = split_sensor(topic)
         components = [component for one, system, component in self.frames if (one, system) == (name, self.system)]
         if not components:
-            present = {self.names[number]: None for number in self.seen if number in self.names}
+            known = [number for number in self.seen if number in self.names]
+            present = dict.fromkeys(self.names[number] for number in known)
             raise missing_topic(self.path, KIND, topic, present)
         # An autopilot is component 1; cameras and gimbals come behind.
         columns = self._decoded(self.kinds[name], *self.frames[name, self.system, min(components)])
@@ -144,7 +154,9 @@ class Log:
 
     def _decoded(self, kind: Any, begins: array[int], ends: array[int]) -> dict[str, NDArray[Any]]:
         """Fields, and when they arrived in us; messages whose checksum is wrong are left out."""
-        layout, extra, checksum = _layout(kind), bytes([kind.crc_extra]), self.dialect.x25crc
+        layout = _layout(kind)
+        extra = bytes([kind.crc_extra])
+        checksum = self.dialect.x25crc
         stamps, payloads = array("Q"), bytearray()
         for start, end in zip(begins, ends, strict=True):
             frame = self.data[start + 8 : end]
@@ -161,10 +173,11 @@ class Log:
         rows = np.frombuffer(payloads, dtype=layout)
         columns = {_CLOCK: np.frombuffer(stamps, dtype=np.uint64)}
         for field in layout.names or ():
-            if rows[field].ndim == 2:
-                columns |= {f"{field}[{at}]": rows[field][:, at] for at in range(rows[field].shape[1])}
+            values = rows[field]
+            if values.ndim == 2:
+                columns |= {f"{field}[{at}]": column for at, column in enumerate(values.T)}
             else:
-                columns[field] = rows[field]
+                columns[field] = values
         return columns
 
 
@@ -183,5 +196,9 @@ def _layout(kind: Any) -> np.dtype[Any]:
     letters = bytes(kind.native_format).decode().lstrip("<")
     fields: list[Any] = []
     for name, letter, count in zip(kind.ordered_fieldnames, letters, kind.array_lengths, strict=True):
-        fields.append((name, f"S{count or 1}") if letter == "c" else (name, f"<{letter}", (count,) if count else ()))
+        if letter == "c":
+            fields.append((name, f"S{count or 1}"))
+        else:
+            shape = (count,) if count else ()
+            fields.append((name, f"<{letter}", shape))
     return np.dtype(fields)

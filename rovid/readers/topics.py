@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +72,7 @@ class Topic:
                 raise
             self.trouble = error
             return None
+        # Looked up once, not at each of a million messages.
         picks, by_log, by_publish = self.picks, self.clock == "log", self.clock == "publish"
 
         def take(payload: bytes, log: int, publish: int) -> None:
@@ -81,9 +81,12 @@ class Topic:
             except Exception as error:  # damaged payloads make the libraries raise anything
                 raise self._undecodable(error) from error
             try:
-                self.times.append(
-                    log if by_log else publish if by_publish else self._time_inside(message, mapping=mapping)
-                )
+                if by_log:
+                    self.times.append(log)
+                elif by_publish:
+                    self.times.append(publish)
+                else:
+                    self.times.append(self._time_inside(message, mapping=mapping))
             except OverflowError as error:
                 raise self._complaint("has a time beyond the year 2262") from error
             for pick in picks:
@@ -161,14 +164,16 @@ class Topics:
 
     def _topic(self, name: str, *, mapping: bool) -> Topic | None:
         picks = []
+        where = str(self.path)
         for signal, mapped_to in self.signals.items():
             source = mapped_to.sources[self.kind]
             fields = split_path(source, name)
             if fields is not None:
-                picks.append(
-                    Pick(signal, source, fields, mapping=mapping, where=str(self.path), optional=mapped_to.optional)
-                )
-        return Topic(name, self.kind, self.clock, picks, str(self.path)) if picks else None
+                pick = Pick(signal, source, fields, mapping=mapping, where=where, optional=mapped_to.optional)
+                picks.append(pick)
+        if not picks:
+            return None
+        return Topic(name, self.kind, self.clock, picks, where)
 
     def result(self, remarks: Callable[[float], tuple[Remark, ...]], damage: str = "") -> RawLog:
         """Raw channels.
@@ -198,31 +203,37 @@ class Topics:
         if not chosen:
             raise LogError("holds nothing that can be read.", where=self.path, mend=next(iter(lacking), ""))
         times, origin = self._times({topic.name: topic for topic, _ in chosen.values()})
-        channels = {
-            signal: Channel(
+        channels = {}
+        for signal, (topic, pick) in chosen.items():
+            channels[signal] = Channel(
                 source=pick.source,
                 clock=f"{self.clock} time of {topic.name}",
                 time=times[topic.name],
                 values=pick.column(),
                 radians=pick.quaternion,
             )
-            for signal, (topic, pick) in chosen.items()
-        }
+        last = max(float(np.max(time)) for time in times.values())
+        skipped = [Remark(kind="skipped", count=1, text=text) for text in lacking]
         return RawLog(
             channels=channels,
             place=lambda signal, index: f"message {index + 1} of {chosen[signal][0].name}",
-            remarks=(
-                *remarks(max(float(np.max(time)) for time in times.values())),
-                *(Remark(kind="skipped", count=1, text=text) for text in lacking),
-            ),
+            remarks=(*remarks(last), *skipped),
             sortable=True,
-            epoch=origin * 1e-9 if self.clock in _CLOCKS and origin * 1e-9 > EPOCH_FROM else None,
+            epoch=self._epoch(origin),
         )
+
+    def _epoch(self, origin: int) -> float | None:
+        """Seconds since 1970 of time zero; None where the clock does not count from then."""
+        if self.clock not in _CLOCKS:
+            return None
+        epoch = origin * 1e-9
+        return epoch if epoch > EPOCH_FROM else None
 
     def _choose(self, signal: str, source: str) -> tuple[Topic, Pick]:
         """The longest topic that ``source`` begins with, and what it gave."""
         found = [name for name in self.topics if split_path(source, name) is not None]
-        topic = self.topics[max(found, key=len)] if found else None
+        longest = max(found, key=len, default="")
+        topic = self.topics.get(longest)
         if topic is None:
             raise self._missing(
                 f"has no topic for {source!r}, which rovid.toml maps to {signal}. {nearest(source, self.topics)}",
@@ -234,10 +245,10 @@ class Topics:
             raise self._missing(f"holds no message on topic {topic.name!r} ({signal}).", "Leave this log out.")
         pick = next(pick for pick in topic.picks if pick.signal == signal)
         if not pick.seen:
+            field = ".".join(pick.fields) or "of a quaternion"
             names = ", ".join(field_names(topic.last)) or "none"
             raise self._missing(
-                f"topic {topic.name!r} never holds the field {'.'.join(pick.fields) or 'of a quaternion'!r} "
-                f"({signal}). Its fields: {names}.",
+                f"topic {topic.name!r} never holds the field {field!r} ({signal}). Its fields: {names}.",
                 f"Correct {signal} in rovid.toml.",
             )
         return topic, pick
@@ -248,19 +259,24 @@ class Topics:
     def _times(self, topics: Mapping[str, Topic]) -> tuple[dict[str, FloatArray], int]:
         """(n,) s for each topic, from one common beginning, and that as logged."""
         logged = {name: _numbers(topic.times) for name, topic in topics.items()}
+        origin = 0
         if any(times.dtype.kind == "f" for times in logged.values()):
             logged = {name: times.astype(np.float64) for name, times in logged.items()}
-        origin = min(int(times[0]) if times.dtype.kind == "i" else 0 for times in logged.values())
+        else:
+            # As whole numbers, before they become floats, which would lose digits of the ns since 1970.
+            origin = min(int(times[0]) for times in logged.values())
         unit = "ns" if self.clock in _CLOCKS else self.time.unit
-        return {name: seconds(times, self.clock, unit, origin) for name, times in logged.items()}, origin
+        since = {name: seconds(times, self.clock, unit, origin) for name, times in logged.items()}
+        return since, origin
 
 
 def _numbers(times: array[int] | list[Any]) -> NDArray[Any]:
     """int64 where all are integers that fit, else float64."""
     if isinstance(times, array):
         return np.frombuffer(times, dtype=np.int64)
-    whole = all(isinstance(time, int) and abs(time) < _LATEST for time in times)
-    return np.array(times, dtype=np.int64) if whole else np.array([as_float(time) for time in times])
+    if all(isinstance(time, int) and abs(time) < _LATEST for time in times):
+        return np.array(times, dtype=np.int64)
+    return np.array([as_float(time) for time in times])
 
 
 class Listing:
@@ -286,10 +302,15 @@ class Listing:
 
     def contents(self, damage: Iterable[str] = ()) -> Contents:
         """Every number and orientation; ``damage`` is what is known to be lacking."""
-        fields = (numeric_fields(topic.last, topic.name) for topic in self._topics)
-        trouble = (str(topic.trouble) for topic in self._topics if topic.trouble)
-        lost = (f"{self.path}: {text}" for text in damage)
-        return Contents(sources=tuple(dict.fromkeys(chain.from_iterable(fields))), left_out=(*trouble, *lost))
+        # In the order of the log, each once.
+        fields: dict[str, None] = {}
+        trouble = []
+        for topic in self._topics:
+            fields |= dict.fromkeys(numeric_fields(topic.last, topic.name))
+            if topic.trouble:
+                trouble.append(str(topic.trouble))
+        lost = [f"{self.path}: {text}" for text in damage]
+        return Contents(sources=tuple(fields), left_out=(*trouble, *lost))
 
 
 def numeric_fields(message: Any, topic: str) -> Iterator[str]:

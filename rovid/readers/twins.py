@@ -120,9 +120,13 @@ def _roughly(fine: _Run, coarse: _Run) -> bool:
     """Whether a shift could make one of the other: cheap, since most pairs end here."""
     low, high = fine.envelope
     count = min(len(low), len(coarse.seconds))
+    if not count:
+        return True
     low, high, psi = low[:count], high[:count], coarse.seconds[:count]
-    psi = psi - _TURN * np.rint(np.median(psi - 0.5 * (low + high)) / _TURN) if count else psi
-    return bool(np.mean((psi >= low - _ALIKE) & (psi <= high + _ALIKE)) > _MOSTLY) if count else True
+    # One may have been unwrapped from another turn than the other.
+    psi = psi - _TURN * np.rint(np.median(psi - 0.5 * (low + high)) / _TURN)
+    inside = (psi >= low - _ALIKE) & (psi <= high + _ALIKE)
+    return bool(np.mean(inside) > _MOSTLY)
 
 
 def _difference(fine: _Run, time: FloatArray, psi: FloatArray) -> FloatArray:

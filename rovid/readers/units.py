@@ -42,7 +42,8 @@ def refuse_wrong_heading(channel: Channel, signal: Signal, heading: FloatArray, 
         return
     found = ""
     if signal.unit == "deg":
-        low, high = (float(end * _DEGREES) for end in (np.fmin.reduce(heading), np.fmax.reduce(heading)))
+        low = float(np.fmin.reduce(heading) * _DEGREES)
+        high = float(np.fmax.reduce(heading) * _DEGREES)
         if max(-low, high) <= _TURN_RAD + 0.01:
             found = _looks_like_radians(heading[np.isfinite(heading)] * _DEGREES, low, high)
     else:
@@ -54,9 +55,13 @@ def refuse_wrong_heading(channel: Channel, signal: Signal, heading: FloatArray, 
 
 def _looks_like_radians(values: FloatArray, low: float, high: float) -> str:
     steps = np.abs(np.diff(values))
-    if np.any((np.abs(steps - _TURN_RAD) < 0.5) & (steps > 10.0 * np.median(steps))):
+    whole_turn = np.abs(steps - _TURN_RAD) < 0.5
+    # A vehicle that spins fast makes large steps all the time.
+    sudden = steps > 10.0 * np.median(steps)
+    if np.any(whole_turn & sudden):
         return f"it jumps by {_TURN_RAD:.4g}, a whole turn in radians"
-    rounded = bool(np.all(np.abs(values / _COARSE - np.rint(values / _COARSE)) < 1e-6))
+    in_coarse = values / _COARSE
+    rounded = bool(np.all(np.abs(in_coarse - np.rint(in_coarse)) < 1e-6))
     if high - low > _SPAN and not rounded:
         return f"all its values lie between {low:.4g} and {high:.4g}"
     return ""
@@ -70,9 +75,12 @@ def _looks_like_degrees(time: FloatArray, values: FloatArray) -> str:
     if np.any(np.abs(np.abs(steps) - _TURN_DEG) < 40.0):
         return "it jumps by 360, a whole turn in degrees"
     seconds = np.diff(time)
-    rates = np.abs(steps[seconds > 0] / seconds[seconds > 0])
+    later = seconds > 0
+    rates = np.abs(steps[later] / seconds[later])
     fast = float(np.percentile(rates, 95)) if rates.size else 0.0
-    return f"in radians it would turn at {fast:.3g} rad/s" if fast > _TOO_FAST else ""
+    if fast > _TOO_FAST:
+        return f"in radians it would turn at {fast:.3g} rad/s"
+    return ""
 
 
 def _wrong_unit(channel: Channel, signal: Signal, found: str, where: str) -> LogError:
@@ -126,29 +134,37 @@ def _compare(time: FloatArray, heading: FloatArray, yaw_rate: FloatArray) -> tup
     width = max(2, 2 * round(_WINDOW / float(np.median(np.diff(t))) / 2))
     first = np.arange(0, len(t) - width, max(1, len(t) // 20_000))
     span = t[first + width] - t[first]
-    first = first[span < 2.0 * np.median(span)] if span.size else first
+    if span.size:
+        # A window with a gap in it says nothing of the middle.
+        first = first[span < 2.0 * np.median(span)]
     if len(first) < _FEWEST_WINDOWS:
         return None
-    turned = psi[first + width] - psi[first]
-    mean = (r[first] + 4.0 * r[first + width // 2] + r[first + width]) / 6.0
-    rate = turned / (t[first + width] - t[first])
+    middle, last = first + width // 2, first + width
+    rate = (psi[last] - psi[first]) / (t[last] - t[first])
+    # By Simpson's rule: three readings stand for the whole window.
+    mean = (r[first] + 4.0 * r[middle] + r[last]) / 6.0
     usual = np.abs(rate) <= np.percentile(np.abs(rate), 98)  # without the jumps that a wrong unit leaves
     return _ratio(rate[usual], mean[usual])
 
 
 def _ratio(rate: FloatArray, gyro: FloatArray) -> tuple[float, float] | None:
-    size = math.sqrt(float(rate @ rate)), math.sqrt(float(gyro @ gyro))
-    if min(size) == 0.0:
+    own = math.sqrt(float(rate @ rate))
+    logged = math.sqrt(float(gyro @ gyro))
+    if min(own, logged) == 0.0:
         return None
-    alike = float(rate @ gyro) / (size[0] * size[1])
-    return (size[1] / size[0], alike) if abs(alike) > _ALIKE else None
+    alike = float(rate @ gyro) / (own * logged)
+    if abs(alike) > _ALIKE:
+        return logged / own, alike
+    return None
 
 
 def _wrong_rate(ratio: float, heading: FloatArray, signals: tuple[Signal, Signal], where: str) -> LogError:
     degrees, gyro = signals
     # Declared degrees that are radians leave less than a turn of 57; beyond it the gyro is the wrong one.
     small = bool(np.nanmax(np.abs(heading)) <= _TURN_RAD / _DEGREES * 1.01)
-    heading_wrong = degrees.unit == "deg" and small if ratio > 1.0 else degrees.unit == "rad"
+    heading_wrong = degrees.unit == "rad"
+    if ratio > 1.0:
+        heading_wrong = degrees.unit == "deg" and small
     culprit = degrees if heading_wrong else gyro
     other = {"deg": "rad", "rad": "deg", "deg/s": "rad/s", "rad/s": "deg/s"}.get(culprit.unit, "rad")
     return LogError(

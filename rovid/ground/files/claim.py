@@ -81,21 +81,23 @@ class Claim:
         data: dict[Output, bytes] = {}
         try:
             gone = [Path(os.path.realpath(path)) for path in stale]
-            folders = sorted({path.parent for path in (*(output.target for output in contents), *gone)})
+            targets = [output.target for output in contents]
+            folders = sorted({path.parent for path in (*targets, *gone)})
             for folder in folders:
                 folder.mkdir(parents=True, exist_ok=True)
             with held(folders):
-                data = {output: _encoded(content) for output, content in contents.items()}
-                new = {output: content for output, content in data.items() if not _holds(output.target, content)}
-                for output in new:
+                data = _all_encoded(contents)
+                changed = [output for output, content in data.items() if not _holds(output.target, content)]
+                for output in changed:
                     self._require_free(output, certain=True)
-                _write({output.target: content for output, content in new.items()}, gone, folders)
-        except (OSError, OutputError) as error:
-            if isinstance(error, OutputError) and not all(output.form.replaced for output in contents):
-                raise  # another file of that name was there all the time
-            data = data or {output: _encoded(content) for output, content in contents.items()}
+                _write({output.target: data[output] for output in changed}, gone, folders)
+        except OSError as error:
             first = next(iter(contents))
-            self.rescue(data, _not_written(first.path, error) if isinstance(error, OSError) else error)
+            self.rescue(data or _all_encoded(contents), _not_written(first.path, error))
+        except OutputError as error:
+            if not all(output.form.replaced for output in contents):
+                raise  # another file of that name was there all the time
+            self.rescue(data or _all_encoded(contents), error)
 
     def rescue(self, contents: Mapping[Output, bytes], reason: RovidError) -> NoReturn:
         """Save what cannot be written into a new folder somewhere else.
@@ -135,7 +137,8 @@ class Claim:
         marked = form.marks(target)
         if marked and not form.replaced and not certain:
             return
-        if any(path.samefile(target) for path in self._protected if path.exists()):
+        protected = [path for path in self._protected if path.exists()]
+        if any(path.samefile(target) for path in protected):
             raise OutputError(
                 "belongs to what is read here and is not written over.", where=output.path, mend=_ELSEWHERE
             )
@@ -213,9 +216,15 @@ def _holds(target: Path, content: bytes) -> bool:
     return target.is_file() and target.stat().st_size == len(content) and target.read_bytes() == content
 
 
+def _all_encoded(contents: Mapping[Output, Content]) -> dict[Output, bytes]:
+    return {output: _encoded(content) for output, content in contents.items()}
+
+
 def _encoded(content: Content) -> bytes:
     made = content() if callable(content) else content
-    return made.encode("utf-8") if isinstance(made, str) else made
+    if isinstance(made, str):
+        return made.encode("utf-8")
+    return made
 
 
 def _standing(folder: Path) -> Path:
