@@ -40,12 +40,16 @@ class Allocation:
     @property
     def lowest(self) -> float:
         """N m; the largest torque that turns the heading down."""
-        return float(self.torque[0]) if self.limited else -math.inf
+        if not self.limited:
+            return -math.inf
+        return float(self.torque[0])
 
     @property
     def highest(self) -> float:
         """N m; the largest torque that turns the heading up."""
-        return float(self.torque[-1]) if self.limited else math.inf
+        if not self.limited:
+            return math.inf
+        return float(self.torque[-1])
 
     def __call__(self, torque: FloatArray) -> FloatArray:
         """(n, k) commands that give (n,) ``torque`` in N m, or as much of it as there is."""
@@ -58,7 +62,8 @@ def allocate(vehicle: Vehicle, model: Model) -> Allocation:
     A logged torque is commanded itself, without limit.
     """
     neutral = neutral_commands(vehicle)
-    (up, forward), (down, backward) = (_half(vehicle, model, way) for way in (1.0, -1.0))
+    up, forward = _half(vehicle, model, 1.0)
+    down, backward = _half(vehicle, model, -1.0)
     return Allocation(
         torque=np.concatenate((-down[::-1], [0.0], up)),
         commands=np.concatenate((backward[::-1], [neutral], forward)),
@@ -68,7 +73,8 @@ def allocate(vehicle: Vehicle, model: Model) -> Allocation:
 
 def bare_actuation(vehicle: Vehicle, time: FloatArray, parts: int = 1) -> Actuation:
     """What effects need to know of ``vehicle`` at the instants ``time``, without further channels."""
-    return actuation_of(vehicle, Trial.imagined(time, np.zeros((len(time), len(vehicle.thrusters)))), parts)
+    still = np.zeros((len(time), len(vehicle.thrusters)))
+    return actuation_of(vehicle, Trial.imagined(time, still), parts)
 
 
 def _half(vehicle: Vehicle, model: Model, way: float) -> tuple[FloatArray, FloatArray]:
@@ -85,10 +91,15 @@ def _half(vehicle: Vehicle, model: Model, way: float) -> tuple[FloatArray, Float
         edge, end = where.dead_zone[at][side], thruster.curve.command[-side]
         columns.append(edge + share * (end - edge))
     commands = np.column_stack(columns)
-    torque = np.array([way * model.driven(vehicle, where, np.vstack((u, u))).torque[0] for u in commands])
-    torque = np.maximum.accumulate(np.maximum(torque, 0.0))
+    given = []
+    for command in commands:
+        held = np.vstack((command, command))
+        given.append(way * model.driven(vehicle, where, held).torque[0])
+    torque = np.maximum.accumulate(np.maximum(given, 0.0))
     # Of commands that give the same the largest, where the next torque begins; at the top the smallest.
-    keep = np.append(np.diff(torque) > 0.0, False) | (np.arange(_LEVELS) == np.searchsorted(torque, torque[-1]))
+    last = np.append(np.diff(torque) > 0.0, False)
+    top = np.arange(_LEVELS) == np.searchsorted(torque, torque[-1])
+    keep = last | top
     torque, commands = torque[keep], commands[keep]
     torque[0] = max(torque[0], _TINY * torque[-1])
     return torque, commands

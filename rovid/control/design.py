@@ -126,10 +126,11 @@ def unaided(law: Law) -> Law:
 
 def loop_of(law: Law, model: Model, vehicle: Vehicle, allocation: Allocation, setting: Setting) -> Loop:
     """The loop of ``law`` about rest, at the amplitude of the torque in use."""
+    amplitude = _amplitude(allocation, setting)
     return Loop(
         law=law,
         motion=linearised(model),
-        actuators=actuators(model, vehicle, allocation, law.period, _amplitude(allocation, setting)),
+        actuators=actuators(model, vehicle, allocation, law.period, amplitude),
         delay=setting.delay,
     )
 
@@ -145,17 +146,23 @@ def choose_bandwidth(model: Model, vehicle: Vehicle, allocation: Allocation, set
     capacity = min(allocation.highest, -allocation.lowest)
     if not capacity > 0.0:
         raise DataError("the thrusters turn the vehicle one way only.", mend="Look at yaw_arm and curve in rovid.toml.")
+
+    def law_at(bandwidth: float) -> Law:
+        kp, kd = gains(model.inertia, damping, bandwidth)
+        return law_for(model, allocation, setting, kp, kd)
+
     limit = math.sqrt(capacity / _FULL_TORQUE_ERROR / model.inertia)
     for bandwidth in BANDWIDTHS:
-        law = law_for(model, allocation, setting, *gains(model.inertia, damping, float(bandwidth)))
-        if law.kd * noise_of_rate(law, setting.heading_noise) > _NOISE_SHARE * setting.torque_in_use:
+        law = law_at(float(bandwidth))
+        noise = law.kd * noise_of_rate(law, setting.heading_noise)
+        if noise > _NOISE_SHARE * setting.torque_in_use:
             limit = min(limit, float(bandwidth))
             break
-    first = law_for(model, allocation, setting, *gains(model.inertia, damping, 1.0))
-    template = loop_of(first, model, vehicle, allocation, setting)
+    # Motion and actuators do not change with the gains: they are worked out once.
+    template = loop_of(law_at(1.0), model, vehicle, allocation, setting)
 
     def tried(bandwidth: float) -> Loop:
-        return replace(template, law=law_for(model, allocation, setting, *gains(model.inertia, damping, bandwidth)))
+        return replace(template, law=law_at(bandwidth))
 
     return largest_bandwidth(tried, limit)
 
@@ -179,15 +186,16 @@ def control_of(parameters: Parameters, vehicle: Vehicle, setting: Setting, optio
         vehicle = replace(vehicle, thrusters=(Thruster(name="torque", arm=1.0, curve=None),))
     allocation = allocate(vehicle, model)
     if options.kp is not None and options.kd is not None:
-        given = options.kp, options.kd
+        kp, kd = options.kp, options.kd
     else:
         wanted = options.bandwidth
         if wanted is None:
             wanted = choose_bandwidth(model, vehicle, allocation, setting, options.damping)
-        given = gains(model.inertia, options.damping, wanted)
-    law = law_for(model, allocation, setting, *given)
+        kp, kd = gains(model.inertia, options.damping, wanted)
+    law = law_for(model, allocation, setting, kp, kd)
     loop = loop_of(law, model, vehicle, allocation, setting)
     margins = loop.margins()
+    asked = manoeuvres(options.parsed_steps(), setting.torque_in_use)
     return Control(
         law=law,
         model=model,
@@ -198,11 +206,7 @@ def control_of(parameters: Parameters, vehicle: Vehicle, setting: Setting, optio
         lag=loop.lag(margins.crossover),
         margins=margins,
         spread=spread_of(loop, parameters, vehicle, allocation, setting),
-        runs=tuple(
-            closed_runs(
-                law, model, vehicle, allocation, setting, manoeuvres(options.parsed_steps(), setting.torque_in_use)
-            )
-        ),
+        runs=tuple(closed_runs(law, model, vehicle, allocation, setting, asked)),
     )
 
 
@@ -293,8 +297,10 @@ def duration(law: Law, model: Model) -> float:
     """s, after which a run has settled and gone on for as long again."""
     natural = math.sqrt(law.kp / model.inertia)
     ratio = damping_ratio(law.kp, law.kd, model.inertia)
-    slowest = natural * (ratio if ratio < 1.0 else ratio - math.sqrt(ratio**2 - 1.0))
-    return max(_LENGTHS / slowest, _SHORTEST)
+    if ratio >= 1.0:
+        # Of two modes without a swing the slower.
+        ratio -= math.sqrt(ratio**2 - 1.0)
+    return max(_LENGTHS / (natural * ratio), _SHORTEST)
 
 
 def _amplitude(allocation: Allocation, setting: Setting) -> float:

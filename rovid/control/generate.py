@@ -93,21 +93,19 @@ $limits        return torque
 
 def c_source(law: Law) -> str:
     """C99 of ``law``, without allocation."""
-    limits = "".join(
-        f"    if (torque {sign} {value!r}) torque = {value!r};\n"
-        for sign, value in (("<", law.lowest), (">", law.highest))
-        if math.isfinite(value)
-    )
+    limits = ""
+    for sign, value in (("<", law.lowest), (">", law.highest)):
+        if math.isfinite(value):
+            limits += f"    if (torque {sign} {value!r}) torque = {value!r};\n"
     return _C.substitute(_numbers(law), limits=limits)
 
 
 def python_source(law: Law) -> str:
     """Python of ``law``, with the standard library alone."""
-    limits = "".join(
-        f"        torque = {call}(torque, {value!r})\n"
-        for call, value in (("max", law.lowest), ("min", law.highest))
-        if math.isfinite(value)
-    )
+    limits = ""
+    for call, value in (("max", law.lowest), ("min", law.highest)):
+        if math.isfinite(value):
+            limits += f"        torque = {call}(torque, {value!r})\n"
     return _PYTHON.substitute(_numbers(law), limits=limits)
 
 

@@ -65,7 +65,9 @@ class Law:
     @property
     def blend(self) -> float:
         """Share of a new rate in the filtered one."""
-        return 1.0 if self.rate_filter <= 0.0 else -math.expm1(-self.period / self.rate_filter)
+        if self.rate_filter <= 0.0:
+            return 1.0
+        return -math.expm1(-self.period / self.rate_filter)
 
     @staticmethod
     def start(heading: float) -> State:
@@ -114,10 +116,10 @@ def holds(model: Model) -> tuple[float, ...]:
     values = np.array([torque(0.0, x, 0.0, h - x, None)[0] for x, h in rows])
     x, h = np.array(rows).T
     columns = (np.ones(len(x)), x, x**3, np.sin(h), np.cos(h), np.sin(2 * h), np.cos(2 * h))
-    factors = np.linalg.lstsq(np.column_stack(columns), -values, rcond=None)[0]
+    factors, *_ = np.linalg.lstsq(np.column_stack(columns), -values, rcond=None)
     # What rounding leaves of nothing is not written into anybody's controller.
-    largest = float(np.max(np.abs(values)))
-    return tuple(float(value) if abs(value) > 1e-9 * largest else 0.0 for value in factors)
+    least = 1e-9 * float(np.max(np.abs(values)))
+    return tuple(float(factor) if abs(factor) > least else 0.0 for factor in factors)
 
 
 TermTorque = Callable[[float, float, float, float, FloatArray | None], tuple[float, FloatArray]]
@@ -136,7 +138,7 @@ def total_of_terms(model: Model) -> TermTorque | None:
         base = model.base_from(heading)
         own = np.zeros((len(acting), TERM_STATES)) if states is None else states.copy()
         change = np.zeros_like(own)
-        each = (term(rate, angle, push, base, values, own, change, j) for j, term in enumerate(acting))
+        each = [term(rate, angle, push, base, values, own, change, j) for j, term in enumerate(acting)]
         return float(sum(each)), change
 
     return torque

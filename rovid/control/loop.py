@@ -116,21 +116,27 @@ def run_closed(
     """
     m = ticks(law.period)
     time: FloatArray = law.period / m * np.arange(len(wanted) * m + 1, dtype=np.float64)
-    outside = _from_outside(plant, time, 0.0 if push is None else np.append(np.repeat(push, m), push[-1]), seed)
+    held: FloatArray | float = 0.0
+    if push is not None:
+        held = np.append(np.repeat(push, m), push[-1])
+    outside = _from_outside(plant, time, held, seed)
     noise = np.random.default_rng([seed, 1]).normal(0.0, 1.0, len(wanted)) * plant.heading_noise
     where = bare_actuation(plant.vehicle, time, plant.model.parts)
-    for window in (*(round(length / law.period * m) for length in _WINDOWS), len(time)):
+    windows = [round(length / law.period * m) for length in _WINDOWS]
+    for window in (*windows, len(time)):
         course = _run(law, allocation, plant, wanted, start, time, outside, noise, where, window)
         if window >= len(time) or not plant.model.acts_on_drive:
             break
-        if _is_forgotten(plant.model.driven(plant.vehicle, where, course.commands), course.drive):
+        whole = plant.model.driven(plant.vehicle, where, course.commands)
+        if _is_forgotten(whole, course.drive):
             break
     return course
 
 
 def _is_forgotten(whole: Drive, seen: Drive) -> bool:
     """Whether what was before the window makes no difference to the torque, nor to what terms are told beside it."""
-    everything, looked_back = (np.column_stack((drive.torque, drive.beside)) for drive in (whole, seen))
+    everything = np.column_stack((whole.torque, whole.beside))
+    looked_back = np.column_stack((seen.torque, seen.beside))
     reach = _FORGOTTEN * np.maximum(np.max(np.abs(everything), axis=0), 1e-9)
     return bool(np.all(np.abs(everything - looked_back)[:-1] <= reach))
 
@@ -169,9 +175,8 @@ def _run(
         asked[at : at + m] = ask
         commands[at : at + m + 1] = allocation(np.array([ask]))
         drive = _latest(model, plant.vehicle, where, commands, max(at - window, 0), at + m)
-        torque[at : at + m], moment[at : at + m], beside[at : at + m] = (
-            values[-m - 1 : -1] for values in (drive.torque, drive.moment, drive.beside)
-        )
+        now, latest = slice(at, at + m), slice(-m - 1, -1)
+        torque[now], moment[now], beside[now] = drive.torque[latest], drive.moment[latest], drive.beside[latest]
         for j in range(at, at + m):
             turning, angle, stiffness = advance(
                 turning,
@@ -218,7 +223,9 @@ def _at(values: FloatArray, place: float) -> float:
         return float(values[0])
     whole = int(place)
     share = place - whole
-    return float(values[whole] if share == 0.0 else values[whole] + share * (values[whole + 1] - values[whole]))
+    if share == 0.0:
+        return float(values[whole])
+    return float(values[whole] + share * (values[whole + 1] - values[whole]))
 
 
 def _from_outside(plant: Plant, time: FloatArray, push: FloatArray | float, seed: int) -> FloatArray:
@@ -243,5 +250,6 @@ def coloured(time: FloatArray, size: float, memory: float, rng: np.random.Genera
 
     fade = math.exp(-float(time[1] - time[0]) / memory)
     kicks = rng.normal(0.0, size * math.sqrt(1.0 - fade**2), len(time))
+    # The series begins with all the size that it is to have.
     kicks[0] = rng.normal(0.0, size)
     return np.asarray(lfilter([1.0], [1.0, -fade], kicks))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -57,20 +57,34 @@ class Measures:
 def measure(course: Course, quiet: Course) -> Measures:
     """Judge ``course``, and ``quiet``, the same without noise and disturbance, by its limit cycle."""
     time, error = course.time, np.degrees(course.wanted - course.heading)
-    step = float(error[0])
-    stepped = abs(step) > 2.0 * _SETTLED_DEG
-    done = 1.0 - error / step if stepped else np.zeros(len(error))
     late = np.abs(error[time >= (1.0 - _END) * time[-1]])
-    at10, at63, at90 = (_first(time, done, share) if stepped else None for share in (0.1, _RISEN, 0.9))
-    return Measures(
-        time_constant=at63,
-        rise_time=None if at10 is None or at90 is None else at90 - at10,
-        settling_time=_settled(time, error, max(_SETTLED_SHARE * abs(step), _SETTLED_DEG)) if stepped else None,
-        overshoot_deg=max(float(np.max(done) - 1.0) * abs(step), 0.0) if stepped else None,
+    measures = Measures(
+        time_constant=None,
+        rise_time=None,
+        settling_time=None,
+        overshoot_deg=None,
         steady_error_deg=float(np.max(late)),
         effort=float(np.sqrt(np.mean(course.torque**2))),
         effort_change=float(np.sqrt(np.mean(np.diff(course.torque) ** 2))),
         limit_cycle=limit_cycle(quiet.time, np.degrees(quiet.heading)),
+    )
+    if not abs(error[0]) > 2.0 * _SETTLED_DEG:
+        return measures
+    return _with_step(measures, time, error)
+
+
+def _with_step(measures: Measures, time: FloatArray, error: FloatArray) -> Measures:
+    """``measures`` with those of the step that begins with the first ``error`` in deg."""
+    step = float(error[0])
+    done = 1.0 - error / step
+    at10, at90 = _first(time, done, 0.1), _first(time, done, 0.9)
+    beyond = float(np.max(done) - 1.0) * abs(step)
+    return replace(
+        measures,
+        time_constant=_first(time, done, _RISEN),
+        rise_time=None if at10 is None or at90 is None else at90 - at10,
+        settling_time=_settled(time, error, max(_SETTLED_SHARE * abs(step), _SETTLED_DEG)),
+        overshoot_deg=max(beyond, 0.0),
     )
 
 
@@ -78,8 +92,8 @@ def limit_cycle(time: FloatArray, heading: FloatArray) -> LimitCycle | None:
     """The swing that is left over the last third of (n,) ``heading`` in deg at ``time`` in s; None if it dies out."""
     late = time >= (1.0 - _END) * time[-1]
     t, swing = time[late], heading[late] - np.mean(heading[late])
-    halves = np.array_split(swing, 2)
-    before, after = (float(np.ptp(half)) / 2.0 for half in halves)
+    first, second = np.array_split(swing, 2)
+    before, after = float(np.ptp(first)) / 2.0, float(np.ptp(second)) / 2.0
     rising = np.flatnonzero((swing[:-1] < 0.0) & (swing[1:] >= 0.0))
     if after < _SEEN or after < _DYING * before or len(rising) < 2:
         return None
@@ -92,11 +106,17 @@ def _first(time: FloatArray, done: FloatArray, share: float) -> float | None:
     if not above.size:
         return None
     at = int(above[0])
-    return float(np.interp(share, done[at - 1 : at + 1], time[at - 1 : at + 1])) if at else 0.0
+    if at == 0:
+        return 0.0
+    pair = slice(at - 1, at + 1)
+    return float(np.interp(share, done[pair], time[pair]))
 
 
 def _settled(time: FloatArray, error: FloatArray, band: float) -> float | None:
     outside = np.flatnonzero(np.abs(error) > band)
     if not outside.size:
         return 0.0
-    return float(time[outside[-1] + 1]) if outside[-1] + 1 < len(time) else None
+    after = outside[-1] + 1
+    if after == len(time):
+        return None
+    return float(time[after])

@@ -57,7 +57,8 @@ class Options:
         for text in self.steps:
             first, _, last = text.partition(":")
             try:
-                found.append((float(first), float(first) + math.remainder(float(last) - float(first), 360.0)))
+                start, end = float(first), float(last)
+                found.append((start, start + math.remainder(end - start, 360.0)))
             except ValueError as error:
                 raise ConfigError(
                     f"is {text!r}; two headings in deg were expected, as in 20:120.", where="--step"
@@ -67,12 +68,16 @@ class Options:
 
 def setting_of(options: Options, model: Model, heading_noise: float | None, torque_in_use: float | None) -> Setting:
     """The loop's setting; a heading noise of 0.01 deg and the drag of a middling rate where no log says."""
+    if heading_noise is None:
+        heading_noise = _HEADING_NOISE
+    if torque_in_use is None:
+        torque_in_use = model.drag(np.array(_MIDDLING_RATE)).item()
     return Setting(
         period=options.period,
         delay=options.delay,
         rate_filter=options.rate_filter,
-        heading_noise=_HEADING_NOISE if heading_noise is None else heading_noise,
-        torque_in_use=model.drag(np.array(_MIDDLING_RATE)).item() if torque_in_use is None else torque_in_use,
+        heading_noise=heading_noise,
+        torque_in_use=torque_in_use,
     )
 
 

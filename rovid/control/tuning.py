@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -110,7 +110,8 @@ class Loop:
         own, scale = np.poly(matrix), float(np.max(np.abs(push)))
         closed = matrix.copy()
         closed[:, 0] -= push / scale
-        heading = scale * np.polyval(np.poly(closed) - own, s) / np.polyval(own, s)
+        added = np.poly(closed) - own
+        heading = scale * np.polyval(added, s) / np.polyval(own, s)
         # Held over the period, delayed, and sampled.
         held = -np.expm1(-s * period) / (s * period)
         sampled = np.sum(held * heading * np.exp(-s * self.delay), axis=1)
@@ -122,7 +123,8 @@ class Loop:
         back = np.exp(-1j * frequency * law.period)
         rate = law.blend * (1.0 - back) / law.period / (1.0 - (1.0 - law.blend) * back)
         # What the law does against torques at rest has a slope at the heading it starts from.
-        slope = (law.holding(_NUDGE, _NUDGE) - law.holding(-_NUDGE, -_NUDGE)) / (2.0 * _NUDGE)
+        change = law.holding(_NUDGE, _NUDGE) - law.holding(-_NUDGE, -_NUDGE)
+        slope = change / (2.0 * _NUDGE)
         return np.asarray(law.kp - slope + (law.kd - law.linear_drag) * rate)
 
     def actuation(self, frequency: FloatArray) -> ComplexArray:
@@ -135,7 +137,8 @@ class Loop:
             lag -= float(np.angle(value * np.exp(1j * w * lag))) / w
             lags[at] = lag
         gain = np.interp(frequency, known, np.abs(response))
-        return np.asarray(gain * np.exp(-1j * frequency * np.interp(frequency, known, lags)))
+        delay = np.interp(frequency, known, lags)
+        return np.asarray(gain * np.exp(-1j * frequency * delay))
 
     def lag(self, frequency: float) -> float:
         """All that delays the loop, in s, at ``frequency`` in rad/s; holding and difference take half a period each."""
@@ -152,23 +155,44 @@ class Loop:
         # The phase above -180 degrees; at low frequency, as of a constant, 1/s or 1/s^2, between none and 180.
         above = np.unwrap(np.angle(response)) + math.pi
         above -= 2.0 * math.pi * round((above[0] - 0.5 * math.pi) / (2.0 * math.pi))
-        unity = [(float(np.interp(at, x, above)), math.exp(at)) for at, _ in _crossings(x, size)]
-        real = [(float(np.interp(at, x, size)), falling) for at, falling in _crossings(x, above)]
-        beyond = [(gain, falling) for gain, falling in real if gain > 0.0]
-        stable = sum(1 if falling else -1 for _, falling in beyond) == 0
-        up = min((-gain for gain, _ in real if gain <= 0.0), default=math.inf)
-        down = min((gain for gain, _ in beyond), default=math.inf)
-        phases = [(phase % (2.0 * math.pi) if stable else phase, at) for phase, at in unity]
+        stable, up, down = _gain_margins(x, size, above)
+        crossovers, phases, delays = [], [], []
+        for at, _ in _crossings(x, size):
+            phase = float(np.interp(at, x, above))
+            if stable:
+                phase %= 2.0 * math.pi
+            crossovers.append(math.exp(at))
+            phases.append(phase)
+            delays.append(phase / math.exp(at))
         return Margins(
             stable=stable,
-            gain_db=_decibel(up if stable else -max(gain for gain, _ in beyond)),
+            gain_db=_decibel(up),
             gain_down_db=_decibel(down),
-            phase_deg=math.degrees(min((phase for phase, _ in phases), default=math.nan)),
-            delay_s=min((phase / at for phase, at in phases), default=math.nan),
+            phase_deg=math.degrees(min(phases, default=math.nan)),
+            delay_s=min(delays, default=math.nan),
             lag_s=_lag_margin(frequency, response) if stable else 0.0,
-            crossover=max((at for _, at in unity), default=math.nan),
+            crossover=max(crossovers, default=math.nan),
             sensitivity_peak=float(np.max(np.abs(1.0 / (1.0 + response)))),
         )
+
+
+def _gain_margins(x: FloatArray, size: FloatArray, above: FloatArray) -> tuple[bool, float, float]:
+    """Whether the loop is stable, and by how much its gain may rise and fall, as logarithms.
+
+    By Nyquist's criterion: where the phase passes -180 degrees with a gain above one, it comes back as often.
+    """
+    rest, beyond, balance = [], [], 0
+    for at, falling in _crossings(x, above):
+        gain = float(np.interp(at, x, size))
+        if gain > 0.0:
+            beyond.append(gain)
+            balance += 1 if falling else -1
+        elif gain <= 0.0:
+            rest.append(-gain)
+    down = min(beyond, default=math.inf)
+    if balance != 0:
+        return False, -max(beyond), down
+    return True, min(rest, default=math.inf), down
 
 
 def _lag_margin(frequency: FloatArray, response: ComplexArray) -> float:
@@ -197,10 +221,12 @@ def linearised(model: Model, heading: float = 0.0) -> tuple[FloatArray, FloatArr
     size = 2 + count * TERM_STATES
 
     def change(state: FloatArray, push: float) -> FloatArray:
+        angle, rate, own = state[0], state[1], state[2:].reshape(count, TERM_STATES)
         extra, slopes = 0.0, np.zeros((count, TERM_STATES))
         if torque is not None:
-            extra, slopes = torque(state[1], state[0], push, heading, state[2:].reshape(count, TERM_STATES))
-        return np.concatenate(([state[1], (push + extra - model.drag(state[1])) / model.inertia], slopes.ravel()))
+            extra, slopes = torque(rate, angle, push, heading, own)
+        acceleration = (push + extra - model.drag(rate)) / model.inertia
+        return np.concatenate(([rate, acceleration], slopes.ravel()))
 
     rest, matrix = np.zeros(size), np.empty((size, size))
     for at in range(size):
@@ -231,9 +257,11 @@ def actuators(
         wanted = amplitude * np.sin(frequency * time)
         acting = model.driven(vehicle, where, allocation(wanted)).torque
         part = slice(count - measured, count)
-        basis = np.column_stack([np.exp(1j * frequency * time[part]), np.exp(-1j * frequency * time[part])])
-        basis = np.column_stack((basis, np.ones(measured)))
-        response[at] = np.linalg.lstsq(basis, acting[part], rcond=None)[0][0] / (amplitude / 2j)
+        ahead, back = np.exp(1j * frequency * time[part]), np.exp(-1j * frequency * time[part])
+        basis = np.column_stack((ahead, back, np.ones(measured)))
+        found, *_ = np.linalg.lstsq(basis, acting[part], rcond=None)
+        # Of a sine itself this coordinate is its amplitude over 2j.
+        response[at] = found[0] / (amplitude / 2j)
     return frequencies, response
 
 
@@ -264,20 +292,31 @@ def largest_bandwidth(loop_of: Callable[[float], Loop], limit: float) -> float:
 def drawn(parameters: Parameters, count: int, seed: int) -> list[Model]:
     """``count`` models from the covariance in the parameter file, each parameter within its physical bounds."""
     names = list(parameters.entries)
-    matrix = np.array(
-        [[parameters.covariance.get((a, b), parameters.covariance.get((b, a), 0.0)) for b in names] for a in names]
-    )
+    matrix = _covariance(parameters, names)
     centre = np.array([parameters.entries[name].value for name in names])
+    scale = _scale(matrix, centre)
     # One square root for all draws; rounding of the file may leave it not quite definite.
-    values, vectors = np.linalg.eigh(np.nan_to_num(matrix / np.outer(*[_scale(matrix, centre)] * 2)))
-    root = vectors * np.sqrt(np.maximum(values, 0.0)) * _scale(matrix, centre)[:, None]
+    values, vectors = np.linalg.eigh(np.nan_to_num(matrix / np.outer(scale, scale)))
+    root = vectors * np.sqrt(np.maximum(values, 0.0)) * scale[:, None]
     chance = np.random.default_rng(seed).standard_normal((count, len(names)))
     bounds = np.array([_bounds(parameters.model(), name) for name in names])
     models = []
     for row in np.clip(centre + chance @ root.T, *bounds.T):
-        entries = {name: replace(parameters.entries[name], value=float(v)) for name, v in zip(names, row, strict=True)}
+        entries = {}
+        for name, value in zip(names, row, strict=True):
+            entries[name] = replace(parameters.entries[name], value=float(value))
         models.append(replace(parameters, entries=entries).model())
     return models
+
+
+def _covariance(parameters: Parameters, names: Sequence[str]) -> FloatArray:
+    """(p, p) of the file, which has each pair once, in either order."""
+    matrix = np.zeros((len(names), len(names)))
+    for row, first in enumerate(names):
+        for column, second in enumerate(names):
+            turned = parameters.covariance.get((second, first), 0.0)
+            matrix[row, column] = parameters.covariance.get((first, second), turned)
+    return matrix
 
 
 def _scale(matrix: FloatArray, centre: FloatArray) -> FloatArray:
@@ -288,10 +327,13 @@ def _scale(matrix: FloatArray, centre: FloatArray) -> FloatArray:
 def _bounds(model: Model, name: str) -> tuple[float, float]:
     """Of a parameter of the file; those in units of a search's scale are bounded by their sign alone."""
     key, _, parameter = name.rpartition(".")
+    if name == "inertia":
+        return _LEAST_INERTIA * model.inertia, math.inf
     if not key:
-        return (_LEAST_INERTIA * model.inertia, math.inf) if name == "inertia" else (0.0, math.inf)
+        return 0.0, math.inf
     effect = next(effect for effect in model.effects if effect.key == key)
     found = next(p for p in effect.parameters if p.name == parameter)
     if found.scale == "one":
         return found.low, found.high
-    return (0.0 if found.low >= 0.0 else -math.inf), math.inf
+    least = 0.0 if found.low >= 0.0 else -math.inf
+    return least, math.inf

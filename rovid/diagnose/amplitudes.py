@@ -69,13 +69,18 @@ class Explanation:
     def sizes(self) -> dict[str, tuple[float, str]]:
         """Value and unit of each parameter of the effect; a command is the torque here."""
         effect = self.model.effects[0]
-        values = zip(effect.parameters, self.model.effect_values, strict=True)
-        return {p.name: (value, p.unit.replace("command", "N m")) for p, value in values}
+        found = {}
+        for parameter, value in zip(effect.parameters, self.model.effect_values, strict=True):
+            unit = parameter.unit.replace("command", "N m")
+            found[parameter.name] = (value, unit)
+        return found
 
     @property
     def explains(self) -> bool:
         """Whether the reading of the rates accounts for what is left."""
-        return self.misfit < _BY_CHANCE if math.isnan(self.chance) else self.chance > _BY_CHANCE
+        if math.isnan(self.chance):
+            return self.misfit < _BY_CHANCE
+        return self.chance > _BY_CHANCE
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -146,56 +151,89 @@ class _Rows:
     def simulated(self, run: Trial, model: Model) -> float:
         """What a table would say of ``run``, rad/s: the peak of a sine and the mean of a hold, once it has settled."""
         rate, _ = model.simulate(run, model.drive(self.vehicle, run))
-        return float(rate[-_SAMPLES:].max() if run.name == "sine" else rate[-_HOLD_END:].mean())
+        if run.name == "sine":
+            return float(rate[-_SAMPLES:].max())
+        return float(rate[-_HOLD_END:].mean())
 
     def misfits(self, model: Model) -> FloatArray:
         """(n,) in standard deviations of their reading."""
-        return (np.array([self.simulated(run, model) for run in self.runs]) - self.rates) / self.errors
+        simulated = np.array([self.simulated(run, model) for run in self.runs])
+        return (simulated - self.rates) / self.errors
 
     def nearest(self, begin: Model, effect: Effect | None = None) -> Explanation:
         """Inertia, effect and the drag, unless it is known, fitted to all rows together from ``begin``."""
-        torque, rate = float(self.vehicle.thrusters[0].command_range() / 2.0), float(self.rates.max())
-        scales = Scales(command=torque, torque=torque, rate=rate, race=math.sqrt(torque))
-        parameters = () if effect is None else effect.parameters
-        # Neither drag alone can be much larger than all of it at the largest torque and rate.
-        most = [] if self.drag_known else [2.0 * torque / rate**2, 2.0 * torque / rate]
-        units = np.array([1.0, *most, *(scales.of(parameter) for parameter in parameters)])
-        own = 1 + len(most)
-
-        def model(x: FloatArray) -> Model:
-            drag = x[1:own] * units[1:own]
-            return replace(
-                begin,
-                inertia=math.exp(x[0]),
-                quadratic_drag=float(drag[0]) if most else begin.quadratic_drag,
-                linear_drag=float(drag[1]) if most else begin.linear_drag,
-                effects=() if effect is None else (effect,),
-                effect_values=tuple(float(value) for value in x[own:] * units[own:]),
-            )
-
-        def misfits(x: FloatArray) -> FloatArray:
-            return self.misfits(model(x))
-
-        low = np.array([math.log(self.inertias[0]), *(0.0 for _ in most), *(p.low for p in parameters)])
-        high = np.array([math.log(self.inertias[1]), *(1.0 for _ in most), *(p.high for p in parameters)])
-        drag = np.array([begin.quadratic_drag, begin.linear_drag])[: len(most)] / most
-        rest = np.array([math.log(begin.inertia), *drag])
-        begins = [
-            np.clip(np.concatenate((rest, one)), low, high) for one in ([()] if effect is None else effect.starts)
-        ]
-        begins = sorted(begins, key=lambda x: float(np.sum(misfits(x) ** 2)))[:_STARTS]
-        steps = np.full(len(low), _NUDGE)
-
-        def fitted(x: FloatArray, evaluations: int) -> optimize.OptimizeResult:
-            return optimize.least_squares(
-                misfits, x, bounds=(low, high), diff_step=steps, max_nfev=evaluations, ftol=_FINE, xtol=0.1 * _FINE
-            )
-
-        tried = [fitted(x, _FIRST_EVALUATIONS) for x in begins]
-        fit = fitted(min(tried, key=lambda fit: float(fit.cost)).x, _EVALUATIONS)
-        misfit, spare = 2.0 * float(fit.cost), len(self.rates) - len(low)
+        problem = _Problem(self, begin, effect)
+        begins = sorted(problem.begins(), key=problem.misfit)[:_STARTS]
+        tried = [problem.fitted(x, _FIRST_EVALUATIONS) for x in begins]
+        best = min(tried, key=lambda fit: float(fit.cost))
+        fit = problem.fitted(best.x, _EVALUATIONS)
+        # The solver's cost is half the sum of squares.
+        misfit = 2.0 * float(fit.cost)
+        spare = len(self.rates) - len(problem.low)
         chance = float(stats.chi2.sf(misfit, spare)) if spare > 0 else math.nan
-        return Explanation(model=model(fit.x), misfit=misfit, chance=chance)
+        return Explanation(model=problem.model(fit.x), misfit=misfit, chance=chance)
+
+
+class _Problem:
+    """Inertia, drag unless it is known, and one effect as coordinates to fit to ``rows``.
+
+    The inertia stands there by its logarithm; all else in its own size. ``low`` and ``high`` are the bounds.
+    """
+
+    def __init__(self, rows: _Rows, begin: Model, effect: Effect | None) -> None:
+        self.rows, self.begin = rows, begin
+        self.effects = () if effect is None else (effect,)
+        self.starts = [()] if effect is None else effect.starts
+        parameters = () if effect is None else effect.parameters
+        torque = float(rows.vehicle.thrusters[0].command_range() / 2.0)
+        rate = float(rows.rates.max())
+        scales = Scales(command=torque, torque=torque, rate=rate, race=math.sqrt(torque))
+        # Neither drag alone can be much larger than all of it at the largest torque and rate.
+        self.most = [] if rows.drag_known else [2.0 * torque / rate**2, 2.0 * torque / rate]
+        drags = len(self.most)
+        self.own = 1 + drags
+        sizes = [scales.of(parameter) for parameter in parameters]
+        self.units = np.array([1.0, *self.most, *sizes])
+        least, largest = rows.inertias
+        self.low = np.array([math.log(least), *[0.0] * drags, *[one.low for one in parameters]])
+        self.high = np.array([math.log(largest), *[1.0] * drags, *[one.high for one in parameters]])
+
+    def begins(self) -> list[FloatArray]:
+        """Where a fit may start: the inertia and drag of ``begin`` with each start of the effect."""
+        known = np.array([self.begin.quadratic_drag, self.begin.linear_drag])
+        drag = known[: len(self.most)] / self.most
+        rest = np.array([math.log(self.begin.inertia), *drag])
+        return [np.clip(np.concatenate((rest, start)), self.low, self.high) for start in self.starts]
+
+    def model(self, x: FloatArray) -> Model:
+        """The model at (q,) ``x``."""
+        sizes = x[self.own :] * self.units[self.own :]
+        values = tuple(float(value) for value in sizes)
+        model = replace(self.begin, inertia=math.exp(x[0]), effects=self.effects, effect_values=values)
+        if not self.most:
+            return model
+        quadratic, linear = x[1 : self.own] * self.units[1 : self.own]
+        return replace(model, quadratic_drag=float(quadratic), linear_drag=float(linear))
+
+    def misfits(self, x: FloatArray) -> FloatArray:
+        """(n,) of the rows."""
+        return self.rows.misfits(self.model(x))
+
+    def misfit(self, x: FloatArray) -> float:
+        """Their sum of squares."""
+        return float(np.sum(self.misfits(x) ** 2))
+
+    def fitted(self, x: FloatArray, evaluations: int) -> optimize.OptimizeResult:
+        """Least squares from ``x``."""
+        return optimize.least_squares(
+            self.misfits,
+            x,
+            bounds=(self.low, self.high),
+            diff_step=np.full(len(self.low), _NUDGE),
+            max_nfev=evaluations,
+            ftol=_FINE,
+            xtol=0.1 * _FINE,
+        )
 
 
 def explain(
@@ -216,30 +254,36 @@ def explain(
         A cell is no number, or no drag is known.
     """
     quadratic, linear = table_drag(sine, drag)
-    start = Model(
-        inertia=inertia.estimate.value("inertia"), quadratic_drag=float(quadratic[0]), linear_drag=float(linear[0])
-    )
+    value = inertia.estimate.value("inertia")
+    start = Model(inertia=value, quadratic_drag=float(quadratic[0]), linear_drag=float(linear[0]))
     rows = _rows(sine, steady, start, rigid_body)
     plain = rows.nearest(rows.start)
-    forms = () if plain.explains else forms_for(rows.vehicle)
-    tried = [effect for effect in forms if not effect.wave and effect.on_heading is None]
-    best: dict[str, Explanation] = {}
-    for fit in sorted(spread(lambda effect: rows.nearest(plain.model, effect), tried), key=_unlikely):
-        best.setdefault(fit.model.effects[0].id, fit)
+    with_effect = () if plain.explains else _with_effect(rows, plain.model)
     own = [replace(start, quadratic_drag=q, linear_drag=d) for q, d in zip(quadratic, linear, strict=True)]
     return Amplitudes(
         predictions=tuple(_predictions(sine, rows, own, inertia)),
         plain=plain,
-        with_effect=tuple(best.values()),
+        with_effect=with_effect,
         inertias=rows.inertias,
     )
 
 
+def _with_effect(rows: _Rows, plain: Model) -> tuple[Explanation, ...]:
+    """Of each effect its best form beside ``plain``, the nearest effect first."""
+    # Amplitudes tell nothing of waves, nor of what acts by the heading.
+    tried = [effect for effect in forms_for(rows.vehicle) if not effect.wave and effect.on_heading is None]
+    fits = spread(lambda effect: rows.nearest(plain, effect), tried)
+    best: dict[str, Explanation] = {}
+    for fit in sorted(fits, key=_unlikely):
+        best.setdefault(fit.model.effects[0].id, fit)
+    return tuple(best.values())
+
+
 def _predictions(sine: Table, rows: _Rows, models: Sequence[Model], inertia: InertiaFit) -> Iterator[Prediction]:
     """Every sine with the inertia of every method and the drag that the table gives it."""
-    names = sine.text("trial") if "trial" in sine.header else [f"row {line}" for line in sine.lines]
     for key, reading in inertia.methods.items():
-        for name, model, run, rate in zip(names, models, rows.runs, rows.rates, strict=False):
+        # Runs and rates go on with the holds after the sines: the names end first.
+        for name, model, run, rate in zip(_names(sine), models, rows.runs, rows.rates, strict=False):
             yield Prediction(
                 trial=name,
                 method=key,
@@ -249,23 +293,45 @@ def _predictions(sine: Table, rows: _Rows, models: Sequence[Model], inertia: Ine
             )
 
 
+def _names(sine: Table) -> list[str]:
+    """Of every row, as the table has it, else by its line."""
+    if "trial" in sine.header:
+        return sine.text("trial")
+    return [f"row {line}" for line in sine.lines]
+
+
 def _rows(sine: Table, steady: Table | None, start: Model, rigid_body: float | None) -> _Rows:
     period, torque = sine.numbers("period_s"), sine.numbers("torque_amplitude_Nm")
     runs = [_sine(float(p), float(amplitude)) for p, amplitude in zip(period, torque, strict=True)]
-    tables = [(sine, "peak_yaw_rate_rad_s"), *([] if steady is None else [(steady, "yaw_rate_rad_s")])]
+    tables = [(sine, "peak_yaw_rate_rad_s")]
     if steady is not None:
-        pairs = zip(steady.numbers("torque_Nm"), steady.numbers("yaw_rate_rad_s"), strict=True)
-        slowest = _SLOWEST * float(np.max(np.abs(steady.numbers("yaw_rate_rad_s"))))
-        runs += [_hold(float(push), max(abs(float(rate)), slowest), start) for push, rate in pairs]
+        runs += _holds(steady, start)
+        tables.append((steady, "yaw_rate_rad_s"))
+    rates = [table.numbers(column) for table, column in tables]
+    digits = [table.resolution(column) for table, column in tables]
+    largest = max(float(np.abs(run.commands).max()) for run in runs)
+    # Without a rigid body's inertia, what was found may itself be the largest of its kind, or the least.
+    least = rigid_body or start.inertia / _RATIOS[1]
+    most = rigid_body or start.inertia
     return _Rows(
         runs=runs,
-        rates=np.concatenate([table.numbers(column) for table, column in tables]),
-        errors=_READING * np.concatenate([table.resolution(column) for table, column in tables]),
+        rates=np.concatenate(rates),
+        errors=_READING * np.concatenate(digits),
         start=start,
-        vehicle=_of_torque(max(float(np.abs(run.commands).max()) for run in runs)),
+        vehicle=_of_torque(largest),
         drag_known=steady is None,
-        inertias=(_RATIOS[0] * (rigid_body or start.inertia / _RATIOS[1]), _RATIOS[1] * (rigid_body or start.inertia)),
+        inertias=(_RATIOS[0] * least, _RATIOS[1] * most),
     )
+
+
+def _holds(steady: Table, start: Model) -> list[Trial]:
+    """A hold for each row of the steady turns."""
+    torque, rate = steady.numbers("torque_Nm"), steady.numbers("yaw_rate_rad_s")
+    slowest = _SLOWEST * float(np.max(np.abs(rate)))
+    holds = []
+    for push, reached in zip(torque, rate, strict=True):
+        holds.append(_hold(float(push), max(abs(float(reached)), slowest), start))
+    return holds
 
 
 def _sine(period: float, amplitude: float) -> Trial:
@@ -276,7 +342,8 @@ def _sine(period: float, amplitude: float) -> Trial:
 
 
 def _hold(torque: float, rate: float, start: Model) -> Trial:
-    constant = start.inertia / max(2.0 * start.quadratic_drag * rate + start.linear_drag, 1e-12)
+    slope = 2.0 * start.quadratic_drag * rate + start.linear_drag
+    constant = start.inertia / max(slope, 1e-12)
     time = np.linspace(0.0, _HOLD * constant, _HOLD_SAMPLES, dtype=np.float64)
     return Trial.imagined(time, np.full((len(time), 1), torque), name="hold")
 
@@ -290,4 +357,6 @@ def _of_torque(most: float) -> Vehicle:
 
 def _unlikely(fit: Explanation) -> tuple[float, float]:
     """To sort by: what chance allows first; where there are no rows to spare, last."""
-    return (1.0 if math.isnan(fit.chance) else -fit.chance, fit.misfit)
+    if math.isnan(fit.chance):
+        return 1.0, fit.misfit
+    return -fit.chance, fit.misfit

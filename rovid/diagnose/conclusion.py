@@ -17,7 +17,7 @@ from rovid.diagnose.screening import Promise
 from rovid.diagnose.signals import PREFIX, is_driver
 from rovid.diagnose.swell import Swell
 from rovid.diagnose.work import Suspected, Work, undecided
-from rovid.effects import CATALOGUE, Effect
+from rovid.effects import CATALOGUE, Effect, EffectParameter
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
 from rovid.identify.certainty import covariance, form_doubt, physical
@@ -47,8 +47,7 @@ def concluded(work: Work, found: Sequence[Found], warnings: list[str]) -> Diagno
     require_inertia(min(base_estimate, estimate, key=_uncertainty), CERTAINTY)
     estimate = estimate.with_scale_doubt(scale_doubt(final.likelihood, final.x))
     warnings.extend(estimate.warnings)
-    findings = [_finding(work, one, estimate) for one in found if not is_driver(one.effect)]
-    findings = [replace(one, plan=_telling(work, one)) if one.undecided else one for one in findings]
+    findings = [_planned(work, _finding(work, one, estimate)) for one in found if not is_driver(one.effect)]
     signals = tuple((one.effect, one.worth) for one in found if is_driver(one.effect))
     at_limit = final.likelihood.at_limit(final.x)
     if at_limit:
@@ -58,17 +57,16 @@ def concluded(work: Work, found: Sequence[Found], warnings: list[str]) -> Diagno
         )
     suspects = tuple(_suspect(work, one) for one in work.suspects())
     extended = _side(work, work.final, final, estimate, work.final)
-    if work.swell is not None and work.swell.fitted is not None and work.swell.confidence >= POSSIBLE:
-        waves = _waves(work.swell, work.swell.fitted)
-        if waves.confidence >= ESTABLISHED:
-            findings, extended = [*findings, waves], _with_waves(extended, waves)
-        else:
-            suspects = tuple(sorted((*suspects, waves), key=lambda one: -one.confidence))
+    waves = _possible_waves(work)
+    if waves is not None and waves.confidence >= ESTABLISHED:
+        findings.append(waves)
+        extended = _with_waves(extended, waves)
+    elif waves is not None:
+        suspects = tuple(sorted((*suspects, waves), key=lambda one: -one.confidence))
     unexplained = bool(signals) or at_limit or simulated_r2(final.likelihood, final.x) < TRUSTED_R2
-    verdict = "found" if findings else "suspected" if suspects else "unexplained" if unexplained else "nothing_found"
     disturbance, _ = final.likelihood.disturbance(final.x)
     return Diagnosis(
-        verdict=verdict,
+        verdict=_verdict(found=bool(findings), suspected=bool(suspects), unexplained=unexplained),
         base=_side(work, work.base, base, base_estimate, work.search.without_any(work.final)),
         extended=extended,
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
@@ -82,9 +80,21 @@ def concluded(work: Work, found: Sequence[Found], warnings: list[str]) -> Diagno
     )
 
 
+def _verdict(*, found: bool, suspected: bool, unexplained: bool) -> str:
+    """The strongest of what can be said."""
+    if found:
+        return "found"
+    if suspected:
+        return "suspected"
+    if unexplained:
+        return "unexplained"
+    return "nothing_found"
+
+
 def _side(work: Work, quick: Fitted, fitted: Fitted, estimate: Estimate, fair: Fitted) -> Side:
     """``fair`` is the same model with as much disturbance as the other side has, for only such likelihoods compare."""
-    held = replace(simulate_folds(quick, work.folds(quick)), log_likelihood=log_likelihood(work.folds(fair)))
+    simulated = simulate_folds(quick, work.folds(quick))
+    held = replace(simulated, log_likelihood=log_likelihood(work.folds(fair)))
     return Side(model=fitted.likelihood.model(fitted.x), estimate=estimate, held_out=held)
 
 
@@ -94,16 +104,19 @@ def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
     doubt, said = form_doubt(fitted.likelihood, x)
     # What follows a signal is a dependence; it is no parameter of the vehicle.
     at = [k for k, name in enumerate(names) if not name.startswith(PREFIX)]
+    scatter = covariance(fitted.likelihood, x, sandwich=not white) + doubt
     estimate = Estimate(
         names=tuple(names[k] for k in at),
         values=physical(fitted.likelihood, x)[at],
-        covariance=(covariance(fitted.likelihood, x, sandwich=not white) + doubt)[np.ix_(at, at)],
+        covariance=scatter[np.ix_(at, at)],
         axis=fitted.likelihood.records.axis,
         method=fitted.likelihood.method,
         samples=len(fitted.likelihood.records.trial),
         warnings=tuple(said),
     )
-    return estimate if fitted.likelihood.records.driven else estimate.undriven()
+    if not fitted.likelihood.records.driven:
+        return estimate.undriven()
+    return estimate
 
 
 def _across_forms(work: Work, estimate: Estimate) -> Estimate:
@@ -122,11 +135,13 @@ def _across_forms(work: Work, estimate: Estimate) -> Estimate:
             if not fit.plausible or is_driver(fit.effects[-1]) or fit.key == final.key:
                 continue
             alike = not white and worth(fit) - worth(rest) >= _NEARLY * earned
-            weights.append(1.0 if alike else math.exp(min(worth(fit) - worth(final), 0.0)))
+            likelier = min(worth(fit) - worth(final), 0.0)
+            weights.append(1.0 if alike else math.exp(likelier))
             moved.append(_moved(estimate, fit))
     share = np.array(weights) / (1.0 + sum(weights))
     off = np.array(moved).reshape(-1, len(estimate.names))
-    return replace(estimate, covariance=estimate.covariance + off.T @ (off * share[:, np.newaxis]))
+    between = off.T @ (off * share[:, np.newaxis])
+    return replace(estimate, covariance=estimate.covariance + between)
 
 
 def _moved(estimate: Estimate, fit: Fitted) -> FloatArray:
@@ -140,7 +155,11 @@ def _moved(estimate: Estimate, fit: Fitted) -> FloatArray:
 def _alike(names: Sequence[str], effects: Sequence[Effect]) -> list[str]:
     """``names`` of parameters, those of forms that share an effect's parameters without the form."""
     apart = {effect.key for effect in effects if effect.each_thruster}
-    return [name if name.rpartition(".")[0] in apart else without_form(name) for name in names]
+    found = []
+    for name in names:
+        key, _, _ = name.rpartition(".")
+        found.append(name if key in apart else without_form(name))
+    return found
 
 
 def _uncertainty(estimate: Estimate) -> float:
@@ -149,10 +168,16 @@ def _uncertainty(estimate: Estimate) -> float:
 
 def _untried(work: Work, effect: Effect) -> tuple[Effect, ...]:
     """Causes that pass for ``effect`` and that no log tells of, where not all is explained."""
+    if not work.by_horizons:
+        return ()
     tried = {candidate.id for candidate in work.search.candidates}
     axis = work.full.axis.name
-    passing = (other for other in CATALOGUE if effect.id in other.rivals and other.needs and other.id not in tried)
-    return tuple(other for other in passing if work.by_horizons and (not other.axes or axis in other.axes))
+    found = []
+    for other in CATALOGUE:
+        passes = effect.id in other.rivals and other.needs and other.id not in tried
+        if passes and (not other.axes or axis in other.axes):
+            found.append(other)
+    return tuple(found)
 
 
 def _finding(work: Work, found: Found, estimate: Estimate) -> Finding:
@@ -169,10 +194,19 @@ def _finding(work: Work, found: Found, estimate: Estimate) -> Finding:
     )
 
 
+def _planned(work: Work, finding: Finding) -> Finding:
+    """``finding`` with the runs that would tell it from its rivals, where it is not decided."""
+    if not finding.undecided:
+        return finding
+    return replace(finding, plan=_telling(work, finding))
+
+
 def _suspect(work: Work, suspected: Suspected) -> Finding:
     """What is said of a cause that is not established: its size where it is put in beside the final model."""
     rival, fitted = suspected.rival, work.refined(suspected.rival.fitted)
     estimate = _estimate(fitted, white=False)
+    beside = work.search.candidates_beside(work.final)
+    others = [other.effect for other in suspected.others]
     return Finding(
         effect=rival.effect,
         estimate=_own(estimate, rival.effect),
@@ -180,9 +214,17 @@ def _suspect(work: Work, suspected: Suspected) -> Finding:
         worth=rival.gain,
         held_out_gain=suspected.held_out_gain,
         confidence=suspected.confidence,
-        rivals=tuple(one for one in work.search.candidates_beside(work.final) if one.effect is not rival.effect),
-        undecided=(*(other.effect for other in suspected.others), *_untried(work, rival.effect)),
+        rivals=tuple(one for one in beside if one.effect is not rival.effect),
+        undecided=(*others, *_untried(work, rival.effect)),
     )
+
+
+def _possible_waves(work: Work) -> Finding | None:
+    """What is said of waves; None where there is hardly a chance of any."""
+    swell = work.swell
+    if swell is None or swell.fitted is None or swell.confidence < POSSIBLE:
+        return None
+    return _waves(swell, swell.fitted)
 
 
 def _waves(swell: Swell, fitted: Fitted) -> Finding:
@@ -224,18 +266,20 @@ def _with_waves(side: Side, waves: Finding) -> Side:
 
 
 def _ahead_of(work: Work) -> tuple[Ahead, ...]:
-    base, extended = (errors_ahead(fitted, work.folds(fitted), work.pieces) for fitted in (work.base, work.final))
+    base = errors_ahead(work.base, work.folds(work.base), work.pieces)
+    extended = errors_ahead(work.final, work.folds(work.final), work.pieces)
     constant = time_constant(work.full.start, work.full.rate)
-    return tuple(
-        Ahead(seconds=horizon * constant, base=float(one), extended=float(other))
-        for horizon, one, other in zip(HORIZONS, base, extended, strict=True)
-        if math.isfinite(one) and math.isfinite(other)
-    )
+    found = []
+    for horizon, one, other in zip(HORIZONS, base, extended, strict=True):
+        if math.isfinite(one) and math.isfinite(other):
+            found.append(Ahead(seconds=horizon * constant, base=float(one), extended=float(other)))
+    return tuple(found)
 
 
 def _telling(work: Work, finding: Finding) -> Plan | None:
     """Runs that would tell ``finding`` from its nearest rival; None where there is no such run."""
-    rival = next((one for one in finding.rivals if one.effect is finding.undecided[0]), None)
+    nearest = finding.undecided[0]
+    rival = next((one for one in finding.rivals if one.effect is nearest), None)
     if rival is None:
         return None  # it could not be tried: no run tells without its signal
     models = {finding.effect.title: work.final, rival.effect.title: rival.fitted}
@@ -246,7 +290,8 @@ def _telling(work: Work, finding: Finding) -> Plan | None:
     beliefs = []
     for name, fitted in models.items():
         full = work.refined(fitted)
-        beliefs.append(Belief.of(name, full.likelihood, full.x, covariance(full.likelihood, full.x, sandwich=False)))
+        scatter = covariance(full.likelihood, full.x, sandwich=False)
+        beliefs.append(Belief.of(name, full.likelihood, full.x, scatter))
     try:
         return plan(beliefs, vehicle, [run.trial for run in work.full.runs], Limits())
     except DataError:
@@ -261,19 +306,26 @@ def _noise_floor(fitted: Fitted) -> float:
 
 def _detectable(work: Work) -> tuple[tuple[Effect, float], ...]:
     """Size of each effect not found that would have been seen, to first order."""
+    # To look at the extensions is what works the promises out.
     work.search.extensions(work.final)
     plain: dict[str, Promise] = {}
     for promise in work.search.promises[work.final.key]:
         if not is_driver(promise.effect):
             plain.setdefault(promise.effect.id, promise)
-    scales, sizes = work.full.scales, []
+    sizes = []
     for promise in plain.values():
-        size, start = promise.effect.parameters[0], promise.effect.parameters[0].starts[0]
-        price = 0.5 * math.log(work.final.likelihood.count) * len(promise.effect.parameters)
+        size = promise.effect.parameters[0]
         if promise.power > 0.0 and not size.endless:
-            share = math.sqrt((work.search.threshold + price) / promise.power)
-            seen = abs(share * (start - size.null))
-            # What would have to be larger than there is would not be seen at all.
-            real = seen <= max(size.high - size.null, size.null - size.low)
-            sizes.append((promise.effect, seen * scales.of(size) if real else math.inf))
+            sizes.append((promise.effect, _seen(work, promise, size)))
     return tuple(sizes)
+
+
+def _seen(work: Work, promise: Promise, size: EffectParameter) -> float:
+    """The least ``size`` that pays, in its unit; infinite where there is none so large."""
+    price = 0.5 * math.log(work.final.likelihood.count) * len(promise.effect.parameters)
+    # What is gained grows with the square of the size.
+    share = math.sqrt((work.search.threshold + price) / promise.power)
+    seen = abs(share * (size.starts[0] - size.null))
+    if seen > max(size.high - size.null, size.null - size.low):
+        return math.inf
+    return seen * work.full.scales.of(size)

@@ -10,6 +10,7 @@ from rovid.diagnose.record import Diagnosis
 from rovid.diagnose.search import Report
 from rovid.diagnose.signals import drivers
 from rovid.diagnose.strategies import by_horizons, by_innovations, sea_of
+from rovid.diagnose.work import Work
 from rovid.effects import forms_for
 from rovid.ground.errors import DataError
 from rovid.identify.free_run import fit_free_run
@@ -29,6 +30,15 @@ _CUT_SHORT = (
     "The search was ended before nothing more could be found: each addition asked for another. What was found is "
     "likely to stand for something else."
 )
+
+
+def _said(work: Work, notes: list[str]) -> list[str]:
+    """How the search went; ``notes`` are of the parts that runs were cut into, which predictions do not look at."""
+    said = [_BY_HORIZONS] if work.by_horizons else notes.copy()
+    if work.search.cut_short:
+        said.append(_CUT_SHORT)
+    said += [_SHRUNK.format(effect.title) for effect in work.shrunk]
+    return said
 
 
 def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) -> Diagnosis:
@@ -56,8 +66,8 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     report("Fitting the model without effects …")
     forms = forms_for(vehicle, channels(runs), [run.trial.name for run in prepared.items])
     pieces = pieces_of(prepared.items, vehicle, prepared.cutoff)
-    logged = drivers((*prepared.items, *runs, *(piece.run for piece in pieces)))
-    candidates = (*forms, *logged)
+    cut = [piece.run for piece in pieces]
+    candidates = (*forms, *drivers((*prepared.items, *runs, *cut)))
     whole = Records(prepared.items, vehicle, start)
     ahead = by_horizons(whole, pieces, candidates, report)
     ahead.sea = sea_of(whole, forms, pieces)
@@ -70,10 +80,7 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
         # What made it explain all is refused: then predictions tell.
         work = ahead
         refused = work.decided()
-    notes = [_BY_HORIZONS] if work.by_horizons else notes
-    cut_short = [_CUT_SHORT] if work.search.cut_short else []
-    shrunk = [_SHRUNK.format(effect.title) for effect in work.shrunk]
-    warnings = [*notes, *cut_short, *shrunk, *refused]
+    warnings = [*_said(work, notes), *refused]
     try:
         return concluded(work, [work.found(effect) for effect in work.final.effects], warnings)
     except DataError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from rovid.diagnose.record import Diagnosis, Finding
+from rovid.diagnose.signals import signal_of
 from rovid.effects import CATALOGUE, Effect
 from rovid.plan.design import command_rows
 
@@ -36,23 +37,27 @@ def deciding_experiment(finding: Finding) -> dict[str, Any] | None:
     if not finding.undecided:
         return None
     other = finding.undecided[0]
-    told = _separating(finding.effect, other, untried=all(rival.effect is not other for rival in finding.rivals))
+    untried = all(rival.effect is not other for rival in finding.rivals)
+    told = _separating(finding.effect, other, untried=untried)
     plan = finding.plan
     if plan is None or not plan.decides:
         return told
     times, rows = command_rows(plan.best)
+    commands = {"time_s": times}
+    for k, name in enumerate(plan.thrusters):
+        commands[name] = [row[k] for row in rows]
     return told | {
         "run": plan.best.run.name,
         "minutes": plan.best.run.seconds / 60.0,
         "expected_log_likelihood_ratio": plan.best.gain,
-        "commands": {"time_s": times} | {name: [row[k] for row in rows] for k, name in enumerate(plan.thrusters)},
+        "commands": commands,
     }
 
 
 def _separating(one: Effect, other: Effect, *, untried: bool = False) -> dict[str, Any]:
-    if untried:
-        return {"run": other.experiment, "separates": [one.id, other.id]}
-    return {"run": _PAIRS.get(frozenset({one.id, other.id}), one.experiment), "separates": [one.id, other.id]}
+    pair = [one.id, other.id]
+    run = other.experiment if untried else _PAIRS.get(frozenset(pair), one.experiment)
+    return {"run": run, "separates": pair}
 
 
 def next_experiment(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -71,15 +76,16 @@ def next_experiment(diagnosis: Diagnosis) -> dict[str, Any]:
             "reason": "they excite all that a diagnosis looks at",
         }
     if diagnosis.verdict == "unexplained":
-        signal = diagnosis.signals[0][0].id.removeprefix("signal ") if diagnosis.signals else ""
-        held = (
-            f"the same hold with {signal} at two values" if signal else "a hold repeated first, in the middle and last"
-        )
+        signal = signal_of(diagnosis.signals[0][0]) if diagnosis.signals else ""
+        held = "a hold repeated first, in the middle and last"
+        if signal:
+            held = f"the same hold with {signal} at two values"
         return {"run": held, "reason": "something acts that no effect of the catalogue explains"}
     if diagnosis.suspects or diagnosis.findings:
         effect = (*diagnosis.suspects, *diagnosis.findings)[0].effect
         return {"run": effect.experiment, "reason": f"it shows {effect.title} by itself"}
+    lag = next(effect for effect in CATALOGUE if effect.id == "thruster_lag")
     return {
-        "run": next(effect.experiment for effect in CATALOGUE if effect.id == "thruster_lag"),
+        "run": lag.experiment,
         "reason": "nothing is missing; fast commands narrow the inertia and show timing errors first",
     }

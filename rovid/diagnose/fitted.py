@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.effects import Effect
+from rovid.effects import Effect, EffectParameter
 from rovid.ground.arrays import FloatArray
 from rovid.identify.innovations import Likelihood
 
@@ -54,20 +54,20 @@ class Fitted:
     def plausible(self) -> bool:
         """Whether the last effect is of a size that there is, none of its parameters at the edge, nor the inertia."""
         effect = self.effects[-1]
-        return self.likelihood.is_physical(self.x) and not any(
-            (value >= parameter.high != parameter.null) or (value <= parameter.low != parameter.null)
-            for value, parameter in zip(self.own(effect), effect.parameters, strict=True)
-        )
+        if not self.likelihood.is_physical(self.x):
+            return False
+        values = self.own(effect)
+        return not any(map(_at_edge, values.tolist(), effect.parameters))
 
     def beyond(self, effect: Effect) -> bool:
         """Whether ``effect`` would be larger than there is: its size is at the edge."""
-        size, value = effect.parameters[0], float(self.own(effect)[0])
-        return (value >= size.high != size.null) or (value <= size.low != size.null)
+        return _at_edge(float(self.own(effect)[0]), effect.parameters[0])
 
     def without(self, effect: Effect) -> tuple[tuple[Effect, ...], FloatArray]:
         """The other effects, and the coordinates that are left."""
         rest = tuple(other for other in self.effects if other is not effect)
-        return rest, np.concatenate((self.x[: self.likelihood.base], *(self.own(other) for other in rest)))
+        shared = self.x[: self.likelihood.base]
+        return rest, np.concatenate((shared, *map(self.own, rest)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,12 +103,20 @@ def worth(fitted: Fitted) -> float:
     """Log-likelihood less the price of the effects' parameters: half the logarithm of the samples (Schwarz 1978)."""
     # Logs too short for any prediction count none.
     count = max(fitted.likelihood.count, 1.0)
-    return -fitted.cost - 0.5 * math.log(count) * len(fitted.likelihood.parameters)
+    price = 0.5 * math.log(count) * len(fitted.likelihood.parameters)
+    return -fitted.cost - price
 
 
 def climbed(likelihood: Likelihood, x: FloatArray, iterations: int) -> Fitted:
     """The model that so many steps from ``x`` lead to, near enough for a search."""
     return Fitted(likelihood, *likelihood.climb(x, iterations=iterations, tolerance=_TOLERANCE))
+
+
+def _at_edge(value: float, parameter: EffectParameter) -> bool:
+    """Whether ``value`` is as far from nothing as there is; where a bound is nothing itself it is no edge."""
+    above = value >= parameter.high and parameter.high != parameter.null
+    below = value <= parameter.low and parameter.low != parameter.null
+    return above or below
 
 
 def key_of(likelihood: Likelihood) -> Key:

@@ -55,20 +55,24 @@ class Fold:
 
 def cross_validate(fitted: Fitted, pieces: Sequence[Piece]) -> list[Fold]:
     """Fit the model of ``fitted`` anew without each fourth of the pieces, and predict those."""
-    piece, left_out, tests, fits = _piece(fitted.likelihood.records, pieces), _folds(len(pieces)), [], []
+    piece = _piece(fitted.likelihood.records, pieces)
+    left_out = _folds(len(pieces))
+    tests, fits = [], []
     for numbers in left_out:
         test = np.isin(piece, numbers)
         # What begins in one piece and ends in another tells of both.
         train = ~test & (piece >= 0)
         # All trials together are a start so good that a few steps do.
         likelihood = fitted.likelihood.like(fitted.effects, train)
-        fits.append(_told(likelihood, likelihood.climb(fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)[0]))
+        x, _ = likelihood.climb(fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)
+        fits.append(_told(likelihood, x))
         tests.append(fitted.likelihood.like(fitted.effects, test))
     costs = fitted.likelihood.held_out_costs(tests, fits)
-    return [
-        Fold(pieces=[pieces[number] for number in numbers], x=x, log_likelihood=-cost)
-        for numbers, cost, x in zip(left_out, costs, fits, strict=True)
-    ]
+    folds = []
+    for numbers, cost, x in zip(left_out, costs, fits, strict=True):
+        own = [pieces[number] for number in numbers]
+        folds.append(Fold(pieces=own, x=x, log_likelihood=-cost))
+    return folds
 
 
 def _told(likelihood: Likelihood, x: FloatArray) -> FloatArray:
@@ -107,9 +111,12 @@ def simulate_folds(fitted: Fitted, folds: Sequence[Fold]) -> HeldOut:
     assert records.vehicle is not None  # noqa: S101 - a diagnosis has one
     for fold in folds:
         model = fitted.likelihood.model(fold.x)
-        simulations += simulate_runs([piece.run for piece in fold.pieces], model, records.vehicle)
+        runs = [piece.run for piece in fold.pieces]
+        simulations += simulate_runs(runs, model, records.vehicle)
     fit = overall(simulations)
-    errors = {horizon: _mean([item.position_errors[horizon] for item in simulations]) for horizon in SECONDS}
+    errors = {}
+    for horizon in SECONDS:
+        errors[horizon] = _mean([item.position_errors[horizon] for item in simulations])
     return HeldOut(
         log_likelihood=log_likelihood(folds),
         rate_r2=fit.r2,
@@ -126,10 +133,12 @@ def errors_ahead(fitted: Fitted, folds: Sequence[Fold], pieces: Sequence[Piece])
     for fold in folds:
         model = fitted.likelihood.model(fold.x)
         mine = np.isin(piece, [pieces.index(one) for one in fold.pieces])
+        horizon = records.horizon[mine]
         errors = predictions(records, model, records.drives_between(model))[mine]
-        squares += np.bincount(records.horizon[mine], weights=errors**2, minlength=len(HORIZONS))
-        count += np.bincount(records.horizon[mine], minlength=len(HORIZONS))
-    return np.asarray(np.sqrt(np.where(count > 0, squares / np.maximum(count, 1), np.nan)))
+        squares += np.bincount(horizon, weights=errors**2, minlength=len(HORIZONS))
+        count += np.bincount(horizon, minlength=len(HORIZONS))
+    mean = np.where(count > 0, squares / np.maximum(count, 1), np.nan)
+    return np.asarray(np.sqrt(mean))
 
 
 def _folds(count: int) -> list[list[int]]:
@@ -139,4 +148,6 @@ def _folds(count: int) -> list[list[int]]:
 
 def _mean(values: Sequence[float | None]) -> float | None:
     known = [value for value in values if value is not None]
-    return float(np.sqrt(np.mean(np.square(known)))) if known else None
+    if not known:
+        return None
+    return float(np.sqrt(np.mean(np.square(known))))

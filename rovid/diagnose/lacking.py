@@ -25,9 +25,9 @@ def lack_of(runs: Sequence[Run], cutoff: float) -> str:
             "kinds (a hold the other way, a sine, a coast-down)."
         )
     axis = runs[0].trial.axis
-    if all(run.trial.driven for run in runs) and not any(np.any(run.torque != 0.0) for run in runs):
+    if all(run.trial.driven for run in runs) and not any(map(_is_pushed, runs)):
         return f"no thruster ever runs: there is no {axis.push} to explain the motion with. Log a run under thrust."
-    if not any(_moves(run) for run in runs):
+    if not any(map(_moves, runs)):
         moves, move = ("turns", "turn") if axis.angular else ("moves", "move")
         return (
             f"the vehicle never {moves}: its {axis.rate_words} is no larger than the sensor's noise makes it. Check "
@@ -37,6 +37,12 @@ def lack_of(runs: Sequence[Run], cutoff: float) -> str:
     return ""
 
 
+def _is_pushed(run: Run) -> bool:
+    return bool(np.any(run.torque != 0.0))
+
+
 def _moves(run: Run) -> bool:
     rate = run.rates.rate[np.isfinite(run.rates.rate)]
-    return bool(np.linalg.norm(rate) > _MOTION * run.rates.rate_noise * math.sqrt(len(rate)))
+    # What the noise alone would add up to.
+    still = run.rates.rate_noise * math.sqrt(len(rate))
+    return bool(np.linalg.norm(rate) > _MOTION * still)

@@ -26,8 +26,10 @@ def confidence(worths: Mapping[str, float], alike: Collection[str], tried: int) 
         How many causes were looked at, those included that promised too little to be fitted: they share the odds that
         any acts at all.
     """
-    top = max(0.0, *worths.values()) if worths else 0.0
+    # All are taken relative to the largest, whose exponential might overflow.
+    top = max([0.0, *worths.values()])
     prior = PRIOR_ODDS / max(tried, 1)
     weights = {name: prior * math.exp(worth - top) for name, worth in worths.items()}
     total = math.exp(-top) + sum(weights.values())
-    return min(sum(weights[name] for name in alike if name in weights) / total, _SUREST)
+    own = sum(weights.get(name, 0.0) for name in alike)
+    return min(own / total, _SUREST)

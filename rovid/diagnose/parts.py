@@ -61,7 +61,10 @@ def pieces_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> list[Piec
     trials = [cut.trial for _, cut in cuts]
     shared = min(cutoff, highest_cutoff(trials))
     made = prepare(Campaign(trials=tuple(trials), sources=()), vehicle, cutoff=shared).items
-    return [Piece(whole, cut.begin, cut.end, run) for (whole, cut), run in zip(cuts, made, strict=True)]
+    pieces = []
+    for (whole, cut), run in zip(cuts, made, strict=True):
+        pieces.append(Piece(whole, cut.begin, cut.end, run))
+    return pieces
 
 
 def shortest_part(runs: Sequence[Run], cutoff: float) -> float:
@@ -104,12 +107,12 @@ def _all_cuts(runs: Sequence[Run], cutoff: float) -> list[tuple[int, _Cut]]:
     """
     shortest = shortest_part(runs, cutoff)
     usual = max(sum(recorded(run.trial) for run in runs) / _PARTS, shortest)
-    lengths = [min(usual, max(recorded(run.trial) / 2.0, shortest)) for run in runs]
-    return [
-        (whole, cut)
-        for whole, (run, length) in enumerate(zip(runs, lengths, strict=True))
-        for cut in _cuts(run.trial, length)
-    ]
+    found = []
+    for whole, run in enumerate(runs):
+        half = recorded(run.trial) / 2.0
+        length = min(usual, max(half, shortest))
+        found += [(whole, cut) for cut in _cuts(run.trial, length)]
+    return found
 
 
 def _cuts(trial: Trial, length: float) -> list[_Cut]:
@@ -117,14 +120,14 @@ def _cuts(trial: Trial, length: float) -> list[_Cut]:
     pieces: list[IntArray] = []
     for session in _sessions(trial):
         time = trial.time[session]
-        ends = np.linspace(time[0], time[-1], max(round(float(np.ptp(time)) / length), 1) + 1)
+        count = max(round(float(np.ptp(time)) / length), 1)
+        ends = np.linspace(time[0], time[-1], count + 1)
         pieces += np.split(session, np.searchsorted(time, ends[1:-1]))
-    return [
-        _Cut(
-            float(trial.time[piece[0]]),
-            float(trial.time[piece[-1]]),
-            trial.part(slice(int(piece[0]), int(piece[-1]) + 1), f"{trial.name} part {number}"),
-        )
-        for number, piece in enumerate(pieces, start=1)
-        if len(piece) >= _FEWEST
-    ]
+    cuts = []
+    for number, piece in enumerate(pieces, start=1):
+        if len(piece) < _FEWEST:
+            continue
+        first, last = int(piece[0]), int(piece[-1])
+        part = trial.part(slice(first, last + 1), f"{trial.name} part {number}")
+        cuts.append(_Cut(float(trial.time[first]), float(trial.time[last]), part))
+    return cuts

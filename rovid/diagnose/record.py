@@ -128,4 +128,6 @@ def not_identifiable(vehicle: Vehicle) -> tuple[str, ...]:
     if not vehicle.thrusters:
         return ("inertia", "rate_scale")
     thrusters = [thruster for thruster in vehicle.thrusters if thruster.curve is not None]
-    return NEVER_SHOWN if len(thrusters) > 1 else (*NEVER_SHOWN, "thruster_imbalance")
+    if len(thrusters) > 1:
+        return NEVER_SHOWN
+    return (*NEVER_SHOWN, "thruster_imbalance")

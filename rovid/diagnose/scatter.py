@@ -36,12 +36,17 @@ def stands_out(fitted: Fitted, effect: Effect) -> float:
     free = likelihood.like((*rest, effect, *others[1:]))
     start = np.concatenate((x, fitted.own(effect), np.ones(len(others) - 1)))
     best = climbed(free, start, _ITERATIONS)
+    # The gain of the trial itself first, and last that of the one by which all are measured.
     gains = np.concatenate((physical(free, best.x)[-len(others) :], [1.0]))
     beside = np.full(len(gains), -1.0 / len(others))
     beside[0] = 1.0
-    known = beside[:-1] @ covariance(free, best.x, sandwich=True)[-len(others) :, -len(others) :] @ beside[:-1]
-    scatter = float(np.sum((gains[1:] - gains[1:].mean()) ** 2)) + _AS_TRIALS * _USUAL**2
+    fitted_gains = covariance(free, best.x, sandwich=True)[-len(others) :, -len(others) :]
+    known = beside[:-1] @ fitted_gains @ beside[:-1]
+    deviations = gains[1:] - gains[1:].mean()
+    scatter = float(np.sum(deviations**2)) + _AS_TRIALS * _USUAL**2
     freedom = len(others) - 1 + _AS_TRIALS
+    # Of a new trial: what trials differ by, how well their mean is known, and how well each gain is.
     variance = scatter / freedom * (1.0 + 1.0 / len(others)) + float(known)
     odd = abs(float(gains @ beside)) / math.sqrt(variance)
-    return max(0.0, 1.0 - 2.0 * len(gains) * float(special.stdtr(freedom, -odd)))
+    beyond = float(special.stdtr(freedom, -odd))
+    return max(0.0, 1.0 - 2.0 * len(gains) * beyond)

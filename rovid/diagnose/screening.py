@@ -62,14 +62,19 @@ def fit_all(current: Fitted, promises: Sequence[Promise]) -> tuple[list[Fitted],
 
     def begin(promise: Promise) -> Fitted:
         likelihood = current.likelihood.like((*current.effects, promise.effect))
-        tried = (promise.unscaled, *(sized(promise.effect, promise.start, share) for share in _SHARES))
-        begins = [np.concatenate((current.x, start)) for start in tried]
-        return climbed(likelihood, min(begins, key=likelihood.cost), _FIRST_ITERATIONS)
+        scaled = [sized(promise.effect, promise.start, share) for share in _SHARES]
+        begins = [np.concatenate((current.x, start)) for start in (promise.unscaled, *scaled)]
+        nearest = min(begins, key=likelihood.cost)
+        return climbed(likelihood, nearest, _FIRST_ITERATIONS)
+
+    def gain(fit: Fitted) -> float:
+        return worth(fit) - worth(current)
 
     ahead, behind = spread(begin, promises), list[Fitted]()
     for share, iterations in _STAGES:
-        least = max(share * max((worth(fit) - worth(current) for fit in ahead), default=0.0), 0.0)
-        behind += [fit for fit in ahead if worth(fit) - worth(current) < least]
+        most = max(map(gain, ahead), default=0.0)
+        least = max(share * most, 0.0)
+        behind += [fit for fit in ahead if gain(fit) < least]
         ahead = [fit for fit in ahead if fit not in behind]
         ahead = spread(lambda fit: climbed(fit.likelihood, fit.x, iterations), ahead)  # noqa: B023 - used at once
     return ahead, behind
@@ -101,7 +106,9 @@ def _promise(
     pull = -(directions.T @ here.residual)
     power = np.sum(directions**2, axis=0)
     size = form.parameters[0]
-    sizes = np.ones(len(begins)) if size.endless else np.array([begin[0] - size.null for begin in begins])
+    sizes = np.ones(len(begins))
+    if not size.endless:
+        sizes = np.array([begin[0] - size.null for begin in begins])
     # Starts differ in what else there is to an effect, too: the one that shows best at a size tells.
     shown = 0.5 * float(np.max(power * (sizes[0] / sizes) ** 2))
     one_sided = size.low >= size.null or size.high <= size.null
@@ -118,7 +125,9 @@ def _promise(
     information = directions.T @ directions
     together = 0.5 * float(pull @ np.linalg.pinv(information, rcond=1e-6) @ pull)
     asked = float(share[best])
-    start = sized(form, begins[best], math.copysign(min(max(abs(asked), 0.1), 5.0), asked))
+    # Slopes hold near by: what they ask for is neither taken to be next to nothing nor far away.
+    taken = min(max(abs(asked), 0.1), 5.0)
+    start = sized(form, begins[best], math.copysign(taken, asked))
     return Promise(form, max(together, float(gains[best])), start, unscaled, shown)
 
 
@@ -142,8 +151,11 @@ def by_cause(promises: Sequence[Promise]) -> list[list[Promise]]:
 
 def best_forms(promises: Sequence[Promise]) -> list[Promise]:
     """The most promising form of every cause that shows at all, and more forms of those that show most."""
-    counts = ((group, _FORMS_FITTED if place < _FITTED else 1) for place, group in enumerate(by_cause(promises)))
-    return [promise for group, count in counts for promise in group[:count] if promise.gain > 0.0]
+    found: list[Promise] = []
+    for place, group in enumerate(by_cause(promises)):
+        count = _FORMS_FITTED if place < _FITTED else 1
+        found += [promise for promise in group[:count] if promise.gain > 0.0]
+    return found
 
 
 def shortlist(current: Fitted, promises: Sequence[Promise], least: float) -> list[Promise]:
@@ -152,15 +164,20 @@ def shortlist(current: Fitted, promises: Sequence[Promise], least: float) -> lis
     Slopes promise too much of some forms, and one with fewer parameters may gain as much.
     """
     ranked = [group for group in by_cause(promises)[:_FITTED] if group[0].gain >= least]
-    top = max(spread(lambda group: min(group[0].gain, _outright(current, group[0])), ranked), default=0.0)
-    return [
-        promise
-        for first, *others in ranked
-        if first.gain >= _PROMISE * top
-        for promise in (first, *others)[:_FORMS_FITTED]
-        if promise.gain >= _PROMISE * first.gain
-        or (promise.gain > 0.0 and len(promise.effect.parameters) < len(first.effect.parameters))
-    ]
+    kept = spread(lambda group: min(group[0].gain, _outright(current, group[0])), ranked)
+    top = max(kept, default=0.0)
+    found: list[Promise] = []
+    for group in ranked:
+        if group[0].gain >= _PROMISE * top:
+            found += [promise for promise in group[:_FORMS_FITTED] if _is_worth_a_fit(promise, group[0])]
+    return found
+
+
+def _is_worth_a_fit(promise: Promise, first: Promise) -> bool:
+    """Whether a form promises enough beside the ``first`` of its cause, or anything at all with fewer parameters."""
+    if promise.gain >= _PROMISE * first.gain:
+        return True
+    return promise.gain > 0.0 and len(promise.effect.parameters) < len(first.effect.parameters)
 
 
 def _outright(current: Fitted, promise: Promise) -> float:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 
 from rovid.diagnose.fitted import Fitted, Found, Key, Rival, climbed, key_of, worth
 from rovid.diagnose.screening import ITERATIONS, Promise, best_forms, fit_all, screen, shortlist
 from rovid.effects import Effect
+from rovid.ground.arrays import FloatArray
 from rovid.ground.workers import spread
+from rovid.identify.innovations import Likelihood
 from rovid.identify.likelihood import loosened
 from rovid.identify.whiteness import likelihood_is_white
 
@@ -112,7 +115,8 @@ class Search:
         if not all(effect.equation for effect in current.effects):
             # How something depends on a mere signal is known even less.
             return _BESIDE_SIGNAL * earned
-        return min(_REMAINDER * earned, _MOST_WHITE if white else _MOST_COLOURED)
+        most = _MOST_WHITE if white else _MOST_COLOURED
+        return min(_REMAINDER * earned, most)
 
     def bar(self, effect: Effect) -> None:
         """Take up no form of ``effect`` any more: a test that the search does not make refused it."""
@@ -164,26 +168,32 @@ class Search:
         """
         if not self.thorough(current) or len(current.effects) + 2 > _MAX_EFFECTS:
             return current
-        best: dict[str, Fitted] = {}
-        for fit in sorted(self.extensions(current), key=worth, reverse=True):
-            if self.allows(fit.effects[-1]) and fit.plausible:
-                best.setdefault(fit.effects[-1].id, fit)
-        singles = list(best.values())[:_PAIRED]
-        pairs = [(one, other) for k, one in enumerate(singles) for other in singles[k + 1 :]]
-        fits = spread(lambda pair: self._joined(*pair), pairs)
+        singles = self._best_singles(current)[:_PAIRED]
+        fits = spread(lambda pair: self._joined(*pair), list(combinations(singles, 2)))
         for fit in fits:
             self._fits.setdefault(fit.key, fit)
         chosen = max(fits, key=worth, default=current)
         # There are so many more pairs than single causes.
         price = math.log(max(len(singles), 1))
-        return chosen if chosen is not current and worth(chosen) - price > worth(current) else current
+        if chosen is not current and worth(chosen) - price > worth(current):
+            return chosen
+        return current
+
+    def _best_singles(self, current: Fitted) -> list[Fitted]:
+        """With one effect more, each cause in its worthiest form, the worthiest first."""
+        best: dict[str, Fitted] = {}
+        for fit in sorted(self.extensions(current), key=worth, reverse=True):
+            effect = fit.effects[-1]
+            if self.allows(effect) and fit.plausible:
+                best.setdefault(effect.id, fit)
+        return list(best.values())
 
     def _joined(self, one: Fitted, other: Fitted) -> Fitted:
         """``one`` with the last effect of ``other`` besides."""
         effect = other.effects[-1]
         likelihood = one.likelihood.like((*one.effects, effect))
-        begins = [np.concatenate((one.x, start)) for start in (other.own(effect), *likelihood.starts())]
-        return climbed(likelihood, min(begins, key=likelihood.cost), ITERATIONS)
+        starts = (other.own(effect), *likelihood.starts())
+        return _climbed_from_best(likelihood, one.x, starts)
 
     def _opened(self, current: Fitted) -> Fitted:
         """``current`` with as much disturbance as it bears, less what is then no longer needed.
@@ -197,7 +207,9 @@ class Search:
         opened = Fitted(likelihood, x, likelihood.cost(x))
         self._fits[opened.key] = opened
         needed = self._pruned(opened)
-        return needed if needed.effects else current
+        if not needed.effects:
+            return current
+        return needed
 
     def _pruned(self, current: Fitted) -> Fitted:
         """Without what is no longer needed: one effect may have stood in for another that came later."""
@@ -209,7 +221,9 @@ class Search:
 
     def _exchanged(self, current: Fitted) -> Fitted:
         """The model with another form or another cause in the place of an effect, where that is better."""
-        for effect in () if self._ends() else current.effects:
+        if self._ends():
+            return current
+        for effect in current.effects:
             rest = self.without(current, effect)
             other = self._best(self.extensions(rest), rest)
             if worth(other) > worth(current) + _WORTH_A_CHANGE and other.key not in self._left:
@@ -219,11 +233,22 @@ class Search:
 
     def _best(self, fits: Sequence[Fitted], default: Fitted) -> Fitted:
         """The worthiest; a named effect goes before a mere signal that is little better."""
-        fits = [fit for fit in fits if self.allows(fit.effects[-1])]
-        named = max((fit for fit in fits if fit.effects[-1].equation and fit.plausible), key=worth, default=default)
-        signal = max((fit for fit in fits if not fit.effects[-1].equation), key=worth, default=default)
-        gap = _SIGNAL_HANDICAP[0] + _SIGNAL_HANDICAP[1] * max(worth(named) - worth(default), 0.0)
-        return signal if worth(signal) > worth(named) + gap else named
+        named, signals = list[Fitted](), list[Fitted]()
+        for fit in fits:
+            effect = fit.effects[-1]
+            if not self.allows(effect):
+                continue
+            if not effect.equation:
+                signals.append(fit)
+            elif fit.plausible:
+                named.append(fit)
+        best = max(named, key=worth, default=default)
+        signal = max(signals, key=worth, default=default)
+        least, share = _SIGNAL_HANDICAP
+        gap = least + share * max(worth(best) - worth(default), 0.0)
+        if worth(signal) > worth(best) + gap:
+            return signal
+        return best
 
     def best_extension(self, current: Fitted) -> Fitted | None:
         """The worthiest model with one effect more, whether it pays or not; None where there is none."""
@@ -234,12 +259,11 @@ class Search:
         """The model with each promising effect more, in each promising form."""
         if current.key not in self._extensions:
             promises = self._promised(current)
-            ahead, behind = fit_all(
-                current,
-                best_forms(promises)
-                if growing and self.thorough(current)
-                else shortlist(current, promises, self.threshold * self.least),
-            )
+            if growing and self.thorough(current):
+                listed = best_forms(promises)
+            else:
+                listed = shortlist(current, promises, self.threshold * self.least)
+            ahead, behind = fit_all(current, listed)
             self._extensions[current.key] = [*ahead, *behind]
             for fit in ahead:
                 self._fits.setdefault(fit.key, fit)
@@ -250,14 +274,16 @@ class Search:
         if current.key not in self.promises:
             taken = {effect.id for effect in current.effects}
             self.report(f"{_named(current.effects)}: trying {len(self.candidates)} forms of what else there may be …")
-            self.promises[current.key] = screen(current, [one for one in self.candidates if one.id not in taken])
+            lacking = [effect for effect in self.candidates if effect.id not in taken]
+            self.promises[current.key] = screen(current, lacking)
         return self.promises[current.key]
 
     def found(self, current: Fitted, effect: Effect) -> Found:
         """What ``effect`` gains, and what each other cause would gain in its place."""
         rest = self.without(current, effect)
-        ranked = self._ranked(rest, {other.id for other in current.effects})
-        return Found(effect, rest.cost - current.cost, worth(current) - worth(rest), ranked)
+        taken = {other.id for other in current.effects}
+        gain, worthier = rest.cost - current.cost, worth(current) - worth(rest)
+        return Found(effect, gain, worthier, self._ranked(rest, taken))
 
     def candidates_beside(self, current: Fitted) -> tuple[Rival, ...]:
         """What each cause that ``current`` lacks would gain beside it, best first."""
@@ -267,7 +293,9 @@ class Search:
         best: dict[str, Rival] = {}
         for fit in self.extensions(rest):
             last, gain = fit.effects[-1], worth(fit) - worth(rest)
-            if last.id not in taken and fit.plausible and (last.id not in best or gain > best[last.id].gain):
+            if last.id in taken or not fit.plausible:
+                continue
+            if last.id not in best or gain > best[last.id].gain:
                 best[last.id] = Rival(last, gain, fit)
         return tuple(sorted(best.values(), key=lambda rival: -rival.gain))
 
@@ -294,9 +322,15 @@ class Search:
             less = self._fits.get(key_of(fitted.likelihood.like(effects)))
             if less is not None and less.cost < fitted.cost:
                 likelihood = fitted.likelihood.like((*effects, effect))
-                begins = [np.concatenate((less.x, start)) for start in likelihood.starts()]
-                return climbed(likelihood, min(begins, key=likelihood.cost), ITERATIONS)
+                return _climbed_from_best(likelihood, less.x, likelihood.starts())
         return fitted
+
+
+def _climbed_from_best(likelihood: Likelihood, x: FloatArray, starts: Sequence[FloatArray]) -> Fitted:
+    """``x`` with that one of ``starts`` for the last effect that is best as it stands, fitted from there."""
+    begins = [np.concatenate((x, start)) for start in starts]
+    best = min(begins, key=likelihood.cost)
+    return climbed(likelihood, best, ITERATIONS)
 
 
 def _named(effects: Sequence[Effect]) -> str:

@@ -14,6 +14,7 @@ from rovid.ground.arrays import FloatArray
 from rovid.motion.runs import Run
 
 PREFIX = "signal "
+_TILTS = ("roll", "pitch")
 # A catalogued effect acts through the same channel in the same way.
 _CATALOGUED = {("supply_voltage", "thrust"), ("surge_velocity", "drag")}
 _SHARE = EffectParameter(name="share", unit="1", null=0.0, low=-2.0, high=2.0, starts=(0.05,))
@@ -39,20 +40,22 @@ def drivers(runs: Sequence[Run]) -> tuple[Effect, ...]:
     """
     usual = float(np.sqrt(np.nanmean(np.concatenate([run.rates.rate for run in runs]) ** 2)))
     rates = {run.trial.name: _rate(run) / max(usual, 1e-12) for run in runs}
-    courses = {name: _standardised(runs, name) for name in signal_names(runs)}
-    return tuple(
-        _driver(name, way, course, rates)
-        for name, course in courses.items()
-        if course is not None
-        for way in _PARAMETERS
-        if (name, way) not in _CATALOGUED
-    )
+    found: list[Effect] = []
+    for name in signal_names(runs):
+        course = _standardised(runs, name)
+        if course is None:
+            continue
+        ways = [way for way in _PARAMETERS if (name, way) not in _CATALOGUED]
+        found += [_driver(name, way, course, rates) for way in ways]
+    return tuple(found)
 
 
 def signal_names(runs: Sequence[Run]) -> list[str]:
     """Further channels and tilts that every run has."""
-    names = set.intersection(*(_logged(run.trial) for run in runs)) if runs else set()
-    return sorted(names)
+    if not runs:
+        return []
+    names = [_logged(run.trial) for run in runs]
+    return sorted(set.intersection(*names))
 
 
 def is_driver(effect: Effect) -> bool:
@@ -66,12 +69,13 @@ def signal_of(effect: Effect) -> str:
 
 
 def _logged(trial: Trial) -> set[str]:
-    tilts = {name for name in ("roll", "pitch") if getattr(trial, name) is not None}
+    tilts = {name for name in _TILTS if getattr(trial, name) is not None}
     return tilts | set(trial.extras)
 
 
 def _values(trial: Trial, name: str) -> FloatArray:
-    return np.asarray(getattr(trial, name) if name in ("roll", "pitch") else trial.extras[name])
+    values = getattr(trial, name) if name in _TILTS else trial.extras[name]
+    return np.asarray(values)
 
 
 def _standardised(runs: Sequence[Run], name: str) -> dict[str, FloatArray] | None:
@@ -81,7 +85,12 @@ def _standardised(runs: Sequence[Run], name: str) -> dict[str, FloatArray] | Non
     mean, spread = float(np.nanmean(every)), float(np.nanstd(every))
     if not spread > 1e-9 * (abs(mean) + 1e-300):
         return None
-    return {run.trial.name: np.nan_to_num((_values(run.trial, name) - mean) / spread) for run in runs}
+    found = {}
+    for run in runs:
+        course = (_values(run.trial, name) - mean) / spread
+        # Where it has no reading it is taken to be as usual.
+        found[run.trial.name] = np.nan_to_num(course)
+    return found
 
 
 def _rate(run: Run) -> FloatArray:
@@ -95,7 +104,8 @@ def _rate(run: Run) -> FloatArray:
 
 def _driver(name: str, way: str, course: Mapping[str, FloatArray], rates: Mapping[str, FloatArray]) -> Effect:
     def on_torque(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
-        signal, rate = (finer(series[where.trial], where.parts) for series in (course, rates))
+        signal = finer(course[where.trial], where.parts)
+        rate = finer(rates[where.trial], where.parts)
         size, *other = values.values()
         if way == "torque":
             return torque + size * signal + other[0]

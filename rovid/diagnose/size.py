@@ -21,7 +21,8 @@ def size_of(fitted: Fitted, effect: Effect, *, sandwich: bool) -> tuple[float, f
     ``sandwich`` is whether that is to hold where the model is not right.
     """
     size = effect.parameters[0]
-    at = fitted.likelihood.model(fitted.x).names.index(f"{effect.key}.{size.name}")
+    names = fitted.likelihood.model(fitted.x).names
+    at = names.index(f"{effect.key}.{size.name}")
     variance = covariance(fitted.likelihood, fitted.x, sandwich=sandwich)[at, at]
     # Where rounding leaves no variance that there can be nothing is known.
     error = math.sqrt(variance) if variance >= 0.0 else math.inf
@@ -29,7 +30,8 @@ def size_of(fitted: Fitted, effect: Effect, *, sandwich: bool) -> tuple[float, f
     # The inverse of an endless null is the quantity that is nothing at nothing.
     if size.endless:
         return 1.0 / value, error / value**2
-    return value - size.null * fitted.likelihood.records.scales.of(size), error
+    null = size.null * fitted.likelihood.records.scales.of(size)
+    return value - null, error
 
 
 def one_size(found: Fitted, near: Fitted, effect: Effect) -> bool:
@@ -45,9 +47,11 @@ def one_size(found: Fitted, near: Fitted, effect: Effect) -> bool:
         likelihood = near.likelihood.like((*near.effects, effect))
         begin = np.concatenate((near.x, found.own(effect)))
         near = climbed(likelihood, begin, _ITERATIONS)
-    (ahead, error), (here, other) = (size_of(fitted, effect, sandwich=True) for fitted in (found, near))
+    ahead, error = size_of(found, effect, sandwich=True)
+    here, other = size_of(near, effect, sandwich=True)
     if effect.canonical is not None:
         # Turned by half a cycle a negative amplitude is a positive one.
         ahead, here = abs(ahead), abs(here)
     here = math.copysign(1.0, ahead) * here
-    return here >= _SHRUNK * abs(ahead) or abs(ahead) - here <= _APART * math.hypot(error, other)
+    missing = abs(ahead) - here
+    return here >= _SHRUNK * abs(ahead) or missing <= _APART * math.hypot(error, other)

@@ -55,14 +55,20 @@ def by_horizons(full: Records, pieces: Sequence[Piece], candidates: Sequence[Eff
     while True:
         search = Search(listed, report, thorough=_is_far_off, margin=_MARGIN_AHEAD, least=0.0)
         final = search.run(final)
-        others = (final, *(fitted for fitted in search.extensions(final) if fitted.plausible))
-        likeliest = sorted(others, key=worth, reverse=True)[:_COUNTED]
-        counted = (records.counting(fitted.likelihood.model(fitted.x)) for fitted in likeliest)
-        closer = max(counted, key=lambda one: one.readings)
+        closer = _counting(records, final, search)
         if closer.readings < _MORE * records.readings:
             return Work(search, records, base, final, pieces)
         records = closer
-        base, final = (_ahead(fitted.effects, records, fitted.x) for fitted in (base, final))
+        base = _ahead(base.effects, records, base.x)
+        final = _ahead(final.effects, records, final.x)
+
+
+def _counting(records: HorizonRecords, final: Fitted, search: Search) -> HorizonRecords:
+    """``records`` by that one of the likeliest models which makes the most predictions count."""
+    plausible = [fitted for fitted in search.extensions(final) if fitted.plausible]
+    likeliest = sorted((final, *plausible), key=worth, reverse=True)[:_COUNTED]
+    counted = (records.counting(fitted.likelihood.model(fitted.x)) for fitted in likeliest)
+    return max(counted, key=lambda one: one.readings)
 
 
 def sea_of(full: Records, forms: Sequence[Effect], pieces: Sequence[Piece]) -> Callable[[Fitted], Swell]:
@@ -91,7 +97,9 @@ def by_innovations(full: Records, candidates: Sequence[Effect], ahead: Work, rep
     search = Search(_beside(begun, candidates), report, hopeless=_is_hopeless)
     pieces = [Piece(number, -math.inf, math.inf, run) for number, run in enumerate(full.runs)]
     work = Work(search, full, base, search.run(begun), pieces)
-    return None if search.given_up or not work.explains else work
+    if search.given_up or not work.explains:
+        return None
+    return work
 
 
 def _base_of(records: Records) -> Fitted:
@@ -101,8 +109,9 @@ def _base_of(records: Records) -> Fitted:
 
 def _beside(begun: Fitted, candidates: Sequence[Effect]) -> list[Effect]:
     """What each next reading is searched for: waves take long, and are found without such a search."""
-    wavy = any(effect.wave for effect in begun.effects)
-    return [effect for effect in candidates if wavy or not effect.wave]
+    if any(effect.wave for effect in begun.effects):
+        return list(candidates)
+    return [effect for effect in candidates if not effect.wave]
 
 
 def _is_hopeless_over(records: Records, candidates: Sequence[Effect], ahead: Work) -> bool:

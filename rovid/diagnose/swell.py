@@ -14,6 +14,7 @@ from rovid.diagnose.heldout import cross_validate, log_likelihood
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence
 from rovid.diagnose.parts import Piece
 from rovid.effects import Effect
+from rovid.ground.arrays import FloatArray
 from rovid.identify.innovations import BASE, DISTURBANCE, Likelihood
 from rovid.identify.likelihood import UNLIMITED
 from rovid.identify.records import Records
@@ -40,7 +41,8 @@ class Swell:
         """What waves gain on pieces that were not fitted."""
         if self.fitted is None:
             return 0.0
-        waves, none = (log_likelihood(cross_validate(fitted, self.pieces)) for fitted in (self.fitted, self.plain))
+        waves = log_likelihood(cross_validate(self.fitted, self.pieces))
+        none = log_likelihood(cross_validate(self.plain, self.pieces))
         return waves - none
 
     @cached_property
@@ -51,17 +53,24 @@ class Swell:
         name = self.fitted.effects[-1].id
         # Holding out takes long, and makes nothing surer.
         sure = confidence({name: self.worth}, (name,), 1)
-        return sure if sure < POSSIBLE else confidence({name: min(self.worth, self.held_out_gain)}, (name,), 1)
+        if sure < POSSIBLE:
+            return sure
+        borne_out = min(self.worth, self.held_out_gain)
+        return confidence({name: borne_out}, (name,), 1)
 
     @property
     def likelier(self) -> Fitted:
         """With the waves where they are worth their parameters, else without."""
-        return self.plain if self.fitted is None or self.worth <= 0.0 else self.fitted
+        if self.fitted is None or self.worth <= 0.0:
+            return self.plain
+        return self.fitted
 
     @property
     def passed_for(self) -> tuple[str, ...]:
         """Ids of causes that such waves pass for; none where the waves are not established."""
-        return self.fitted.effects[-1].rivals if self.fitted and self.confidence >= ESTABLISHED else ()
+        if self.fitted is None or self.confidence < ESTABLISHED:
+            return ()
+        return self.fitted.effects[-1].rivals
 
 
 def swell(records: Records, beside: Fitted, wave: Effect | None, pieces: Sequence[Piece]) -> Swell:
@@ -78,9 +87,11 @@ def swell(records: Records, beside: Fitted, wave: Effect | None, pieces: Sequenc
     if wave is None:
         return Swell(plain, pieces)
     wavy = likelihood.like((*beside.effects, wave))
-    begins = sorted((np.concatenate((plain.x, start)) for start in wavy.starts()), key=wavy.cost)[:_BEGUN]
-    tried = [climbed(wavy, begin, _FIRST_ITERATIONS) for begin in begins]
-    found = climbed(wavy, min(tried, key=lambda fitted: fitted.cost).x, _ITERATIONS)
+    begins = [np.concatenate((plain.x, start)) for start in wavy.starts()]
+    nearest = sorted(begins, key=wavy.cost)[:_BEGUN]
+    tried = [climbed(wavy, begin, _FIRST_ITERATIONS) for begin in nearest]
+    best = min(tried, key=lambda fitted: fitted.cost)
+    found = climbed(wavy, best.x, _ITERATIONS)
     if not found.plausible or worth(found) <= worth(plain):
         return Swell(plain, pieces)
     # Readings whose misfits are not white tell less than they seem to: no more than the stretches of time bear out.
@@ -91,10 +102,15 @@ def swell(records: Records, beside: Fitted, wave: Effect | None, pieces: Sequenc
 def _borne_out(better: Fitted, plain: Fitted) -> float:
     """Log-likelihood of a gain in every stretch of time, by the scatter between them (Vuong 1989)."""
     block = plain.likelihood.records.block
-    pieces = (fitted.likelihood.pieces(*fitted.likelihood.innovations(fitted.x)) for fitted in (plain, better))
-    gains = np.bincount(block, weights=next(pieces) - next(pieces))
+    gains = np.bincount(block, weights=_costs(plain) - _costs(better))
     gains = gains[np.bincount(block) > 0]
-    spread = float(np.std(gains, ddof=1)) * math.sqrt(len(gains)) if len(gains) > 1 else math.inf
+    count = len(gains)
+    spread = float(np.std(gains, ddof=1)) * math.sqrt(count) if count > 1 else math.inf
     away = float(gains.sum()) / max(spread, 1e-300)
     # As Student's distribution has it, for the scatter is known no better than the stretches are many.
-    return math.copysign(0.5 * len(gains) * math.log1p(away**2 / len(gains)), away)
+    return math.copysign(0.5 * count * math.log1p(away**2 / count), away)
+
+
+def _costs(fitted: Fitted) -> FloatArray:
+    """(N,) negative log-likelihood of each reading."""
+    return fitted.likelihood.pieces(*fitted.likelihood.innovations(fitted.x))

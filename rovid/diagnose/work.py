@@ -89,26 +89,37 @@ class Work:
     def decide(self) -> None:
         """Let every reading decide between an effect and a close rival: the quick look may have taken the wrong one."""
         for _ in range(_DECISIONS):
-            found = (self.found(effect) for effect in self.final.effects)
-            pairs = ((one, rival) for one in found for rival in one.rivals if rival.gain > one.worth)
-            # A mere signal that is little better takes no name's place.
-            named = (rival for one, rival in pairs if is_driver(one.effect) or not is_driver(rival.effect))
-            allowed = (rival for rival in named if self.search.allows(rival.effect))
-            if (better := next(allowed, None)) is None:
+            better = self._better()
+            if better is None:
                 return
             self.final = better.fitted
+
+    def _better(self) -> Rival | None:
+        """The first rival that is worth more than what was found in its place."""
+        for effect in self.final.effects:
+            found = self.found(effect)
+            for rival in found.rivals:
+                # A mere signal that is little better takes no name's place.
+                for_a_name = is_driver(rival.effect) and not is_driver(effect)
+                if rival.gain > found.worth and not for_a_name and self.search.allows(rival.effect):
+                    return rival
+        return None
 
     def found(self, effect: Effect) -> Found:
         """What ``effect`` gains, its close rivals compared over every reading."""
         found = self.search.found(self.final, effect)
-        close = [
-            rival for rival in found.rivals[:2] if rival.gain > _CLOSE * found.worth and not is_driver(rival.effect)
-        ]
+        least = _CLOSE * found.worth
+        close = [rival for rival in found.rivals[:2] if rival.gain > least and not is_driver(rival.effect)]
         if not close or self.final.likelihood.records is self.full:
             return found
         here = worth(self.refined(self.final))
-        exact = {r.effect.id: found.worth + worth(self.refined(r.fitted)) - here for r in close}
-        rivals = (replace(rival, gain=exact.get(rival.effect.id, rival.gain)) for rival in found.rivals)
+        rivals = []
+        for rival in found.rivals:
+            if rival in close:
+                gain = found.worth + worth(self.refined(rival.fitted)) - here
+                rivals.append(replace(rival, gain=gain))
+            else:
+                rivals.append(rival)
         return replace(found, rivals=tuple(sorted(rivals, key=lambda rival: -rival.gain)))
 
     def refined(self, fitted: Fitted) -> Fitted:
@@ -126,8 +137,8 @@ class Work:
 
     def held_out_gain(self, effect: Effect) -> float:
         """Log-likelihood of trials not fitted that ``effect`` gains."""
-        scores = (self.folds(model) for model in (self.final, self.search.without(self.final, effect)))
-        full, rest = map(log_likelihood, scores)
+        less = self.search.without(self.final, effect)
+        full, rest = log_likelihood(self.folds(self.final)), log_likelihood(self.folds(less))
         return full - rest
 
     def decided(self) -> list[str]:
@@ -143,8 +154,7 @@ class Work:
         """
         warnings, likely = self._remainder(), list[str]()
         for _ in range(_REFUSALS):
-            doubts = ((one, self._doubt(one)) for one in self.final.effects if one.key not in likely)
-            effect, doubt = next(((effect, doubt) for effect, doubt in doubts if doubt), (None, ""))
+            effect, doubt = self._doubted(likely)
             if effect is None:
                 break
             warnings.append(f"{effect.title} {doubt}: it is not claimed.")
@@ -155,13 +165,34 @@ class Work:
             self.final = self.search.run(self.search.without(self.final, effect))
             self.decide()
             self.settle()
-        for effect in [one for one in self.final.effects if one.key in likely]:
-            self.final = self.search.without(self.final, effect)
-        while likely and (effect := next((one for one in self.final.effects if self._doubt(one)), None)):
-            warnings.append(f"{effect.title} shows only beside what is not established: it is not claimed.")
-            self.final = self.search.without(self.final, effect)
-        # Its own limit of the disturbance suits a model without effects best.
-        self.final = self.final if self.final.effects else self.base
+        if likely:
+            warnings += self._leave_out(likely)
+        if not self.final.effects:
+            # Its own limit of the disturbance suits a model without effects best.
+            self.final = self.base
+        return warnings
+
+    def _doubted(self, passed: Collection[str]) -> tuple[Effect | None, str]:
+        """The first effect that is in doubt, but those whose keys are ``passed`` over, and why; None where none is."""
+        for effect in self.final.effects:
+            if effect.key in passed:
+                continue
+            doubt = self._doubt(effect)
+            if doubt:
+                return effect, doubt
+        return None, ""
+
+    def _leave_out(self, likely: Collection[str]) -> list[str]:
+        """Leave out what is ``likely``, by its key, and what is in doubt without that; what is said of the latter."""
+        for effect in self.final.effects:
+            if effect.key in likely:
+                self.final = self.search.without(self.final, effect)
+        warnings = []
+        idle, _ = self._doubted(())
+        while idle is not None:
+            warnings.append(f"{idle.title} shows only beside what is not established: it is not claimed.")
+            self.final = self.search.without(self.final, idle)
+            idle, _ = self._doubted(())
         return warnings
 
     def _remainder(self) -> list[str]:
@@ -170,21 +201,23 @@ class Work:
         if following is None or worth(following) - worth(self.final) < self.search.threshold:
             return []
         effect, gain = following.effects[-1], self.final.cost - following.cost
-        why = (
-            "enough for a cause; but the search ended before it was taken up"
-            if self.search.pays(following, self.final)
-            else "little beside what was found: nature's form of that is never quite the equation's, and this may be "
-            "no more than the difference"
-        )
+        if self.search.pays(following, self.final):
+            why = "enough for a cause; but the search ended before it was taken up"
+        else:
+            why = (
+                "little beside what was found: nature's form of that is never quite the equation's, and this may be "
+                "no more than the difference"
+            )
         return [f"{effect.title} would gain a log-likelihood of {gain:.0f}, {why}. It is not claimed."]
 
     def _doubt(self, effect: Effect) -> str:
         gain, size = self.held_out_gain(effect), significance(self.final, effect)
+        least = _SIGNIFICANT_AHEAD if self.by_horizons else _SIGNIFICANT
         if gain <= 0.0:
             return f"fits these trials but predicts trials not fitted worse (log-likelihood {gain:.1f})"
         if self.final.beyond(effect):
             return "would be larger here than there is"
-        if size < (_SIGNIFICANT_AHEAD if self.by_horizons else _SIGNIFICANT):
+        if size < least:
             return f"is only {size:.1f} standard errors away from nothing"
         sure = self.confidence(self.found(effect), gain)
         if sure < ESTABLISHED:
@@ -196,21 +229,28 @@ class Work:
         # A signal that the cause follows, or that follows it, is not another cause.
         worths = {rival.effect.id: rival.gain for rival in found.rivals if not is_driver(rival.effect)}
         worths[found.effect.id] = found.worth
-        alike = (found.effect.id, *(effect.id for effect in undecided(found, self.margin(found.worth))))
+        others = undecided(found, self.margin(found.worth))
+        alike = [found.effect.id, *[effect.id for effect in others]]
         rest = self.search.without(self.final, found.effect)
         white = likelihood_is_white(self.final.likelihood, self.final.x)
         # Part of it may be no more than how nature's form of the others differs from the equations'.
         less = max(found.worth - held_out_gain, 0.0) + self.search.form_doubt(rest, white=white)
-        sure = confidence({name: worth - less for name, worth in worths.items()}, alike, self.search.tried)
-        return min(sure, stands_out(self.final, found.effect)) if of_one_trial(found.effect) and not white else sure
+        for name in worths:
+            worths[name] -= less
+        sure = confidence(worths, alike, self.search.tried)
+        if of_one_trial(found.effect) and not white:
+            return min(sure, stands_out(self.final, found.effect))
+        return sure
 
     def margin(self, worth: float) -> float:
         """By so much a rival is beaten of a cause that is worth so much.
 
         Where the model explains the data to the noise, likelihood decides; else part of any gain is that of its form.
         """
-        white = likelihood_is_white(self.final.likelihood, self.final.x)
-        return _BEATEN[0] + (0.0 if white else min(_BEATEN[1] * worth, _BEATEN[2]))
+        least, share, most = _BEATEN
+        if likelihood_is_white(self.final.likelihood, self.final.x):
+            return least
+        return least + min(share * worth, most)
 
     def suspects(self) -> list[Suspected]:
         """Causes that are likely or possible beside the final model, the most likely first.
@@ -219,7 +259,9 @@ class Work:
         """
         beside = self.search.candidates_beside(self.final)
         named = [rival for rival in beside if not is_driver(rival.effect)]
-        passed = {effect.id for effect in self.shrunk} | set(() if self.swell is None else self.swell.passed_for)
+        passed = {effect.id for effect in self.shrunk}
+        if self.swell is not None:
+            passed.update(self.swell.passed_for)
         left = [rival for rival in named if rival.gain > 0.0 and rival.effect.id not in passed]
         white = likelihood_is_white(self.final.likelihood, self.final.x)
         doubt = self.search.form_doubt(self.final, white=white)
@@ -267,12 +309,12 @@ class Suspected:
 
 def undecided(found: Found, margin: float) -> tuple[Effect, ...]:
     """Rivals of ``found`` that neither beat it by ``margin`` nor are so beaten; of a mere signal that is not asked."""
-    return tuple(
-        rival.effect for rival in found.rivals if abs(rival.gain - found.worth) < margin and not is_driver(rival.effect)
-    )
+    close = [rival.effect for rival in found.rivals if abs(rival.gain - found.worth) < margin]
+    return tuple(effect for effect in close if not is_driver(effect))
 
 
 def significance(fitted: Fitted, effect: Effect) -> float:
     """Distance of the effect's size from nothing, in standard errors."""
-    away, error = size_of(fitted, effect, sandwich=not likelihood_is_white(fitted.likelihood, fitted.x))
+    white = likelihood_is_white(fitted.likelihood, fitted.x)
+    away, error = size_of(fitted, effect, sandwich=not white)
     return abs(away) / error if error > 0.0 else math.inf

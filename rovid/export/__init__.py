@@ -95,7 +95,8 @@ def subject_of(stored: Parameters, study: Study | None) -> Subject:
     notes: list[str] = []
     if study is not None and study.runs is not None and study.campaign is not None:
         study.require(model.effects)
-        rate = float(max(np.nanmax(np.abs(run.rates.rate)) for run in study.runs.items))
+        largest_rates = [np.nanmax(np.abs(run.rates.rate)) for run in study.runs.items]
+        rate = float(max(largest_rates))
         every = np.concatenate([trial.commands for trial in study.campaign.trials])
         used = np.column_stack([np.nanmin(every, axis=0), np.nanmax(every, axis=0)])
         reference = dict(study.campaign.trials[0].reference)
@@ -106,16 +107,19 @@ def subject_of(stored: Parameters, study: Study | None) -> Subject:
         )
     if used is None:
         largest = float(model.drag(np.array(rate)))
-        vehicle = replace(vehicle, thrusters=(Thruster(name="yaw_torque", arm=1.0, curve=None, most=largest),))
+        torque = Thruster(name="yaw_torque", arm=1.0, curve=None, most=largest)
+        vehicle = replace(vehicle, thrusters=(torque,))
         used = np.array([[-largest, largest]])
     needed = {name for effect in model.effects for name in effect.needs}
+    # A channel that an effect needs and no log has is taken to be one.
+    channels = {name: reference.get(name, 1.0) for name in {*reference, *needed}}
     return Subject(
         model=model,
         vehicle=vehicle,
         entries=stored.entries,
         largest_rate=rate,
         commands=used,
-        reference={name: reference.get(name, 1.0) for name in {*reference, *needed}},
+        reference=channels,
         notes=tuple(notes),
     )
 
@@ -127,8 +131,12 @@ def export(function: Callable[[Subject], Target], subject: Subject) -> Exported:
     whole = rovid_rate(subject, subject.model, commands)
     held = rovid_rate(subject, subject.holding(target.holds), commands)
     theirs = target.plant(commands, PERIOD)
-    lost = [effect for effect in subject.model.effects if effect.key not in target.holds]
     of_base = compare(held, theirs)
+    losses = []
+    for what, why in target.misses:
+        losses.append(Loss(what=what, why=why, percent_of_range=of_base.percent_of_range))
+    lost = [effect for effect in subject.model.effects if effect.key not in target.holds]
+    losses += [_loss(subject, effect, commands, whole) for effect in lost]
     notes = [*subject.notes, *target.notes]
     if not target.misses and of_base.percent_of_range > _VISIBLE:
         notes.append("What the target holds differs by its coarse integration step: a smaller one brings it nearer.")
@@ -136,19 +144,17 @@ def export(function: Callable[[Subject], Target], subject: Subject) -> Exported:
         content=target.content,
         mismatch=compare(whole, theirs),
         held=of_base,
-        losses=(
-            *(Loss(what=what, why=why, percent_of_range=of_base.percent_of_range) for what, why in target.misses),
-            *(_loss(subject, effect, commands, whole) for effect in lost),
-        ),
+        losses=tuple(losses),
         warnings=tuple(notes),
     )
 
 
 def _loss(subject: Subject, effect: Effect, commands: FloatArray, whole: FloatArray) -> Loss:
     rest = subject.holding(frozenset(subject.effects) - {effect.key})
-    without = compare(whole, rovid_rate(subject, rest, commands)).percent_of_range
-    unseen = effect.wave or bool(effect.needs)
+    percent = compare(whole, rovid_rate(subject, rest, commands)).percent_of_range
     why = f"the format has nothing for {effect.title} ({effect.equation})"
-    if unseen:
-        why += "; the manoeuvre does not show it, for it depends on " + (" and ".join(effect.needs) or "a random phase")
-    return Loss(what=effect.key, why=why, percent_of_range=math.nan if unseen else without)
+    if effect.wave or effect.needs:
+        percent = math.nan
+        cause = " and ".join(effect.needs) or "a random phase"
+        why += f"; the manoeuvre does not show it, for it depends on {cause}"
+    return Loss(what=effect.key, why=why, percent_of_range=percent)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,10 +55,11 @@ class Subject:
     @property
     def effects(self) -> dict[str, dict[str, float]]:
         """Parameters of each effect of the model by its key."""
-        return {
-            effect.key: {p.name: self.entries[f"{effect.key}.{p.name}"].value for p in effect.parameters}
-            for effect in self.model.effects
-        }
+        found = {}
+        for effect in self.model.effects:
+            names = [parameter.name for parameter in effect.parameters]
+            found[effect.key] = {name: self.entries[f"{effect.key}.{name}"].value for name in names}
+        return found
 
     @property
     def mass(self) -> float:
@@ -69,7 +70,9 @@ class Subject:
     def rigid_inertia(self) -> float:
         """Inertia in kg m^2 of the body without the water; all where that is not known, or not below the whole."""
         rigid = self.vehicle.rigid_body_inertia
-        return self.model.inertia if rigid is None or rigid > self.model.inertia else rigid
+        if rigid is None or rigid > self.model.inertia:
+            return self.model.inertia
+        return rigid
 
     @property
     def added_inertia(self) -> float:
@@ -78,13 +81,13 @@ class Subject:
 
     def holding(self, keys: frozenset[str]) -> Model:
         """The model with these effects alone."""
-        kept = [effect for effect in self.model.effects if effect.key in keys]
+        kept = tuple(effect for effect in self.model.effects if effect.key in keys)
+        return replace(self.model, effects=kept, effect_values=self.values_of(kept))
+
+    def values_of(self, effects: Sequence[Effect]) -> tuple[float, ...]:
+        """Parameters of these ``effects`` of the model, one after the other."""
         values = self.effects
-        return replace(
-            self.model,
-            effects=tuple(kept),
-            effect_values=tuple(value for effect in kept for value in values[effect.key].values()),
-        )
+        return tuple(value for effect in effects for value in values[effect.key].values())
 
 
 # A target's own equation of motion, stepped as the target steps it: (n, k) commands and the time in s that each is
@@ -179,17 +182,23 @@ def curves(subject: Subject) -> list[Curve]:
 
 
 def _grid(thruster: Thruster, used: FloatArray, *, fine: bool) -> FloatArray:
-    points = np.array([used[0], 0.0, used[1]]) if thruster.curve is None else thruster.curve.command
-    return np.union1d(points, np.linspace(points.min(), points.max(), _CURVE_POINTS)) if fine else np.unique(points)
+    points = np.array([used[0], 0.0, used[1]])
+    if thruster.curve is not None:
+        points = thruster.curve.command
+    if not fine:
+        return np.unique(points)
+    return np.union1d(points, np.linspace(points.min(), points.max(), _CURVE_POINTS))
 
 
 def _steady_thrust(subject: Subject, held: list[Effect], index: int, command: FloatArray) -> FloatArray:
     vehicle = subject.vehicle
     commands = np.tile(neutral_commands(vehicle), (len(command), 1))
     commands[:, index] = command
-    where = actuation(vehicle, Trial.imagined(np.arange(len(command), dtype=np.float64), commands))
-    values = tuple(float(value) for effect in held for value in subject.effects[effect.key].values())
-    thrust = replace(subject.model, effects=tuple(held), effect_values=values).thrust(vehicle, where, commands)
+    trial = Trial.imagined(np.arange(len(command), dtype=np.float64), commands)
+    where = actuation(vehicle, trial)
+    values = tuple(map(float, subject.values_of(held)))
+    model = replace(subject.model, effects=tuple(held), effect_values=values)
+    thrust = model.thrust(vehicle, where, commands)
     return np.asarray(thrust[:, index])
 
 
@@ -199,8 +208,9 @@ def _corners(x: FloatArray, y: FloatArray) -> IntArray:
     kept, open_spans = {0, len(x) - 1}, [(0, len(x) - 1)]
     while open_spans:
         first, last = open_spans.pop()
-        inside = slice(first, last + 1)
-        off = np.abs(y[inside] - np.interp(x[inside], x[[first, last]], y[[first, last]]))
+        inside, ends = slice(first, last + 1), [first, last]
+        straight = np.interp(x[inside], x[ends], y[ends])
+        off = np.abs(y[inside] - straight)
         worst = first + int(np.argmax(off))
         if last - first > 1 and off.max() > tolerance:
             kept.add(worst)

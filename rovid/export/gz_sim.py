@@ -84,7 +84,11 @@ def deadband(subject: Subject, index: int) -> float:
     where: Actuation = actuation(subject.vehicle, still)
     # The smaller of both directions, a ramp's width short of the threshold: no thrust of the curve is lost.
     size = np.full(len(where.names), (1.0 - 0.5 * values["edge"]) * values["deadband"])
-    ends = [abs(float(subject.vehicle.thrust(where.from_beyond(sign * size)[None])[0, index])) for sign in (1.0, -1.0)]
+    ends = []
+    for sign in (1.0, -1.0):
+        command = where.from_beyond(sign * size)
+        thrust = subject.vehicle.thrust(command[None])
+        ends.append(abs(float(thrust[0, index])))
     return min(ends)
 
 
@@ -120,13 +124,11 @@ def sdf(
     hydrodynamics: str,
 ) -> str:
     """An SDF model with one link, its thrusters and these hydrodynamics, for the format ``name``."""
-    parts = [
-        _thruster(curve, band, sign)
-        for curve, band, sign, thruster in zip(
-            propulsion, bands, _sides(len(propulsion)), subject.vehicle.thrusters, strict=True
-        )
-        if thruster.curve is not None
-    ]
+    parts = []
+    for index, thruster in enumerate(subject.vehicle.thrusters):
+        # A logged torque has no thruster.
+        if thruster.curve is not None:
+            parts.append(_thruster(propulsion[index], bands[index], side_of(index)))
     return f"""<?xml version="1.0"?>
 <!-- {export_mark(name)}.
      {xml_comment(subject.vehicle.name)}: yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
@@ -145,8 +147,9 @@ def sdf(
 """
 
 
-def _sides(count: int) -> list[float]:
-    return [1.0 if index % 2 == 0 else -1.0 for index in range(count)]
+def side_of(index: int) -> float:
+    """1 ahead and -1 astern, in turn: where thrusters stand is not known."""
+    return 1.0 if index % 2 == 0 else -1.0
 
 
 def place(curve: Curve, side: float) -> tuple[float, float]:

@@ -62,8 +62,10 @@ def manoeuvre(subject: Subject) -> FloatArray:
     if _largest(subject, commands_at(subject, shares)) > subject.largest_rate:
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            inside = _largest(subject, commands_at(subject, middle * shares)) <= subject.largest_rate
-            low, high = (middle, high) if inside else (low, middle)
+            if _largest(subject, commands_at(subject, middle * shares)) <= subject.largest_rate:
+                low = middle
+            else:
+                high = middle
         shares = low * shares
     return commands_at(subject, shares)
 
@@ -71,7 +73,8 @@ def manoeuvre(subject: Subject) -> FloatArray:
 def settling_time(subject: Subject) -> float:
     """Time constant in s of small changes at half the largest measured rate."""
     model = subject.model
-    return model.inertia / max(model.linear_drag + model.quadratic_drag * subject.largest_rate, 1e-12)
+    slope = model.linear_drag + model.quadratic_drag * subject.largest_rate
+    return model.inertia / max(slope, 1e-12)
 
 
 def commands_at(subject: Subject, shares: FloatArray) -> FloatArray:
@@ -98,7 +101,9 @@ def compare(rovid: FloatArray, other: FloatArray) -> Mismatch:
     """How far ``other`` lies from the yaw rate ``rovid``, both (n,) rad/s."""
     error, span = other - rovid, float(np.ptp(rovid))
     worst = float(np.max(np.abs(error)))
-    percent = 0.0 if worst == 0.0 else (100.0 * worst / span if span > 0.0 else math.inf)
+    percent = 0.0
+    if worst != 0.0:
+        percent = 100.0 * worst / span if span > 0.0 else math.inf
     # A model that runs away is off by more than can be squared.
     scale = worst or 1.0
     return Mismatch(percent_of_range=percent, rms=scale * float(np.sqrt(np.mean((error / scale) ** 2))))

@@ -48,27 +48,20 @@ def _mjcf(subject: Subject, propulsion: list[Curve]) -> str:
     damping = np.array([model.linear_drag, model.quadratic_drag, _value(subject, "drag_curvature", "cubic")])
     stiffness = _value(subject, "tether_torsion", "stiffness")
     bias = -_value(subject, "bias_torque", "torque")
-    lag, delay = (
-        _value(subject, key, name) for key, name in zip(_ACTUATOR_EFFECTS, ("time_constant", "delay"), strict=True)
-    )
-    dynamics = f' dyntype="filterexact" dynprm="{lag:.10g}"' if lag > 0.0 else ""
-    if delay > 0.0:
-        dynamics += f' delay="{delay:.10g}" nsample="{math.ceil(delay / _STEP) + 2}" interp="zoh"'
-    actuators = [
-        f'    <general name="{curve.identifier}" joint="yaw" gear="{-curve.arm:.10g}"{dynamics}/>'
-        for curve in propulsion
-    ]
+    dynamics = _dynamics(subject)
+    actuators, tables = [], []
+    for curve in propulsion:
+        name = curve.identifier
+        actuators.append(f'    <general name="{name}" joint="yaw" gear="{-curve.arm:.10g}"{dynamics}/>')
+        tables.append(f'    <numeric name="{name}_command" data="{numbers(curve.command)}"/>')
+        tables.append(f'    <numeric name="{name}_thrust" data="{numbers(curve.thrust)}"/>')
     if bias:
         actuators.append(
             f'    <general name="bias_torque" joint="yaw" gainprm="0" biastype="affine" biasprm="{bias:.10g} 0 0"/>'
         )
-    tables = [
-        f'    <numeric name="{curve.identifier}_{what}" data="{numbers(values)}"/>'
-        for curve in propulsion
-        for what, values in (("command", curve.command), ("thrust", curve.thrust))
-    ]
     joint = f'<joint name="yaw" type="hinge" axis="0 0 1" damping="{numbers(damping)}"'
-    joint += f' stiffness="{stiffness:.10g}"/>' if stiffness else "/>"
+    if stiffness:
+        joint += f' stiffness="{stiffness:.10g}"'
     return f"""<mujoco model={xml_attribute(subject.vehicle.name)}>
   <!-- {export_mark("mujoco")}. Yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
   <option timestep="{_STEP:g}" gravity="0 0 0" integrator="implicitfast"/>
@@ -77,7 +70,7 @@ def _mjcf(subject: Subject, propulsion: list[Curve]) -> str:
   </custom>
   <worldbody>
     <body name="base_link">
-      {joint}
+      {joint}/>
       <inertial pos="0 0 0" mass="{subject.mass:.10g}" diaginertia="{numbers(np.full(3, model.inertia))}"/>
     </body>
   </worldbody>
@@ -88,6 +81,18 @@ def _mjcf(subject: Subject, propulsion: list[Curve]) -> str:
 """
 
 
+def _dynamics(subject: Subject) -> str:
+    """Attributes of an actuator that lags and waits."""
+    lag, delay = _value(subject, "thruster_lag", "time_constant"), _value(subject, "command_delay", "delay")
+    dynamics = ""
+    if lag > 0.0:
+        dynamics += f' dyntype="filterexact" dynprm="{lag:.10g}"'
+    if delay > 0.0:
+        samples = math.ceil(delay / _STEP) + 2
+        dynamics += f' delay="{delay:.10g}" nsample="{samples}" interp="zoh"'
+    return dynamics
+
+
 def _plant(subject: Subject, propulsion: list[Curve]) -> Callable[[FloatArray, float], FloatArray]:
     model = subject.model
     cubic, stiffness = _value(subject, "drag_curvature", "cubic"), _value(subject, "tether_torsion", "stiffness")
@@ -96,7 +101,8 @@ def _plant(subject: Subject, propulsion: list[Curve]) -> Callable[[FloatArray, f
 
     def advance(rate: float, angle: float, torque: float) -> float:
         size = abs(rate)
-        total = torque + bias - (model.linear_drag + (model.quadratic_drag + cubic * size) * size) * rate
+        drag = (model.linear_drag + (model.quadratic_drag + cubic * size) * size) * rate
+        total = torque + bias - drag
         slope = model.linear_drag + (2.0 * model.quadratic_drag + 3.0 * cubic * size) * size
         # implicitfast: one Newton step of the velocity-dependent forces.
         return rate + _STEP * (total - stiffness * angle) / (model.inertia + _STEP * slope)

@@ -16,6 +16,7 @@ from rovid.ground.numbers import to_json
 from rovid.ground.quoting import identifiers, toml_text
 from rovid.model.model import Model
 
+_BASE = ("inertia", "quadratic_drag", "linear_drag")
 EQUATION = "inertia*rdot + quadratic_drag*|r|*r + linear_drag*r = sum(yaw_arm*thrust(command)) + effects"
 _AXES = "Yaw is positive in the sense in which the heading grows (NED: clockwise from above); SI units and radians."
 _NOTE = (_AXES + " In a z-up frame the rate and the thrusters' yaw arms change sign, inertia and drag do not.",)
@@ -25,8 +26,10 @@ def export_json(subject: Subject) -> Target:
     """Everything, with units, standard errors and the effects' equations."""
     content = to_json(_document(subject)) + "\n"
     read = json.loads(content)
-    base = [read["parameters"][name]["value"] for name in ("inertia", "quadratic_drag", "linear_drag")]
-    effects = {e["key"]: {n: v["value"] for n, v in e["parameters"].items()} for e in read["effects"]}
+    base = [read["parameters"][name]["value"] for name in _BASE]
+    effects = {}
+    for effect in read["effects"]:
+        effects[effect["key"]] = {name: entry["value"] for name, entry in effect["parameters"].items()}
     return _target(subject, content, base, effects)
 
 
@@ -35,25 +38,25 @@ def export_matlab(subject: Subject) -> Target:
     from scipy.io import loadmat, savemat
 
     keys = _identifiers(subject)
+    thrusters = [_thruster(subject, index, np.array) for index in range(len(subject.vehicle.thrusters))]
     values = _base(subject) | {
         "equation": EQUATION,
         "axes": _AXES,
-        "thrusters": np.array(
-            [_thruster(subject, index, np.array) for index in range(len(subject.vehicle.thrusters))], dtype=object
-        ),
+        "thrusters": np.array(thrusters, dtype=object),
         "effects": {keys[key]: parameters for key, parameters in subject.effects.items()},
     }
     stream: Any = io.BytesIO()
     savemat(stream, {"rovid": values}, oned_as="column", long_field_names=True)
     # 116 bytes of text for people begin such a file.
-    content = f"MATLAB 5.0 MAT-file. {export_mark('matlab')}.".ljust(116).encode() + stream.getvalue()[116:]
+    title = f"MATLAB 5.0 MAT-file. {export_mark('matlab')}.".ljust(116)
+    content = title.encode() + stream.getvalue()[116:]
     again: Any = io.BytesIO(content)
     read = loadmat(again, simplify_cells=True)["rovid"]
-    base = [float(read[name]) for name in ("inertia", "quadratic_drag", "linear_drag")]
-    effects = {
-        key: {name: float(read["effects"][keys[key]][name]) for name in parameters}
-        for key, parameters in subject.effects.items()
-    }
+    base = [float(read[name]) for name in _BASE]
+    effects = {}
+    for key, parameters in subject.effects.items():
+        fields = read["effects"][keys[key]]
+        effects[key] = {name: float(fields[name]) for name in parameters}
     return _target(subject, content, base, effects)
 
 
@@ -61,20 +64,23 @@ def export_ros2(subject: Subject) -> Target:
     """A parameter YAML for any node; names with a colon keep it as an underscore."""
     lines = [f"# {export_mark('ros2')}.", f"# {EQUATION}", f"# {_AXES}", "/**:", "  ros__parameters:"]
     lines += [f"    {name}: {_yaml(value)}" for name, value in _base(subject).items()]
-    lines.append(f"    thruster_names: [{', '.join(toml_text(t.name) for t in subject.vehicle.thrusters)}]")
+    thrusters = [toml_text(thruster.name) for thruster in subject.vehicle.thrusters]
+    lines.append(f"    thruster_names: [{', '.join(thrusters)}]")
     for index in range(len(subject.vehicle.thrusters)):
         thruster = _thruster(subject, index, list)
         lines.append(f"    thruster_{index}:")
         lines += [f"      {name}: {_yaml(thruster[name])}" for name in ("yaw_arm", "command", "thrust")]
-    lines.append(f"    effect_names: [{', '.join(toml_text(key) for key in subject.effects)}]")
+    lines.append(f"    effect_names: [{', '.join(map(toml_text, subject.effects))}]")
     if subject.effects:
         lines.append("    effects:")
     keys = _identifiers(subject)
+    effects = {}
     for key, parameters in subject.effects.items():
+        written = {name: _yaml(value) for name, value in parameters.items()}
         lines.append(f"      {keys[key]}:")
-        lines += [f"        {name}: {_yaml(value)}" for name, value in parameters.items()]
-    base = [float(_yaml(_base(subject)[name])) for name in ("inertia", "quadratic_drag", "linear_drag")]
-    effects = {k: {n: float(_yaml(v)) for n, v in parameters.items()} for k, parameters in subject.effects.items()}
+        lines += [f"        {name}: {text}" for name, text in written.items()]
+        effects[key] = {name: float(text) for name, text in written.items()}
+    base = [float(_yaml(_base(subject)[name])) for name in _BASE]
     return _target(subject, "\n".join([*lines, ""]), base, effects)
 
 
@@ -98,18 +104,21 @@ def _thruster(subject: Subject, index: int, made: Any) -> dict[str, Any]:
     """The bench curve; a logged torque is its own."""
     thruster = subject.vehicle.thrusters[index]
     if thruster.curve is None:
-        ends = made(subject.commands[index])
-        return {"name": thruster.name, "yaw_arm": thruster.arm, "command": ends, "thrust": ends}
-    command, thrust = (made(values) for values in (thruster.curve.command, thruster.curve.thrust))
+        command = thrust = made(subject.commands[index])
+    else:
+        command, thrust = made(thruster.curve.command), made(thruster.curve.thrust)
     return {"name": thruster.name, "yaw_arm": thruster.arm, "command": command, "thrust": thrust}
 
 
 def _document(subject: Subject) -> dict[str, Any]:
-    entries = {
-        name: {"value": e.value, "standard_error": e.standard_error, "unit": e.unit}
-        for name, e in subject.entries.items()
-    }
+    entries: dict[str, dict[str, Any]] = {}
+    for name, entry in subject.entries.items():
+        entries[name] = {"value": entry.value, "standard_error": entry.standard_error, "unit": entry.unit}
     entries.setdefault("linear_drag", {"value": 0.0, "standard_error": None, "unit": "N m s/rad"})
+    effects = []
+    for effect in subject.model.effects:
+        own = {parameter.name: entries[f"{effect.key}.{parameter.name}"] for parameter in effect.parameters}
+        effects.append({"key": effect.key, "equation": effect.equation, "parameters": own})
     return {
         "schema": "rovid-model/1",
         "vehicle": subject.vehicle.name,
@@ -118,33 +127,32 @@ def _document(subject: Subject) -> dict[str, Any]:
         "parameters": {name: value for name, value in entries.items() if "." not in name},
         "rigid_body_inertia": subject.vehicle.rigid_body_inertia,
         "thrusters": [_thruster(subject, index, list) for index in range(len(subject.vehicle.thrusters))],
-        "effects": [
-            {
-                "key": effect.key,
-                "equation": effect.equation,
-                "parameters": {p.name: entries[f"{effect.key}.{p.name}"] for p in effect.parameters},
-            }
-            for effect in subject.model.effects
-        ],
+        "effects": effects,
     }
 
 
 def _yaml(value: Any) -> str:
     """A float that every YAML 1.1 reader takes for one: with a point and a signed exponent."""
     if isinstance(value, list):
-        return f"[{', '.join(_yaml(item) for item in value)}]"
+        return f"[{', '.join(map(_yaml, value))}]"
     text = repr(float(value))
-    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+    if "e" in text and "." not in text:
+        return text.replace("e", ".0e")
+    return text
 
 
 def _target(subject: Subject, content: str | bytes, base: list[float], effects: dict[str, dict[str, float]]) -> Target:
     """The target's equation is rovid's, with the numbers as they stand in the file."""
+    inertia, quadratic, linear = base
+    values: list[float] = []
+    for effect in subject.model.effects:
+        values += effects[effect.key].values()
     read = Model(
-        inertia=base[0],
-        quadratic_drag=base[1],
-        linear_drag=base[2],
+        inertia=inertia,
+        quadratic_drag=quadratic,
+        linear_drag=linear,
         effects=subject.model.effects,
-        effect_values=tuple(value for e in subject.model.effects for value in effects[e.key].values()),
+        effect_values=tuple(values),
     )
 
     def plant(commands: FloatArray, period: float) -> FloatArray:  # noqa: ARG001 - the manoeuvre's own

@@ -44,10 +44,11 @@ def export(subject: Subject) -> Target:
             eta[5] += _STEP * nu[5]
         return np.array(rates[:: round(period / _STEP)])
 
+    stated = {key for key in subject.effects if key in _TERMS or key == lag}
     return Target(
         content=content,
         plant=plant,
-        holds=curve_keys(subject) | {key for key in subject.effects if key in _TERMS or key == lag},
+        holds=curve_keys(subject) | stated,
         notes=(
             "Axes are NED, as rovid's: no sign changes.",
             "Yaw alone moves: surge to pitch keep their velocity.",
@@ -58,16 +59,22 @@ def export(subject: Subject) -> Target:
 
 def _module(subject: Subject, propulsion: list[Curve], lag: str) -> str:
     model = subject.model
-    terms = "".join(_TERMS[key].format(**values) for key, values in subject.effects.items() if key in _TERMS)
-    tables = "".join(
-        f"            ({curve.arm!r}, {curve.neutral!r}, {curve.command.tolist()!r}, {curve.thrust.tolist()!r}),\n"
-        for curve in propulsion
-    )
-    behind = lag == "thruster_lag"
-    push = "self.torque(u)" if not behind else "float(np.dot(self.arms, u))"
-    goal = "u_control" if not behind else "self.thrusts(u_control)"
-    names = ", ".join(repr(f"{curve.name} command") for curve in propulsion)
-    start = [0.0 if behind else curve.neutral for curve in propulsion]
+    terms = ""
+    for key, values in subject.effects.items():
+        if key in _TERMS:
+            terms += _TERMS[key].format(**values)
+    tables, names = "", []
+    for curve in propulsion:
+        command, thrust = curve.command.tolist(), curve.thrust.tolist()
+        tables += f"            ({curve.arm!r}, {curve.neutral!r}, {command!r}, {thrust!r}),\n"
+        names.append(f"{curve.name} command")
+    if lag == "thruster_lag":
+        # What acts late is the thrust, behind the curves.
+        acting, push, goal = "thrust", "float(np.dot(self.arms, u))", "self.thrusts(u_control)"
+        start = [0.0] * len(propulsion)
+    else:
+        acting, push, goal = "command", "self.torque(u)", "u_control"
+        start = [curve.neutral for curve in propulsion]
     time_constant = subject.effects[lag]["time_constant"] if lag else 0.0
     title = python_docstring(subject.vehicle.name)
     return f'''"""Yaw of {title}, identified by rovid, as a vehicle of PythonVehicleSimulator.
@@ -101,10 +108,10 @@ class RovidVehicle:
         self.thrusters = [
 {tables}        ]
         self.arms = [arm for arm, *_ in self.thrusters]
-        self.controls = [{names}]
+        self.controls = {names!r}
         self.dimU = len(self.controls)
         self.nu = np.zeros(6)
-        self.u_actual = np.array({start!r}, float)  # {"thrust" if behind else "command"} of each thruster, as it acts
+        self.u_actual = np.array({start!r}, float)  # {acting} of each thruster, as it acts
 
     def thrusts(self, commands):
         return np.array([np.interp(u, *table) for u, (_, _, *table) in zip(commands, self.thrusters)])

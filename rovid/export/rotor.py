@@ -14,9 +14,10 @@ AHEAD = "thruster_lag:command"
 
 def first_order(subject: Subject) -> tuple[float, str]:
     """Time constant in s and key of the lag that the thrusters hold; 0 and nothing where there is none."""
-    return next(
-        ((values["time_constant"], k) for k, values in subject.effects.items() if k in {BEHIND, AHEAD}), (0.0, "")
-    )
+    for key, values in subject.effects.items():
+        if key in {BEHIND, AHEAD}:
+            return values["time_constant"], key
+    return 0.0, ""
 
 
 def inputs_of(tables: list[Curve], form: str) -> list[Curve]:
@@ -26,8 +27,12 @@ def inputs_of(tables: list[Curve], form: str) -> list[Curve]:
     """
     if form != BEHIND:
         return [replace(curve, command=curve.command - curve.neutral, neutral=0.0) for curve in tables]
-    ends = [np.array([min(float(c.thrust.min()), 0.0), max(float(c.thrust.max()), 0.0)]) for c in tables]
-    return [replace(curve, command=end, thrust=end, neutral=0.0) for curve, end in zip(tables, ends, strict=True)]
+    inputs = []
+    for curve in tables:
+        low, high = min(float(curve.thrust.min()), 0.0), max(float(curve.thrust.max()), 0.0)
+        ends = np.array([low, high])
+        inputs.append(replace(curve, command=ends, thrust=ends, neutral=0.0))
+    return inputs
 
 
 def input_notes(form: str) -> tuple[str, ...]:

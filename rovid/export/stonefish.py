@@ -13,8 +13,9 @@ import numpy as np
 from scipy.optimize import nnls
 
 from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves, numbers
+from rovid.export.gz_sim import side_of
 from rovid.export.manoeuvre import march, thrust_torque
-from rovid.export.rotor import first_order, input_notes, inputs_of
+from rovid.export.rotor import BEHIND, first_order, input_notes, inputs_of
 from rovid.ground.arrays import FloatArray
 from rovid.ground.files.form import export_mark
 from rovid.ground.quoting import xml_attribute
@@ -35,22 +36,28 @@ def export(subject: Subject) -> Target:
     inputs = inputs_of(tables, form)
     rates = np.linspace(0.0, subject.largest_rate, _RATES)
     wanted = _drag(subject, rates)
-    worst = float(np.max(np.abs(linear * rates + cubic * rates**3 - wanted)) / wanted[-1]) if wanted[-1] > 0.0 else 0.0
+    off = linear * rates + cubic * rates**3 - wanted
+    worst = float(np.max(np.abs(off)) / wanted[-1]) if wanted[-1] > 0.0 else 0.0
     coefficients = (cubic / (0.5 * _DENSITY * form_drag), linear / (_DENSITY * friction))
     why = (
         f"Stonefish has a linear and a cubic drag, no |r|*r: {linear:.4g}*r + {cubic:.4g}*r^3 is fitted to the drag up "
         f"to {subject.largest_rate:.3g} rad/s, off by up to {100.0 * worst:.2g} % of its largest torque, wrong beyond"
     )
+    stated = {key for key in subject.effects if key in {"drag_curvature", form}}
+    box = f"a box of {size[0]:g} x {size[1]:g} x {size[1]:g} m"
+    if subject.vehicle.length is None or subject.vehicle.width is None:
+        box += " (length or width not known: 1 m)"
     return Target(
         content=_scenario(subject, size, coefficients, (linear, cubic), inputs, tables, lag),
         plant=_plant(subject, (linear, cubic), tables, lag, form),
-        holds=curve_keys(subject) | {key for key in subject.effects if key in {"drag_curvature", form}},
+        holds=curve_keys(subject) | stated,
         misses=() if model.quadratic_drag == 0.0 else (("quadratic_drag", why),),
         notes=(
             "Axes are FRD, z down, as rovid's: no sign changes.",
-            f"The drag coefficients hold for a box of {size[0]:g} x {size[1]:g} x {size[1]:g} m"
-            + (" (length or width not known: 1 m)" if None in (subject.vehicle.length, subject.vehicle.width) else "")
-            + "; for another mesh divide the two torques in the file by its own integrals.",
+            (
+                f"The drag coefficients hold for {box}; for another mesh divide the two torques in the file by its own "
+                "integrals."
+            ),
             "physics is 'floating' and the inertia the whole one: 'submerged' would add Stonefish's own added inertia.",
             "A newer Stonefish makes both terms quadratic; there neither coefficient is right.",
             *input_notes(form),
@@ -93,19 +100,18 @@ def _box(half: FloatArray) -> tuple[tuple[FloatArray, FloatArray, FloatArray], i
     triangles = []
     for axis in range(3):
         u, v = (axis + 1) % 3, (axis + 2) % 3
-        for side in (1.0, -1.0):
+        for way in (1.0, -1.0):
             quad = np.zeros((4, 3))
-            quad[:, axis] = side * half[axis]
+            quad[:, axis] = way * half[axis]
             quad[:, u] = half[u] * np.array([-1.0, 1.0, 1.0, -1.0])
-            quad[:, v] = side * half[v] * np.array([-1.0, -1.0, 1.0, 1.0])
+            quad[:, v] = way * half[v] * np.array([-1.0, -1.0, 1.0, 1.0])
             triangles += [quad[[0, 1, 2]], quad[[0, 2, 3]]]
     mesh = np.array(triangles)
     for _ in range(_SUBDIVISIONS):
         a, b, c = mesh.transpose(1, 0, 2)
         ab, bc, ca = (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0
-        mesh = np.concatenate(
-            [np.stack(corner, axis=1) for corner in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
-        )
+        quarters = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+        mesh = np.concatenate([np.stack(corners, axis=1) for corners in quarters])
     a, b, c = mesh.transpose(1, 0, 2)
     return (a, b, c), len(mesh)
 
@@ -119,15 +125,10 @@ def _plant(
         return rate + _STEP * (torque - (linear + cubic * rate * rate) * rate) / inertia
 
     def plant(commands: FloatArray, period: float) -> FloatArray:
-        behind = form == "thruster_lag"
-        torque = thrust_torque(
-            propulsion,
-            commands,
-            period,
-            _STEP,
-            command_lag=0.0 if behind else lag,
-            thrust_lag=lag if behind else 0.0,
-        )
+        if form == BEHIND:
+            torque = thrust_torque(propulsion, commands, period, _STEP, thrust_lag=lag)
+        else:
+            torque = thrust_torque(propulsion, commands, period, _STEP, command_lag=lag)
         return march(torque, round(period / _STEP), advance, _STEP)
 
     return plant
@@ -143,11 +144,10 @@ def _scenario(
     lag: float,
 ) -> str:
     inertia, (length, width) = subject.model.inertia, size
-    thrusters = [
-        _thruster(curve, table, 1.0 if index % 2 == 0 else -1.0, lag)
-        for index, (curve, table, thruster) in enumerate(zip(inputs, tables, subject.vehicle.thrusters, strict=True))
-        if thruster.curve is not None
-    ]
+    thrusters = []
+    for index, thruster in enumerate(subject.vehicle.thrusters):
+        if thruster.curve is not None:
+            thrusters.append(_thruster(inputs[index], tables[index], side_of(index), lag))
     return f"""<?xml version="1.0"?>
 <!-- {export_mark("stonefish")}. Yaw identified by rovid; z down, a yaw rate is the heading's.
      Torque of drag: {torques[0]:.10g}*r + {torques[1]:.10g}*r^3 N m. -->
@@ -171,11 +171,9 @@ def _scenario(
 
 def _thruster(curve: Curve, table: Curve, side: float, lag: float) -> str:
     # FRD: at x = side*arm, pushing along side*y, the torque about z is arm*thrust.
-    dynamics = (
-        f'<rotor_dynamics type="first_order"><time_constant value="{lag:.10g}"/></rotor_dynamics>'
-        if lag > 0.0
-        else '<rotor_dynamics type="zero_order"/>'
-    )
+    dynamics = '<rotor_dynamics type="zero_order"/>'
+    if lag > 0.0:
+        dynamics = f'<rotor_dynamics type="first_order"><time_constant value="{lag:.10g}"/></rotor_dynamics>'
     limit = float(np.max(np.abs(curve.command)))
     return f"""    <!-- {curve_comment(table)} -->
     <actuator name="{curve.identifier}" type="thruster">

@@ -11,9 +11,9 @@ import math
 from collections.abc import Callable
 
 from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves, numbers
-from rovid.export.gz_sim import frame_notes, place
+from rovid.export.gz_sim import frame_notes, place, side_of
 from rovid.export.manoeuvre import march, settling_time, thrust_torque
-from rovid.export.rotor import first_order, input_notes, inputs_of
+from rovid.export.rotor import AHEAD, first_order, input_notes, inputs_of
 from rovid.ground.arrays import FloatArray
 from rovid.ground.files.form import export_mark
 from rovid.ground.quoting import identifiers
@@ -33,10 +33,12 @@ def export(subject: Subject) -> Target:
     lag, form = first_order(subject)
     tables = curves(subject)
     inputs = inputs_of(tables, form)
+    command_lag = lag if form == AHEAD else 0.0
+    stated = {form} if form else set()
     return Target(
         content=_xacro(subject, split, inputs, tables, lag),
-        plant=_plant(subject, split, tables, lag if form == "thruster_lag:command" else 0.0, lag if form else 0.0),
-        holds=curve_keys(subject) | ({form} if form else frozenset()),
+        plant=_plant(subject, split, tables, command_lag, lag),
+        holds=curve_keys(subject) | stated,
         notes=(*frame_notes(subject), note, *input_notes(form)),
     )
 
@@ -45,25 +47,22 @@ def export_yaml(subject: Subject) -> Target:
     """The vehicle model of uuv_simulator's controllers; it has no thrusters."""
     split, note = _split(subject)
     body, added = split
-    model, zeros = subject.model, ["0", "0", "0", "0", "0"]
-    rows = ["    - [" + ", ".join("0" for _ in range(6)) + "]" for _ in range(5)]
-    rows.append(f"    - [{', '.join([*zeros, f'{added:.10g}'])}]")
-    content = "\n".join(
-        [
-            f"# {export_mark('uuv as yaml')}.",
-            "# Yaw identified by rovid; z up, a yaw rate is minus the heading's. Only the yaw entries are known.",
-            f"mass: {subject.mass:.10g}",
-            "inertial:",
-            f"  izz: {body:.10g}",
-            "Ma:",
-            *(row[2:] for row in rows),
-            f"linear_damping: [{', '.join([*zeros, f'{-model.linear_drag:.10g}'])}]",
-            f"quad_damping: [{', '.join([*zeros, f'{-model.quadratic_drag:.10g}'])}]",
-            "",
-        ]
-    )
+    model = subject.model
+    lines = [
+        f"# {export_mark('uuv as yaml')}.",
+        "# Yaw identified by rovid; z up, a yaw rate is minus the heading's. Only the yaw entries are known.",
+        f"mass: {subject.mass:.10g}",
+        "inertial:",
+        f"  izz: {body:.10g}",
+        "Ma:",
+        *["  - [0, 0, 0, 0, 0, 0]"] * 5,
+        f"  - [0, 0, 0, 0, 0, {added:.10g}]",
+        f"linear_damping: [0, 0, 0, 0, 0, {-model.linear_drag:.10g}]",
+        f"quad_damping: [0, 0, 0, 0, 0, {-model.quadratic_drag:.10g}]",
+        "",
+    ]
     return Target(
-        content=content,
+        content="\n".join(lines),
         plant=_plant(subject, split, curves(subject), 0.0, 0.0),
         holds=curve_keys(subject),
         notes=(*frame_notes(subject), note, "The controllers' model takes forces: a thruster manager has the curves."),
@@ -106,14 +105,11 @@ def _plant(
 def _xacro(subject: Subject, split: tuple[float, float], inputs: list[Curve], tables: list[Curve], lag: float) -> str:
     model, (body, added) = subject.model, split
     name = identifiers([subject.vehicle.name])[0].lower()
-    matrix = "\n".join(
-        "            " + " ".join(f"{added:.10g}" if i == j == 5 else "0" for j in range(6)) for i in range(6)
-    )
-    thrusters = [
-        _thruster(name, index, curve, table, 1.0 if index % 2 == 0 else -1.0, lag)
-        for index, (curve, table, thruster) in enumerate(zip(inputs, tables, subject.vehicle.thrusters, strict=True))
-        if thruster.curve is not None
-    ]
+    matrix = "            0 0 0 0 0 0\n" * 5 + f"            0 0 0 0 0 {added:.10g}"
+    thrusters = []
+    for index, thruster in enumerate(subject.vehicle.thrusters):
+        if thruster.curve is not None:
+            thrusters.append(_thruster(name, index, inputs[index], tables[index], side_of(index), lag))
     return f"""<?xml version="1.0"?>
 <!-- {export_mark("uuv")}. Yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
 <robot name="{name}" xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -148,9 +144,9 @@ def _xacro(subject: Subject, split: tuple[float, float], inputs: list[Curve], ta
 def _thruster(name: str, index: int, curve: Curve, table: Curve, side: float, lag: float) -> str:
     x, direction = place(curve, side)
     link = f"{name}/thruster_{index}"
-    dynamics = (
-        f"<type>FirstOrder</type><timeConstant>{lag:.10g}</timeConstant>" if lag > 0 else "<type>ZeroOrder</type>"
-    )
+    dynamics = "<type>ZeroOrder</type>"
+    if lag > 0:
+        dynamics = f"<type>FirstOrder</type><timeConstant>{lag:.10g}</timeConstant>"
     return f"""  <!-- {curve_comment(table)} -->
   <joint name="{link}_joint" type="continuous">
     <origin xyz="{x:.10g} 0 0" rpy="0 0 {direction * math.pi / 2.0:.16g}"/>

@@ -123,7 +123,8 @@ def fit_bench(command: FloatArray, thrust: FloatArray) -> BenchFit:
     monotone = _isotonic(rising, counts)
     noise = _noise(levels, rising, monotone)
     share = _ZERO_SHARE_NOISY if noise > 0.0 else _ZERO_SHARE_EXACT
-    idle = _idle(rising, max(noise, share * float(np.max(np.abs(mean)))))
+    least = share * float(np.max(np.abs(mean)))
+    idle = _idle(rising, max(noise, least))
     values = monotone.copy()
     if idle is not None:
         low, high = idle
@@ -131,12 +132,15 @@ def fit_bench(command: FloatArray, thrust: FloatArray) -> BenchFit:
         values[:low] = _isotonic(np.minimum(rising[:low], 0.0), counts[:low])
         values[high + 1 :] = _isotonic(np.maximum(rising[high + 1 :], 0.0), counts[high + 1 :])
     curve = ThrustCurve(command=levels, thrust=direction * values)
+    dead_zone = None
+    if idle is not None and idle[0] != idle[1]:
+        dead_zone = (float(levels[idle[0]]), float(levels[idle[1]]))
     return BenchFit(
         curve=curve,
         command=command,
         thrust=thrust,
         residuals=thrust - curve(command),
-        dead_zone=None if idle is None or idle[0] == idle[1] else (float(levels[idle[0]]), float(levels[idle[1]])),
+        dead_zone=dead_zone,
         noise=noise,
     )
 

@@ -62,17 +62,20 @@ def form_doubt(likelihood: Likelihood, x: FloatArray) -> tuple[FloatArray, list[
     names = likelihood.model(x).names
     if not isinstance(likelihood, HorizonLikelihood):
         return np.zeros((len(names), len(names))), []
-    scatter, least = (np.diag(covariance(likelihood, x, sandwich=sandwich)) for sandwich in (True, False))
+    scatter = np.diag(covariance(likelihood, x, sandwich=True))
+    least = np.diag(covariance(likelihood, x, sandwich=False))
     doubt = np.diag(np.maximum(least - scatter, 0.0))
     horizon = likelihood.records.horizon
     parts = [likelihood.like(likelihood.effects, part) for part in (horizon < _MIDDLE, horizon > _MIDDLE)]
     if min(part.count for part in parts) <= len(x):
         return doubt, []
-    fits = [part.climb(x, iterations=2 * TRIAL_ITERATIONS)[0] for part in parts]
-    short, long = (physical(part, at) for part, at in zip(parts, fits, strict=True))
-    chance = np.sum(
-        [np.diag(covariance(part, at, sandwich=True)) for part, at in zip(parts, fits, strict=True)], axis=0
-    )
+    answers, variances = [], []
+    for part in parts:
+        at, _ = part.climb(x, iterations=2 * TRIAL_ITERATIONS)
+        answers.append(physical(part, at))
+        variances.append(np.diag(covariance(part, at, sandwich=True)))
+    short, long = answers
+    chance = np.sum(variances, axis=0)
     apart = short - long
     half = 0.5 * np.sign(apart) * np.sqrt(np.maximum(apart**2 - chance, 0.0))
     worst = int(np.argmax(np.abs(apart[:3]) / np.sqrt(np.maximum(chance[:3], 1e-300))))
@@ -89,7 +92,9 @@ def form_doubt(likelihood: Likelihood, x: FloatArray) -> tuple[FloatArray, list[
 
 def _sandwich(inverse: FloatArray, scores: FloatArray) -> FloatArray:
     scores = scores - scores.mean(axis=0)
-    return np.asarray(inverse @ (scores.T @ scores * len(scores) / (len(scores) - 1)) @ inverse)
+    count = len(scores)
+    scatter = scores.T @ scores * count / (count - 1)
+    return np.asarray(inverse @ scatter @ inverse)
 
 
 def _reach(likelihood: Likelihood, x: FloatArray, at: int) -> float | None:
@@ -119,5 +124,8 @@ def _inverse(information: FloatArray) -> FloatArray:
     """Inverse of the information; a direction in which the likelihood is flat gets a large variance."""
     power = np.diag(information)
     size = np.sqrt(np.where(power > 0.0, power, 1.0))
-    values, vectors = np.linalg.eigh(information / np.outer(size, size))
-    return np.asarray((vectors / np.maximum(values, 1e-9)) @ vectors.T / np.outer(size, size))
+    # Scaled, so that units have no say in what counts as flat.
+    scale = np.outer(size, size)
+    values, vectors = np.linalg.eigh(information / scale)
+    inverse = (vectors / np.maximum(values, 1e-9)) @ vectors.T
+    return np.asarray(inverse / scale)

@@ -47,17 +47,26 @@ class Grid:
     @classmethod
     def joined(cls, courses: Sequence[Course]) -> Self:
         """Those of all ``courses``."""
-        grids = [course.grid for course in courses]
-        before = np.cumsum([0, *(len(course.time) for course in courses[:-1])])
-        earlier = np.cumsum([0, *(len(grid.restarts) for grid in grids[:-1])])
+        starts, ends, restarts, number, run = [], [], [], [], []
+        # How many instants, and how many restarts, there are in the runs before.
+        before = earlier = 0
+        for k, course in enumerate(courses):
+            grid = course.grid
+            starts.append(grid.starts + before)
+            ends.append(grid.ends + before)
+            restarts.append(grid.restarts + before)
+            number.append(grid.number + earlier)
+            run.append(np.full(len(grid.restarts), k))
+            before += len(course.time)
+            earlier += len(grid.restarts)
         return cls(
-            starts=np.concatenate([grid.starts + at for grid, at in zip(grids, before, strict=True)]),
-            ends=np.concatenate([grid.ends + at for grid, at in zip(grids, before, strict=True)]),
-            restarts=np.concatenate([grid.restarts + at for grid, at in zip(grids, before, strict=True)]),
-            reach=np.concatenate([grid.reach for grid in grids]),
-            number=np.concatenate([grid.number + at for grid, at in zip(grids, earlier, strict=True)]),
-            run=np.concatenate([np.full(len(grid.restarts), k) for k, grid in enumerate(grids)]),
-            period=np.concatenate([grid.period for grid in grids]),
+            starts=np.concatenate(starts),
+            ends=np.concatenate(ends),
+            restarts=np.concatenate(restarts),
+            reach=np.concatenate([course.grid.reach for course in courses]),
+            number=np.concatenate(number),
+            run=np.concatenate(run),
+            period=np.concatenate([course.grid.period for course in courses]),
         )
 
 
@@ -99,7 +108,9 @@ class Course:
     @property
     def period(self) -> float:
         """Seconds from each instant to the next."""
-        return float(self.time[1] - self.time[0]) if len(self.time) > 1 else self.run.rates.kernel.period
+        if len(self.time) < 2:
+            return self.run.rates.kernel.period
+        return float(self.time[1] - self.time[0])
 
 
 def course_of(run: Run, constant: float, between: float) -> Course:
@@ -159,7 +170,8 @@ def motion_of(time: FloatArray, angle: FloatArray, rate: FloatArray) -> tuple[Fl
     turned = angle - angle[int(np.argmax(np.isfinite(angle)))]
     if len(time) < 2:
         return turned, rate
-    return turned, np.where(np.isfinite(rate), rate, np.gradient(turned, time[1] - time[0]))
+    slope = np.gradient(turned, time[1] - time[0])
+    return turned, np.where(np.isfinite(rate), rate, slope)
 
 
 def means_on(time: FloatArray, series: FloatArray, grid: FloatArray, held: IntArray, since: FloatArray) -> FloatArray:
@@ -167,5 +179,7 @@ def means_on(time: FloatArray, series: FloatArray, grid: FloatArray, held: IntAr
 
     At each instant of the grid the sample ``held`` has been so for ``since`` seconds.
     """
-    area = np.concatenate(([0.0], np.cumsum(series[:-1] * np.diff(time))))[held] + series[held] * since
+    # Under the series up to each of its instants, and from there on.
+    area = np.concatenate(([0.0], np.cumsum(series[:-1] * np.diff(time))))
+    area = area[held] + series[held] * since
     return np.append(np.diff(area) / np.diff(grid), series[-1])

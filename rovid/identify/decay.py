@@ -108,12 +108,13 @@ def read_decay(model: Model, estimate: Estimate, runs: Sequence[Run], vehicle: V
         "quadratic_drag": (lambda m: m.quadratic_drag / m.inertia, "1/rad"),
     }
     found = {name: _reading(formula, model, estimate, unit) for name, (formula, unit) in formulas.items()}
+    swings = []
+    for run, tilt in zip(runs, tilts, strict=True):
+        largest = float(np.max(np.abs(tilt)))
+        swings.append(swing(run.trial.name, largest, _channels(run.trial)))
     return Decay(
         usual=usual,
-        swings=tuple(
-            swing(run.trial.name, float(np.max(np.abs(tilt))), _channels(run.trial))
-            for run, tilt in zip(runs, tilts, strict=True)
-        ),
+        swings=tuple(swings),
         natural_frequency=Reading(value=frequency, standard_error=share * frequency, unit="rad/s"),
         terms={name: found[name] for name in ("linear", "quadratic")},
         over_inertia={name: found[name] for name in ("restoring_stiffness", "linear_drag", "quadratic_drag")},
@@ -122,8 +123,12 @@ def read_decay(model: Model, estimate: Estimate, runs: Sequence[Run], vehicle: V
 
 def _channels(trial: Trial) -> dict[str, float]:
     """Median of each further channel of ``trial``."""
-    known = {name: values[np.isfinite(values)] for name, values in trial.extras.items()}
-    return {name: float(median(values.tolist())) for name, values in known.items() if values.size}
+    found = {}
+    for name, values in trial.extras.items():
+        known = values[np.isfinite(values)]
+        if known.size:
+            found[name] = float(median(known.tolist()))
+    return found
 
 
 def _reading(quantity: Callable[[Model], float], model: Model, estimate: Estimate, unit: str) -> Reading:
@@ -132,8 +137,10 @@ def _reading(quantity: Callable[[Model], float], model: Model, estimate: Estimat
     value, slopes = quantity(model), np.zeros(len(values))
     for at in np.flatnonzero(spread > 0.0):
         nudge = np.where(np.arange(len(values)) == at, _NUDGE * spread, 0.0)
-        slopes[at] = (quantity(_with(model, values + nudge)) - value) / nudge[at]
-    return Reading(value=value, standard_error=math.sqrt(float(slopes @ estimate.covariance @ slopes)), unit=unit)
+        nudged = quantity(_with(model, values + nudge))
+        slopes[at] = (nudged - value) / nudge[at]
+    variance = float(slopes @ estimate.covariance @ slopes)
+    return Reading(value=value, standard_error=math.sqrt(variance), unit=unit)
 
 
 def _with(model: Model, values: FloatArray) -> Model:
@@ -159,9 +166,11 @@ def _swung(model: Model, vehicle: Vehicle, amplitude: float, reference: Mapping[
     turns = np.flatnonzero((rate[:-1] > 0.0) & (rate[1:] <= 0.0))
     if not turns.size:
         return math.nan, math.nan
+    # Between two samples the rate is taken to change evenly.
     k = turns[0]
     share = rate[k] / (rate[k] - rate[k + 1])
     back = float(tilt[k] + share * (tilt[k + 1] - tilt[k])) - level
     decrement = math.log(amplitude / back)
     damping = decrement / math.hypot(2.0 * math.pi, decrement)
-    return float(time[k] + share * (time[k + 1] - time[k])) * math.sqrt(1.0 - damping**2), damping
+    period = float(time[k] + share * (time[k + 1] - time[k]))
+    return period * math.sqrt(1.0 - damping**2), damping

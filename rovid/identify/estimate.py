@@ -81,14 +81,17 @@ class Estimate:
         """Confidence interval by Student's t; what the scale of thrust leaves open is a factor, which has no sign."""
         value, chance = self.value(name), 0.5 + level / 2.0
         reach = student_t(chance, self.degrees_of_freedom) * self._spread(name)
-        doubt = student_t(chance, math.inf) * self.scale_doubt if self._scaled(name) else 0.0
+        doubt = 0.0
+        if self._scaled(name):
+            doubt = student_t(chance, math.inf) * self.scale_doubt
 
         def edge(way: float) -> float:
             plain = value + way * reach
             # Beyond zero the value is not known well enough for a factor to matter.
             if doubt == 0.0 or plain * value <= 0.0:
                 return plain
-            return value * math.exp(math.copysign(math.hypot(math.log(plain / value), doubt), way * value))
+            spread = math.hypot(math.log(plain / value), doubt)
+            return value * math.exp(math.copysign(spread, way * value))
 
         return edge(-1.0), edge(1.0)
 
@@ -98,7 +101,9 @@ class Estimate:
 
     def _scaled(self, name: str) -> float:
         """Size of what is larger with all thrust; 0 of what is not."""
-        return abs(self.value(name)) if _goes_with_thrust(unit_of(name, self.axis)) else 0.0
+        if not _goes_with_thrust(unit_of(name, self.axis)):
+            return 0.0
+        return abs(self.value(name))
 
     def correlation(self, first: str, second: str) -> float:
         """Correlation between two parameters; NaN where one of them is not estimated."""
@@ -131,8 +136,9 @@ class Estimate:
     def unit(self, name: str) -> str:
         """Unit of the parameter ``name``."""
         unit = unit_of(name, self.axis)
-        told = self.per_inertia and name != "inertia" and _goes_with_thrust(unit)
-        return unit + PER_INERTIA if told else unit
+        if self.per_inertia and name != "inertia" and _goes_with_thrust(unit):
+            return unit + PER_INERTIA
+        return unit
 
 
 def _goes_with_thrust(unit: str) -> bool:
@@ -141,14 +147,16 @@ def _goes_with_thrust(unit: str) -> bool:
 
 def varies(values: FloatArray, *, noise: float = 0.0) -> bool:
     """Whether ``values`` change by more than rounding and white noise of this standard deviation would make them."""
-    return bool(np.std(values) > max(noise, _ROUNDING * float(np.max(np.abs(values)))))
+    rounding = _ROUNDING * float(np.max(np.abs(values)))
+    return bool(np.std(values) > max(noise, rounding))
 
 
 def explained(measured: FloatArray, residuals: FloatArray) -> float:
     """R^2, 1 - SSE/SST with the mean taken away; NaN where what was measured does not vary."""
     if not varies(measured):
         return math.nan
-    return 1.0 - float(residuals @ residuals) / float(np.sum((measured - measured.mean()) ** 2))
+    deviations = measured - measured.mean()
+    return 1.0 - float(residuals @ residuals) / float(np.sum(deviations**2))
 
 
 def student_t(probability: float, degrees_of_freedom: float) -> float:

@@ -41,10 +41,8 @@ def fit_free_run(runs: Sequence[Run], *, certainty: float = CERTAINTY) -> Model:
     driven = runs[0].trial.driven
     start = _start(runs, certainty) if driven else fit_released(runs).values
     # A drag at its bound still needs a scale to move by, and so do both; so does what weight and buoyancy do.
-    rate, torque = (
-        max(float(np.sqrt(np.nanmean(np.concatenate(series) ** 2))), 1e-9)
-        for series in ([run.rates.rate for run in runs], [run.torque for run in runs])
-    )
+    rate = _usual([run.rates.rate for run in runs])
+    torque = _usual([run.torque for run in runs])
     drag = start[1] * rate + start[2] or torque
     scale = np.array([start[0], drag / rate, drag, *np.maximum(np.abs(start[3:]), _LEAST)])
     # Without a drive nothing tells the inertia.
@@ -71,6 +69,11 @@ def fit_free_run(runs: Sequence[Run], *, certainty: float = CERTAINTY) -> Model:
     return model(solution.x)
 
 
+def _usual(series: Sequence[FloatArray]) -> float:
+    """Root mean square of what is known, but never nothing, for it is divided by."""
+    return max(float(np.sqrt(np.nanmean(np.concatenate(series) ** 2))), 1e-9)
+
+
 def _start(runs: Sequence[Run], certainty: float) -> FloatArray:
     """Where the model misses much the regression is uncertain, and good enough to start from.
 
@@ -88,15 +91,16 @@ def _start(runs: Sequence[Run], certainty: float) -> FloatArray:
         power = float(torque @ rate)
         if certainty > 0.0 or not power > 0.0 or restoring_of(runs[0].trial.axis) is not None:
             raise
-        return np.array(
-            [float(np.linalg.norm(torque) / np.linalg.norm(change)), power / np.sum(np.abs(rate) ** 3), 0.0]
-        )
+        inertia = float(np.linalg.norm(torque) / np.linalg.norm(change))
+        drag = power / np.sum(np.abs(rate) ** 3)
+        return np.array([inertia, drag, 0.0])
 
 
 def free_run_r2(runs: Sequence[Run], model: Model) -> float:
     """R^2 of the rate over all runs, each simulated freely from its first sample."""
     measured = np.concatenate([run.rates.rate for run in runs])
-    return compare(measured, np.concatenate([simulated_rate(run, model, Drive.held(run.torque)) for run in runs])).r2
+    simulated = np.concatenate([_simulated(run, model) for run in runs])
+    return compare(measured, simulated).r2
 
 
 def _model(values: FloatArray, axis: Axis) -> Model:
@@ -111,6 +115,9 @@ def _model(values: FloatArray, axis: Axis) -> Model:
 
 
 def _misfit(runs: Sequence[Run], model: Model) -> FloatArray:
-    return np.concatenate(
-        [np.nan_to_num(run.rates.rate - simulated_rate(run, model, Drive.held(run.torque))) for run in runs]
-    )
+    # Where the filter has no answer nothing is missed.
+    return np.concatenate([np.nan_to_num(run.rates.rate - _simulated(run, model)) for run in runs])
+
+
+def _simulated(run: Run, model: Model) -> FloatArray:
+    return simulated_rate(run, model, Drive.held(run.torque))

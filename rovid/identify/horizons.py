@@ -119,8 +119,11 @@ class HorizonRecords(Records):
 
 def time_constant(model: Model, rate: float) -> float:
     """Seconds in which a motion at ``rate`` dies out, or a third of a swing to and fro where that is less."""
-    constant = model.inertia / max(2.0 * model.quadratic_drag * rate + model.linear_drag, 1e-12)
-    return min(constant, 2.0 / model.swing) if model.swing > 0.0 else constant
+    slope = 2.0 * model.quadratic_drag * rate + model.linear_drag
+    constant = model.inertia / max(slope, 1e-12)
+    if model.swing > 0.0:
+        return min(constant, 2.0 / model.swing)
+    return constant
 
 
 def predictions(records: HorizonRecords, model: Model, drives: Sequence[Drive]) -> FloatArray:
@@ -136,8 +139,9 @@ def predictions(records: HorizonRecords, model: Model, drives: Sequence[Drive]) 
     here = (torque, beside, rate, np.nan_to_num(turned), states)
     moved = predict(grid.period, *here, grid.restarts, grid.reach, base, *model.terms())
     ahead = moved[grid.number, grid.ends - grid.starts]
+    measured = turned[grid.ends] - turned[grid.starts]
     # What is predicted is the position as it is measured, whatever that deviates by.
-    return np.asarray((ahead - (turned[grid.ends] - turned[grid.starts])) * slope[grid.ends])
+    return np.asarray((ahead - measured) * slope[grid.ends])
 
 
 class _Followed(NamedTuple):
@@ -257,35 +261,38 @@ class HorizonLikelihood(Likelihood):
         own = slice(DISTURBANCE, NOISE + 1)
         self.low[own] = self.high[own] = 0.0
         self._bound_states()
-        share = self.records.share[self.records.horizon]
-        self.weight = share if counted is None else share[counted]
-        self._horizon = self.records.horizon if counted is None else self.records.horizon[counted]
+        self._horizon = self.records.horizon
+        if counted is not None:
+            self._horizon = self._horizon[counted]
+        self.weight = self.records.share[self._horizon]
 
     def _bound_states(self) -> None:
         """Keep the states of effects no faster than the grid: such an effect is told by no prediction."""
         grid = GRID * self.records.time_constant
-        at = self.base
-        for effect in self.effects:
-            for parameter in effect.parameters if effect.fastest else ():
-                if parameter.name == "time_constant":
-                    self.low[at] = min(max(self.low[at], grid), self.high[at])
-                if parameter.name == "frequency":
-                    self.high[at] = max(min(self.high[at], 1.0 / grid), self.low[at])
-                at += 1
-            at += 0 if effect.fastest else len(effect.parameters)
+        parameters = [(effect, parameter) for effect in self.effects for parameter in effect.parameters]
+        for at, (effect, parameter) in enumerate(parameters, start=self.base):
+            if not effect.fastest:
+                continue
+            if parameter.name == "time_constant":
+                self.low[at] = min(max(self.low[at], grid), self.high[at])
+            if parameter.name == "frequency":
+                self.high[at] = max(min(self.high[at], 1.0 / grid), self.low[at])
 
     def sizes(self, error: FloatArray) -> FloatArray:
         """(q,) mean squares of the errors over each horizon."""
         count = len(HORIZONS)
         square = np.bincount(self._horizon, weights=error**2, minlength=count)
-        return np.asarray(square / np.maximum(np.bincount(self._horizon, minlength=count), 1))
+        number = np.bincount(self._horizon, minlength=count)
+        return np.asarray(square / np.maximum(number, 1))
 
     def innovations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(N,) errors of the predictions in rad or m, and their mean squares by horizon."""
         model = self.model(x)
         with np.errstate(over="ignore", invalid="ignore"):
             error = predictions(self.records, model, self.drives(model))
-            error = error if self.counted is None else error[self.counted]
+            if self.counted is not None:
+                error = error[self.counted]
+            # A model that runs away is far off, and not out of this world: it is to be compared with others.
             error = np.nan_to_num(error, nan=1e6, posinf=1e6, neginf=-1e6)
             return error, np.maximum(self.sizes(error)[self._horizon], 1e-300)
 
@@ -296,23 +303,27 @@ class HorizonLikelihood(Likelihood):
         step: FloatArray,
     ) -> Slopes:
         """As in `Likelihood`; at the best size of the errors their size has no slope of its own."""
-        return super().slopes_between(centre, [(error, centre[1]) for error, _ in sides], step)
+        _, squares = centre
+        errors = [error for error, _ in sides]
+        return super().slopes_between(centre, [(error, squares) for error in errors], step)
 
     def held_out_costs(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[float]:
         """As in `Likelihood`; the size of the errors is taken over all tests."""
         errors = [test.innovations(x)[0] for test, x in zip(tests, fits, strict=True)]
         horizon = np.concatenate([test._horizon for test in tests])  # noqa: SLF001 - of its own kind
         count = np.maximum(np.bincount(horizon, minlength=len(HORIZONS)), 1)
-        sizes = np.bincount(horizon, weights=np.concatenate(errors) ** 2, minlength=len(HORIZONS)) / count
-        return [
-            test.cost_of(error, sizes[test._horizon])  # noqa: SLF001 - as above
-            for test, error in zip(tests, errors, strict=True)
-        ]
+        squares = np.concatenate(errors) ** 2
+        sizes = np.bincount(horizon, weights=squares, minlength=len(HORIZONS)) / count
+        costs = []
+        for test, error in zip(tests, errors, strict=True):
+            costs.append(test.cost_of(error, sizes[test._horizon]))  # noqa: SLF001 - as above
+        return costs
 
     def disturbance(self, x: FloatArray) -> tuple[float, float]:
         """Standard deviation in N m and memory in s of a torque that would drive the errors of the shortest horizon."""
         memory = self.records.time_constant
-        shortest = math.sqrt(float(self.sizes(self.innovations(x)[0])[0]))
+        error, _ = self.innovations(x)
+        shortest = math.sqrt(float(self.sizes(error)[0]))
         span = HORIZONS[0] * memory
         return 2.0 * self.model(x).inertia * shortest / span**2, memory
 

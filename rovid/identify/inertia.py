@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -103,23 +104,25 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
         refused["regression"] = str(error)
     methods = _sine_methods(trials, drag)
     if not trials:
-        text = (
-            "in a sine, what brings the vehicle back looks like less inertia."
-            if axis.rights
-            else f"the logs hold no sine-shaped {axis.push} of three or more equal periods. {SINE_ADVICE}"
-        )
+        text = f"the logs hold no sine-shaped {axis.push} of three or more equal periods. {SINE_ADVICE}"
+        if axis.rights:
+            text = "in a sine, what brings the vehicle back looks like less inertia."
         refused |= dict.fromkeys(("peak", "orbit_integral", "harmonic_balance"), text)
     if regression is not None:
         methods["regression"] = _as_inertia(regression)
     if not methods:
-        sines = refused["orbit_integral"]
-        raise DataError(refused["regression"] + ("" if axis.rights else f" {sines[:1].upper()}{sines[1:]}"))
+        why, sines = refused["regression"], refused["orbit_integral"]
+        if not axis.rights:
+            why += f" {sines[:1].upper()}{sines[1:]}"
+        raise DataError(why)
     # Without a steady drag the regression gives inertia and drag that belong together.
     chosen = "orbit_integral" if trials and (drag is not None or regression is None) else "regression"
     if regression is None or chosen != "regression":
         estimate = _single(methods["orbit_integral"], trials, axis)
+    elif drag is not None:
+        estimate = _inertia_alone(regression.estimate)
     else:
-        estimate = regression.estimate if drag is None else _inertia_alone(regression.estimate)
+        estimate = regression.estimate
     warnings = (
         *estimate.warnings,
         *_method_warnings(methods, refused, axis),
@@ -143,26 +146,29 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
 def _sine_methods(trials: Sequence[SineTrial], drag: Estimate | None) -> dict[str, Inertia]:
     if not trials:
         return {}
-    model = None if drag is None else _model(1.0, drag)
-    methods = {} if model is None else {"peak": peak_method(trials, model)}
-    balance = harmonic_balance(trials, model)
-    if drag is not None:
-        balance = _with_drag_error(balance, trials, drag)
-    return methods | {"orbit_integral": orbit_integral(trials), "harmonic_balance": balance}
+    orbit = orbit_integral(trials)
+    if drag is None:
+        return {"orbit_integral": orbit, "harmonic_balance": harmonic_balance(trials, None)}
+    model = _model(1.0, drag)
+    balance = _with_drag_error(harmonic_balance(trials, model), trials, drag)
+    return {"peak": peak_method(trials, model), "orbit_integral": orbit, "harmonic_balance": balance}
 
 
 def _with_drag_error(balance: Inertia, trials: Sequence[SineTrial], drag: Estimate) -> Inertia:
     """Add to the harmonic balance what the drag's own uncertainty makes of it."""
-    gradient = []
-    for name in ("quadratic_drag", "linear_drag"):
-        at, step = drag.names.index(name), max(1e-3 * abs(drag.value(name)), 1e-6)
+    places = [drag.names.index(name) for name in ("quadratic_drag", "linear_drag")]
+    slopes = []
+    for at in places:
+        step = max(1e-3 * abs(float(drag.values[at])), 1e-6)
         values = drag.values.copy()
         values[at] += step
-        gradient.append((harmonic_balance(trials, _drag_model(values)).value - balance.value) / step)
-    covariance = drag.covariance[np.ix_(*[[drag.names.index(n) for n in ("quadratic_drag", "linear_drag")]] * 2)]
-    extra = float(np.array(gradient) @ np.nan_to_num(covariance) @ np.array(gradient))
+        moved = harmonic_balance(trials, _drag_model(values))
+        slopes.append((moved.value - balance.value) / step)
+    gradient = np.array(slopes)
+    covariance = np.nan_to_num(drag.covariance[np.ix_(places, places)])
+    extra = float(gradient @ covariance @ gradient)
     error = math.sqrt(balance.standard_error**2 + extra)
-    return Inertia(value=balance.value, standard_error=error, runs=balance.runs, consistent=balance.consistent)
+    return replace(balance, standard_error=error)
 
 
 def _drag_model(values: FloatArray) -> Model:
@@ -214,15 +220,14 @@ def _method_warnings(methods: dict[str, Inertia], refused: dict[str, str], axis:
             "makes the orbit integral change with period or amplitude."
         )
     sure = [name for name in ("orbit_integral", "harmonic_balance", "regression") if name in methods]
-    for k, first in enumerate(sure):
-        for second in sure[k + 1 :]:
-            a, b = methods[first], methods[second]
-            gap = abs(a.value - b.value) / math.hypot(a.standard_error, b.standard_error)
-            if gap > _DISAGREE_SIGMAS:
-                texts.append(
-                    f"{METHODS[first]} and {METHODS[second]} disagree by {gap:.0f} standard errors "
-                    f"({a.value:.4g} against {b.value:.4g} {unit}): the base model misses something."
-                )
+    for first, second in combinations(sure, 2):
+        a, b = methods[first], methods[second]
+        gap = abs(a.value - b.value) / math.hypot(a.standard_error, b.standard_error)
+        if gap > _DISAGREE_SIGMAS:
+            texts.append(
+                f"{METHODS[first]} and {METHODS[second]} disagree by {gap:.0f} standard errors "
+                f"({a.value:.4g} against {b.value:.4g} {unit}): the base model misses something."
+            )
     return texts
 
 

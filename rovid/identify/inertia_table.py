@@ -35,17 +35,17 @@ def fit_inertia_table(table: Table, *, drag: Estimate | None, rigid_body: float 
     quadratic, linear = table_drag(table, drag)
     values = _from_amplitudes(table, torque, rate, omega, quadratic, linear)
     half = table.resolution("peak_yaw_rate_rad_s") / 2.0
-    ends = [
-        np.sqrt(np.clip(torque**2 - _oscillating_drag(rate + sign * half, quadratic, linear) ** 2, 0, None))
-        / (omega * (rate + sign * half))
-        for sign in (-1.0, 1.0)
-    ]
+    ends = []
+    for edge in (rate + -1.0 * half, rate + 1.0 * half):
+        surplus = torque**2 - _oscillating_drag(edge, quadratic, linear) ** 2
+        ends.append(np.sqrt(np.clip(surplus, 0, None)) / (omega * edge))
     # A rounding error is uniform over the last digit.
     errors = np.abs(ends[0] - ends[1]) / math.sqrt(12.0)
-    names = table.text("trial") if "trial" in table.header else [f"row {line}" for line in table.lines]
+    names = _names(table)
     weights = 1.0 / errors**2
     value = float(weights @ values / weights.sum())
     error = float(1.0 / np.sqrt(weights.sum()))
+    # No inertia lies between the ends of all rows.
     apart = bool(np.max(np.minimum(*ends)) > np.min(np.maximum(*ends)))
     warnings: list[str] = []
     if apart:
@@ -81,6 +81,13 @@ def fit_inertia_table(table: Table, *, drag: Estimate | None, rigid_body: float 
         regression=None,
         refused={"orbit_integral": no_phase, "regression": no_phase},
     )
+
+
+def _names(table: Table) -> list[str]:
+    """Of every row, as the table has it, else by its line."""
+    if "trial" in table.header:
+        return table.text("trial")
+    return [f"row {line}" for line in table.lines]
 
 
 def _require_positive(table: Table) -> None:
@@ -141,10 +148,10 @@ def _from_amplitudes(
 
 
 def _table_peak(table: Table, names: Sequence[str], torque: FloatArray) -> dict[str, Inertia]:
-    columns = ("steady_torque_Nm", "peak_acceleration_rad_s2")
-    if not set(columns) <= set(table.header):
+    if not {"steady_torque_Nm", "peak_acceleration_rad_s2"} <= set(table.header):
         return {}
-    steady, acceleration = (table.numbers(column, empty_allowed=True) for column in columns)
+    steady = table.numbers("steady_torque_Nm", empty_allowed=True)
+    acceleration = table.numbers("peak_acceleration_rad_s2", empty_allowed=True)
     known = np.isfinite(steady) & np.isfinite(acceleration)
     if not known.any():
         return {}

@@ -15,6 +15,7 @@ from rovid.effects import Effect, restoring_of
 from rovid.ground.arrays import BoolArray, FloatArray, IntArray
 from rovid.ground.workers import spread
 from rovid.identify.records import ANGLE_NOISE_FLOOR, Records
+from rovid.identify.scoring import OUTLIER, bounded_step, costs, damped, with_curvature
 from rovid.model.drive import Drive
 from rovid.model.model import Model
 
@@ -22,9 +23,8 @@ from rovid.model.model import Model
 # the disturbance's size and memory, log of the measurement's noise.
 BASE = 6
 DISTURBANCE, MEMORY, NOISE = 3, 4, 5
-_RATE_ERROR = 0.2  # Innovations beyond so many standard deviations count in proportion, not squared (Huber 1964).
-_OUTLIER = 5.0
-_FARTHEST = 1e100
+# Of the usual rate: how well the first rate of a trial is known.
+_RATE_ERROR = 0.2
 # Step for slopes of the logarithms and scaled drags.
 _STEP = 1e-5
 # No step changes a logarithm by more: far from the top the slopes promise too much.
@@ -33,8 +33,6 @@ _LOGARITHMS = [0, DISTURBANCE, MEMORY, NOISE]
 _WORST = 1e12
 # Sizes of the disturbance, of the torque in use, and memories in s, to begin with.
 _SHARES, _MEMORIES = (0.01, 0.1, 1.0), (0.3, 4.0)
-# Curvature of less than this share of the promised is noise of the slopes.
-_LEAST_CURVATURE = 1e-3
 # How many drives are kept as one climbs: where one is, and the latest two beside it.
 _DRIVES = 3
 
@@ -98,41 +96,40 @@ class Likelihood:
         self.counted = counted
         restoring = restoring_of(records.axis)
         self.restoring = () if restoring is None else restoring.parameters
-        self.parameters = [*self.restoring, *(parameter for effect in effects for parameter in effect.parameters)]
+        own = [parameter for effect in effects for parameter in effect.parameters]
+        self.parameters = [*self.restoring, *own]
         self.units = np.array([records.scales.of(parameter) for parameter in self.parameters])
         top = math.log(limit * records.torque)
-        start = records.start
+        inertia = math.log(records.start.inertia)
+        # Without a drive nothing tells the inertia.
         open_by = 2.5 if records.driven else 0.0
-        self.low = np.array(
-            [
-                math.log(start.inertia) - open_by,
-                *(0.0, 0.0, top - 9.0, math.log(0.2), math.log(ANGLE_NOISE_FLOOR)),
-                *(p.low for p in self.parameters),
-            ]
-        )
-        self.high = np.array(
-            [
-                math.log(start.inertia) + open_by,
-                *(np.inf, np.inf, top, math.log(100.0), math.log(0.2)),
-                *(p.high for p in self.parameters),
-            ]
-        )
+        low = [inertia - open_by, 0.0, 0.0, top - 9.0, math.log(0.2), math.log(ANGLE_NOISE_FLOOR)]
+        high = [inertia + open_by, np.inf, np.inf, top, math.log(100.0), math.log(0.2)]
+        self.low = np.array(low + [parameter.low for parameter in self.parameters])
+        self.high = np.array(high + [parameter.high for parameter in self.parameters])
         self._bound_frequencies()
         self._drives: dict[tuple[float, ...], list[Drive]] = {}
 
     def _bound_frequencies(self) -> None:
         """Keep what swings by itself slower than readings show (Nyquist)."""
-        fastest = math.pi / max(self.records.interval, min(run.trial.period for run in self.records.runs))
-        names = [(effect.wave or effect.carried, p.name) for effect in self.effects for p in effect.parameters]
-        for at, (swings, name) in enumerate(names, start=self.base):
-            if swings and name == "frequency":
+        period = min(run.trial.period for run in self.records.runs)
+        fastest = math.pi / max(self.records.interval, period)
+        parameters = [(effect, parameter) for effect in self.effects for parameter in effect.parameters]
+        for at, (effect, parameter) in enumerate(parameters, start=self.base):
+            if (effect.wave or effect.carried) and parameter.name == "frequency":
                 self.high[at] = max(min(self.high[at], fastest), self.low[at])
 
     def starts(self) -> list[FloatArray]:
         """Where to begin the search for the parameters of the last effect, within their bounds."""
         own = slice(len(self.low) - len(self.effects[-1].parameters), None)
         within = np.clip(self.effects[-1].starts, self.low[own], self.high[own])
-        return [start for k, start in enumerate(within) if not (within[:k] == start).all(axis=1).any()]
+        found = []
+        for k, start in enumerate(within):
+            same = (within[:k] == start).all(axis=1)
+            # Two starts beyond a bound are one within it.
+            if not same.any():
+                found.append(start)
+        return found
 
     def like(self, effects: tuple[Effect, ...], counted: BoolArray | None = None) -> Self:
         """The same question asked of a model with other effects, or of other innovations."""
@@ -160,13 +157,15 @@ class Likelihood:
 
         In slow motion, too, it is no less than the rigid body's, whatever water goes along.
         """
-        rigid = None if self.records.vehicle is None else self.records.vehicle.rigid_body_inertia
+        vehicle = self.records.vehicle
+        rigid = None if vehicle is None else vehicle.rigid_body_inertia
         if rigid is None or not self.records.driven:
             return True
-        # What thrust is taken for may be off, and with it every inertia.
-        low, high = (ratio * rigid for ratio in PLAUSIBLE_RATIO)
+        low, high = PLAUSIBLE_RATIO
         before, model = self.records.start.inertia, self.model(x)
-        least, most = min(low, PLAUSIBLE_RATIO[0] * before), max(high, before / PLAUSIBLE_RATIO[0])
+        # What thrust is taken for may be off, and with it every inertia.
+        least = min(low * rigid, low * before)
+        most = max(high * rigid, before / low)
         return least <= min(model.inertia, model.slow_inertia) and model.inertia <= most
 
     def driven_rate(self, x: FloatArray) -> float:
@@ -186,6 +185,7 @@ class Likelihood:
     def first(self) -> FloatArray:
         """Coordinates to start from, each effect at the first of its starts."""
         start, scale = self.records.start, self.records.drag_scale
+        own = len(self.restoring)
         x = [
             math.log(start.inertia),
             start.quadratic_drag / scale[0],
@@ -193,8 +193,8 @@ class Likelihood:
             min(math.log(0.01 * self.records.torque), self.high[DISTURBANCE] - 0.1),
             math.log(4.0),
             math.log(self.records.position_noise),
-            *(np.array(start.restoring_values) / self.units[: len(self.restoring)]),
-            *(parameter.starts[0] for parameter in self.parameters[len(self.restoring) :]),
+            *(np.array(start.restoring_values) / self.units[:own]),
+            *[parameter.starts[0] for parameter in self.parameters[own:]],
         ]
         return np.asarray(np.clip(x, self.low, self.high))
 
@@ -203,7 +203,8 @@ class Likelihood:
         begins = []
         for share, memory in itertools.product(_SHARES, _MEMORIES):
             begin = x.copy()
-            begin[DISTURBANCE], begin[MEMORY] = math.log(share * self.records.torque), math.log(memory)
+            begin[DISTURBANCE] = math.log(share * self.records.torque)
+            begin[MEMORY] = math.log(memory)
             begins.append(np.clip(begin, self.low, self.high))
         return min(begins, key=self.cost)
 
@@ -238,7 +239,8 @@ class Likelihood:
         terms, active = model.terms()
         wave, wide = model.wave(), any(effect.wave or effect.carried for effect in model.effects)
         sizes = np.exp(x[DISTURBANCE:BASE])
-        noise = np.array([*sizes, sizes[2] if records.integrated else records.gyro_noise])
+        gyro_noise = sizes[2] if records.integrated else records.gyro_noise
+        noise = np.array([*sizes, gyro_noise])
         errors, variances = [], []
         parts = zip(records.runs, self.drives(model), records.angles, records.gyro_rates, strict=True)
         for number, (run, drive, angle, gyro) in enumerate(parts):
@@ -250,14 +252,14 @@ class Likelihood:
                 error, variance = innovations_wide(*driven, true, gyro, *motion, wave, start)
             else:
                 error, variance = innovations(*driven, true, gyro, *motion, start)
-            known = records.known[number]
+            known, known_rates = records.known[number], records.known_rates[number]
             # The density is that of the measured heading, whatever it deviates by.
-            errors.append(error[known, 0] * gain[known])
-            variances.append(variance[known, 0] * gain[known] ** 2)
-            errors.append(error[records.known_rates[number], 1])
-            variances.append(variance[records.known_rates[number], 1])
+            errors += [error[known, 0] * gain[known], error[known_rates, 1]]
+            variances += [variance[known, 0] * gain[known] ** 2, variance[known_rates, 1]]
         error, variance = np.concatenate(errors), np.concatenate(variances)
-        return (error, variance) if self.counted is None else (error[self.counted], variance[self.counted])
+        if self.counted is None:
+            return error, variance
+        return error[self.counted], variance[self.counted]
 
     @property
     def count(self) -> float:
@@ -271,26 +273,32 @@ class Likelihood:
 
     def cost_of(self, error: FloatArray, variance: FloatArray) -> float:
         """Negative log-likelihood of innovations of these variances."""
-        total = float(np.sum(self.weight * _pieces(error, variance)))
-        return total if math.isfinite(total) else _WORST
+        total = float(np.sum(self.weight * costs(error, variance)))
+        if not math.isfinite(total):
+            return _WORST
+        return total
 
     def pieces(self, error: FloatArray, variance: FloatArray) -> FloatArray:
         """(N,) what each innovation adds to the cost."""
-        return np.asarray(self.weight * _pieces(error, variance))
+        return np.asarray(self.weight * costs(error, variance))
 
     def scores(self, here: Slopes, group: IntArray) -> FloatArray:
         """(m, p) gradient of the cost over each (N,) ``group``; their scatter tells what the information does not."""
-        group = group if self.counted is None else group[self.counted]
+        if self.counted is not None:
+            group = group[self.counted]
         score = here.matrix * here.residual[:, None]
+        # Those of the innovations, and of their variances below.
         score = score[: len(group)] + score[len(group) :]
         used, number = np.unique(group, return_inverse=True)
-        return np.column_stack([np.bincount(number, weights=column, minlength=len(used)) for column in score.T])
+        sums = [np.bincount(number, weights=column, minlength=len(used)) for column in score.T]
+        return np.column_stack(sums)
 
     def _steps(self, x: FloatArray) -> FloatArray:
         """Small changes of ``x``: an effect's parameter in proportion to itself, or to its start where it is gone."""
         starts = np.array([abs(parameter.starts[0]) or 1.0 for parameter in self.parameters])
         shares = np.array([parameter.step for parameter in self.parameters])
-        return np.concatenate((np.full(BASE, _STEP), shares * np.maximum(np.abs(x[BASE:]), 0.1 * starts)))
+        own = shares * np.maximum(np.abs(x[BASE:]), 0.1 * starts)
+        return np.concatenate((np.full(BASE, _STEP), own))
 
     def slopes(self, x: FloatArray, centre: tuple[FloatArray, FloatArray] | None = None) -> Slopes:
         """Slopes at ``x`` by forward differences, backward at an upper bound; on all cores at once.
@@ -299,7 +307,8 @@ class Likelihood:
         """
         step = self._steps(x)
         centre = self.innovations(x) if centre is None else centre
-        return self._slopes_over(np.where(x + step > self.high, -step, step), x, centre, range(len(x)))
+        inward = np.where(x + step > self.high, -step, step)
+        return self._slopes_over(inward, x, centre, range(len(x)))
 
     def flatter_slopes(self, x: FloatArray) -> Slopes:
         """As ``slopes``, but of the slopes ahead and behind the flatter for each innovation.
@@ -312,7 +321,8 @@ class Likelihood:
         # Along stairs all that is told is told by jumps, and at a bound there is one side.
         stairs = np.array([False] * BASE + [parameter.stairs for parameter in self.parameters])
         twice = np.flatnonzero(~stairs & (x + step <= self.high) & (x - step >= self.low))
-        ahead, behind = here.matrix[:, twice], self._slopes_over(-step, x, centre, twice.tolist()).matrix
+        ahead = here.matrix[:, twice]
+        behind = self._slopes_over(-step, x, centre, twice.tolist()).matrix
         here.matrix[:, twice] = np.where(np.abs(behind) < np.abs(ahead), behind, ahead)
         return here
 
@@ -344,7 +354,7 @@ class Likelihood:
         z = error / root
         # So that squares have the weights.
         share = np.sqrt(self.weight)
-        weight = share * np.sqrt(np.minimum(1.0, _OUTLIER / np.maximum(np.abs(z), 1e-300)))
+        weight = share * np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(z), 1e-300)))
         matrix = np.empty((2 * len(z), len(sides)))
         # A model that runs away has no slopes, which whoever asks can see.
         with np.errstate(over="ignore", invalid="ignore"):
@@ -370,18 +380,19 @@ class Likelihood:
             if not np.isfinite(information).all():
                 break
             been = [*been, (x, gradient)][-self.remembered - 1 :]
-            information = _with_curvature(information, been)
+            information = with_curvature(information, been)
             moved = False
             while damping < 1e6:
-                step = self._step(x, gradient, information, damping)
-                step *= min(1.0, _LONGEST / max(float(np.max(np.abs(step[_LOGARITHMS]))), 1e-300))
+                step = bounded_step(x, gradient, information, damping, (self.low, self.high))
+                longest = float(np.max(np.abs(step[_LOGARITHMS])))
+                step *= min(1.0, _LONGEST / max(longest, 1e-300))
                 promised = -float(gradient @ step)
                 trial = np.clip(x + step, self.low, self.high)
                 there = self.innovations(trial)
                 reached = self.cost_of(*there)
                 if reached < cost:
-                    ratio = (cost - reached) / max(promised - 0.5 * float(step @ information @ step), 1e-300)
-                    damping = max(damping * 0.1, 1e-7) if ratio > 0.75 else damping * (10.0 if ratio < 0.4 else 1.0)
+                    expected = promised - 0.5 * float(step @ information @ step)
+                    damping = damped(damping, (cost - reached) / max(expected, 1e-300))
                     moved = True
                     break
                 if promised < tolerance:
@@ -394,48 +405,3 @@ class Likelihood:
                 break
         self._drives.clear()
         return x, cost
-
-    def _step(self, x: FloatArray, gradient: FloatArray, information: FloatArray, damping: float) -> FloatArray:
-        """Levenberg-Marquardt step; coordinates that would leave their bounds stay."""
-        free = ~(((x <= self.low) & (gradient > 0.0)) | ((x >= self.high) & (gradient < 0.0)))
-        step = np.zeros(len(x))
-        size = np.diag(information)
-        for _ in range(len(x)):
-            if not free.any():
-                break
-            part = np.ix_(free, free)
-            floor = 1e-12 * float(size.max()) + 1e-12
-            matrix = information[part] + np.diag(damping * size[free] + floor)
-            step[:] = 0.0
-            step[free] = np.linalg.lstsq(matrix, -gradient[free], rcond=None)[0]
-            # A coordinate at its bound that the others push outward is held there too.
-            out = free & (((x <= self.low) & (step < 0.0)) | ((x >= self.high) & (step > 0.0)))
-            if not out.any():
-                break
-            free &= ~out
-        return step
-
-
-def _with_curvature(information: FloatArray, been: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
-    """``information`` with the curvature between the points and gradients of before, last of all the latest.
-
-    Far from white innovations the information promises too little of it, and scoring alone crawls. It is told by
-    differences of gradients (BFGS: Nocedal & Wright 2006, section 6.1), which change nothing where it is right.
-    """
-    matrix = information.copy()
-    for (x, gradient), (following, slope) in itertools.pairwise(been):
-        step, change = following - x, slope - gradient
-        expected = matrix @ step
-        met, promised = float(step @ change), float(step @ expected)
-        if met > _LEAST_CURVATURE * promised > 0.0:
-            matrix += np.outer(change, change) / met - np.outer(expected, expected) / promised
-    return matrix
-
-
-def _pieces(error: FloatArray, variance: FloatArray) -> FloatArray:
-    # No innovation is so far out that its square could not be told from infinity; a filter that runs away has no
-    # likelihood, which whoever asks can see.
-    with np.errstate(over="ignore", invalid="ignore"):
-        z = np.minimum(np.abs(error) / np.sqrt(variance), _FARTHEST)
-    square = np.where(z > _OUTLIER, _OUTLIER * (2.0 * z - _OUTLIER), z * z)
-    return np.asarray(0.5 * (np.log(2.0 * np.pi * variance) + square))

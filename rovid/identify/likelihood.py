@@ -110,7 +110,11 @@ def fit_likelihood(
     start = fit_free_run(runs, certainty=0.0 if effects else CERTAINTY)
     records = Records(runs, vehicle, start, gyro=gyro)
     base_r2 = free_run_r2(runs, records.start)
-    likelihood, x, r2 = fit_base(records, base_r2) if base_r2 >= TRUSTED_R2 else fit_horizons(records)
+    likelihood: Likelihood
+    if base_r2 >= TRUSTED_R2:
+        likelihood, x, r2 = fit_base(records, base_r2)
+    else:
+        likelihood, x, r2 = fit_horizons(records)
     if effects:
         likelihood, x = with_effects(likelihood, x, effects)
         r2 = simulated_r2(likelihood, x)
@@ -153,12 +157,15 @@ def with_effects(bare: Likelihood, x: FloatArray, effects: tuple[Effect, ...]) -
         begins = [np.concatenate((begin, start)) for begin in better for start in likelihood.starts()]
         better = sorted(begins, key=likelihood.cost)[:_TRIALS]
     # A few steps tell which of the better starts leads lowest.
-    best, _ = min((likelihood.climb(begin, iterations=TRIAL_ITERATIONS) for begin in better), key=lambda pair: pair[1])
-    best, _ = likelihood.climb(best)
+    tried = [likelihood.climb(begin, iterations=TRIAL_ITERATIONS) for begin in better]
+    nearest, _ = min(tried, key=lambda pair: pair[1])
+    best, _ = likelihood.climb(nearest)
     if isinstance(likelihood, HorizonLikelihood):
         # What the effects explain made the errors correlate: now more predictions count.
-        likelihood = HorizonLikelihood(likelihood.records.counting(likelihood.model(best)), effects=effects)
-        return likelihood, likelihood.climb(best)[0]
+        records = likelihood.records.counting(likelihood.model(best))
+        likelihood = HorizonLikelihood(records, effects=effects)
+        best, _ = likelihood.climb(best)
+        return likelihood, best
     return loosened(likelihood, best)
 
 
@@ -180,8 +187,9 @@ def simulated_r2(likelihood: Likelihood, x: FloatArray) -> float:
     """R^2 of the free-running rate at ``x``."""
     model, runs = likelihood.model(x), likelihood.records.runs
     pairs = zip(runs, likelihood.records.drives(model), strict=True)
+    measured = np.concatenate([run.rates.rate for run in runs])
     simulated = [simulated_rate(run, model, drive) for run, drive in pairs]
-    return compare(np.concatenate([run.rates.rate for run in runs]), np.concatenate(simulated)).r2
+    return compare(measured, np.concatenate(simulated)).r2
 
 
 def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float) -> LikelihoodFit:
@@ -193,7 +201,8 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
     if at_limit:
         # The limit is a choice; what a looser one would change is part of the uncertainty.
         looser = Likelihood(likelihood.records, _LOOSER * likelihood.limit, likelihood.effects)
-        shift = physical(looser, looser.climb(x)[0]) - physical(likelihood, x)
+        elsewhere, _ = looser.climb(x)
+        shift = physical(looser, elsewhere) - physical(likelihood, x)
         found = found + np.outer(shift, shift)
     model = likelihood.model(x)
     disturbance, memory = likelihood.disturbance(x)
@@ -206,7 +215,8 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
         samples=sum(int(run.trial.measured.sum()) for run in likelihood.records.runs),
         warnings=(*_warnings(likelihood, model, white=white, at_limit=at_limit), *said),
     )
-    estimate = estimate if likelihood.records.driven else estimate.undriven()
+    if not likelihood.records.driven:
+        estimate = estimate.undriven()
     require_inertia(estimate, CERTAINTY)
     # The vehicle was excited; how far another form would move the answer is another matter.
     estimate = replace(estimate, covariance=estimate.covariance + doubt)
@@ -230,7 +240,9 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
 def scale_doubt(likelihood: Likelihood, x: FloatArray) -> float:
     """As `Model.scale_doubt` at ``x``, of the runs that were looked at."""
     vehicle, runs = likelihood.records.vehicle, likelihood.records.runs
-    return 0.0 if vehicle is None else likelihood.model(x).scale_doubt(vehicle, [run.trial for run in runs])
+    if vehicle is None:
+        return 0.0
+    return likelihood.model(x).scale_doubt(vehicle, [run.trial for run in runs])
 
 
 def canonical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
@@ -238,7 +250,9 @@ def canonical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
     at, parts = likelihood.base, [x[: likelihood.base]]
     for effect in likelihood.effects:
         own = x[at : at + len(effect.parameters)]
-        parts.append(own if effect.canonical is None else effect.canonical(own))
+        if effect.canonical is not None:
+            own = effect.canonical(own)
+        parts.append(own)
         at += len(effect.parameters)
     return np.concatenate(parts)
 
@@ -246,7 +260,8 @@ def canonical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
 def _warnings(likelihood: Likelihood, model: Model, *, white: bool, at_limit: bool) -> list[str]:
     texts, axis = [], likelihood.records.axis
     if at_limit:
-        unit = axis.push_unit if likelihood.records.driven else axis.push_unit + PER_INERTIA
+        per_inertia = "" if likelihood.records.driven else PER_INERTIA
+        unit = axis.push_unit + per_inertia
         most = f"{likelihood.limit * likelihood.records.torque:.3g} {unit}"
         texts.append(
             f"The disturbance {axis.push} would exceed {100 * likelihood.limit:.2g} % of the {axis.push} in use "

@@ -18,7 +18,6 @@ from rovid.model.model import Model
 from rovid.motion.rates import body_position
 from rovid.motion.runs import Run
 
-# of the rate's root mean square: how well the first rate of a trial is known
 ANGLE_NOISE_FLOOR = 1e-5  # rad; no heading is better, and one from an autopilot's filter would claim to be
 _RATE_NOISE_FLOOR = 1e-5  # rad/s; likewise
 _HOUR = 3600.0
@@ -67,7 +66,7 @@ class Records:
         """
         angles = [body_position(run.trial)[at] for run, at in zip(self.runs, self.instants, strict=True)]
         if self.integrated:
-            return [np.where(np.arange(len(angle)) == 0, angle, np.nan) for angle in angles]
+            return [_first_alone(angle) for angle in angles]
         return angles
 
     @property
@@ -95,8 +94,11 @@ class Records:
         parts = min(self._parts, model.parts)
         if parts not in self._actuations:
             self._actuations[parts] = [actuation(vehicle, run.trial, parts) for run in self.runs]
-        each, thinned = zip(self.runs, self._actuations[parts], self.instants, strict=True), self.interval > 0.0
-        return [model.driven(vehicle, where, run.trial.commands, at if thinned else None) for run, where, at in each]
+        drives = []
+        for run, where, at in zip(self.runs, self._actuations[parts], self.instants, strict=True):
+            instants = at if self.interval > 0.0 else None
+            drives.append(model.driven(vehicle, where, run.trial.commands, instants))
+        return drives
 
     @cached_property
     def _actuations(self) -> dict[int, list[Actuation]]:
@@ -105,12 +107,12 @@ class Records:
 
     @cached_property
     def _plain(self) -> list[Drive]:
-        drives = [Drive.held(run.torque) for run in self.runs]
         if self.interval <= 0.0:
-            return drives
-        return [
-            drive.between(run.trial.time, at) for run, drive, at in zip(self.runs, drives, self.instants, strict=True)
-        ]
+            return [Drive.held(run.torque) for run in self.runs]
+        drives = []
+        for run, at in zip(self.runs, self.instants, strict=True):
+            drives.append(Drive.held(run.torque).between(run.trial.time, at))
+        return drives
 
     @cached_property
     def _parts(self) -> int:
@@ -120,18 +122,22 @@ class Records:
         """
         period = float(np.median([run.trial.period for run in self.runs]))
         most = max(float(np.max(np.abs(run.torque))) for run in self.runs)
+        # A parabola over the interval and its chord are so far apart in the middle.
         lost = most / self.start.inertia * period**2 / 8.0
-        return int(np.clip(math.ceil(math.sqrt(lost / (_LOST * self.position_noise))), 1, MOST_PARTS))
+        parts = math.ceil(math.sqrt(lost / (_LOST * self.position_noise)))
+        return int(np.clip(parts, 1, MOST_PARTS))
 
     @cached_property
     def gyro_rates(self) -> list[FloatArray]:
         """(n,) measured rate less the gyro's offset from the position's rate; NaN where none is looked at."""
-        return [
-            np.full(len(at), np.nan)
-            if run.trial.rate is None or not (self.gyro or self.integrated)
-            else run.trial.rate[at] - np.nan_to_num(run.rates.gyro_offset)
-            for run, at in zip(self.runs, self.instants, strict=True)
-        ]
+        found = []
+        for run, at in zip(self.runs, self.instants, strict=True):
+            if run.trial.rate is None or not (self.gyro or self.integrated):
+                found.append(np.full(len(at), np.nan))
+            else:
+                offset = np.nan_to_num(run.rates.gyro_offset)
+                found.append(run.trial.rate[at] - offset)
+        return found
 
     @cached_property
     def gyro_noise(self) -> float:
@@ -176,14 +182,18 @@ class Records:
     def block(self) -> IntArray:
         """(N,) number of the stretch of time of each innovation."""
         length = self.block_seconds
-        pieces = [(time[at] / length).astype(np.intp) for time, at in zip(self.times, self.looked_at, strict=True)]
-        offsets = np.cumsum([0, *(int(piece.max(initial=0)) + 1 for piece in pieces)])[:-1]
-        return np.concatenate([piece + offset for piece, offset in zip(pieces, offsets, strict=True)])
+        blocks, before = [], 0
+        for time, at in zip(self.times, self.looked_at, strict=True):
+            block = (time[at] / length).astype(np.intp)
+            blocks.append(block + before)
+            before += int(block.max(initial=0)) + 1
+        return np.concatenate(blocks)
 
     @property
     def block_seconds(self) -> float:
         """Length of a stretch of time: 40 s, or less of short runs."""
-        return min(_BLOCK_SECONDS, sum(float(np.ptp(time)) for time in self.times) / _BLOCKS)
+        total = sum(float(np.ptp(time)) for time in self.times)
+        return min(_BLOCK_SECONDS, total / _BLOCKS)
 
     @cached_property
     def rate(self) -> float:
@@ -217,7 +227,7 @@ class Records:
         """Of the effects' parameters."""
         neutral = 0.0 if self.vehicle is None else neutral_commands(self.vehicle)
         command = max(float(np.max(np.abs(run.trial.commands - neutral), initial=0.0)) for run in self.runs)
-        surge, sway = (self._speed(name) for name in SPEEDS)
+        surge, sway = map(self._speed, SPEEDS)
         race, root = self._races
         longest, day = self._hours
         return Scales(
@@ -230,20 +240,26 @@ class Records:
         if self.vehicle is None or not self.driven:
             return 1.0
         full = sum(thruster.full_thrust for thruster in self.vehicle.thrusters)
-        loads = (np.abs(self.vehicle.thrust(run.trial.commands)).sum(axis=1) for run in self.runs)
-        return max(float(load.max(initial=0.0)) for load in loads) / full or 1.0
+        heaviest = []
+        for run in self.runs:
+            load = np.abs(self.vehicle.thrust(run.trial.commands)).sum(axis=1)
+            heaviest.append(float(load.max(initial=0.0)))
+        return max(heaviest) / full or 1.0
 
     @property
     def _hours(self) -> tuple[float, float]:
         """Of the longest log, and of all from the beginning of the first to the end of the last."""
         spans = [float(np.ptp(run.trial.time)) for run in self.runs]
-        day = max(run.trial.since + span for run, span in zip(self.runs, spans, strict=True))
-        return max(spans) / _HOUR, day / _HOUR
+        ends = [run.trial.since + span for run, span in zip(self.runs, spans, strict=True)]
+        return max(spans) / _HOUR, max(ends) / _HOUR
 
     def _speed(self, name: str) -> float:
         """Root mean square of a logged speed, m/s; 1 where there is none."""
         logged = np.concatenate([run.trial.extras.get(name, np.zeros(0)) for run in self.runs])
-        return float(np.sqrt(np.mean(logged[np.isfinite(logged)] ** 2))) if np.nansum(np.abs(logged)) > 0.0 else 1.0
+        if not np.nansum(np.abs(logged)) > 0.0:
+            return 1.0
+        known = logged[np.isfinite(logged)]
+        return float(np.sqrt(np.mean(known**2)))
 
     @cached_property
     def _races(self) -> tuple[float, float]:
@@ -252,14 +268,22 @@ class Records:
             return math.sqrt(self.torque), math.sqrt(self.torque)
         arms = np.array([thruster.arm for thruster in self.vehicle.thrusters])
         thrust = np.concatenate([self.vehicle.thrust(run.trial.commands) for run in self.runs])
-        races, roots = race(thrust, arms), np.sqrt(np.abs(thrust))
-        race_in_use, root_in_use = (float(np.sqrt(np.mean(each[each > 0.0] ** 2))) for each in (races, roots))
-        return race_in_use, root_in_use
+        return _in_use(race(thrust, arms)), _in_use(np.sqrt(np.abs(thrust)))
 
     @cached_property
     def position_noise(self) -> float:
         """Standard deviation of the noise of what is measured, before any fit."""
         return max(float(np.median([run.rates.position_noise for run in self.runs])), ANGLE_NOISE_FLOOR)
+
+
+def _first_alone(angle: FloatArray) -> FloatArray:
+    """``angle`` with nothing known after its first."""
+    return np.where(np.arange(len(angle)) == 0, angle, np.nan)
+
+
+def _in_use(values: FloatArray) -> float:
+    """Root mean square of those ``values`` that are above nothing."""
+    return float(np.sqrt(np.mean(values[values > 0.0] ** 2)))
 
 
 def _spaced(time: FloatArray, known: IntArray, interval: float) -> IntArray:

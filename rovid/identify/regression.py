@@ -27,6 +27,7 @@ _CONVERGED = 1e-4
 # Of changes of the rate that are so many times those of its noise, half the power is motion.
 _MOTION = 2.0**0.5
 
+_HELD = "{} would come out negative in the regression; it is held at zero, its lower bound."
 ADVICE = "Run sines, steps or a pseudo-random command that change the rate."
 
 
@@ -80,6 +81,7 @@ def fit_regression(runs: Sequence[Run], *, certainty: float = 3.0) -> Regression
     covariance = _jackknife_covariance(instruments, measured, torque, blocks)
     names = base_names(axis)
     slopes = _parameter_slopes(axis, values)
+    held = [name for name, kept in zip(names, free, strict=True) if not kept]
     estimate = Estimate(
         names=names,
         values=_model(axis, values).values,
@@ -87,11 +89,7 @@ def fit_regression(runs: Sequence[Run], *, certainty: float = 3.0) -> Regression
         method="regression on all excited data, instrumental variables",
         samples=len(torque),
         degrees_of_freedom=float(len(np.unique(blocks)) - len(names)),
-        warnings=tuple(
-            f"{name} would come out negative in the regression; it is held at zero, its lower bound."
-            for name, kept in zip(names, free, strict=True)
-            if not kept
-        ),
+        warnings=tuple(map(_HELD.format, held)),
         axis=axis,
     )
     require_inertia(estimate, certainty)
@@ -140,7 +138,8 @@ def require_inertia(estimate: Estimate, certainty: float) -> None:
 
 def _torque(runs: Sequence[Run]) -> tuple[FloatArray, IntArray]:
     """(n,) torque and block number at every valid instant of all runs."""
-    length = min(_BLOCK_SECONDS, sum(run.valid.sum() * run.rates.kernel.period for run in runs) / _BLOCKS)
+    seconds = sum(run.valid.sum() * run.rates.kernel.period for run in runs)
+    length = min(_BLOCK_SECONDS, seconds / _BLOCKS)
     torque, blocks, first = [], [], 0
     for run in runs:
         torque.append(run.drive[run.valid])
@@ -174,7 +173,11 @@ def _parameter_slopes(axis: Axis, unknowns: FloatArray) -> FloatArray:
     """(p, p) change of each parameter with each unknown."""
     steps = np.diag(1e-6 * np.maximum(np.abs(unknowns), 1e-9))
     here = _model(axis, unknowns).values
-    return np.column_stack([(_model(axis, unknowns + step).values - here) / step.sum() for step in steps])
+    slopes = []
+    for step in steps:
+        moved = _model(axis, unknowns + step).values
+        slopes.append((moved - here) / step.sum())
+    return np.column_stack(slopes)
 
 
 def _simulated(runs: Sequence[Run], model: Model) -> tuple[FloatArray, FloatArray]:
@@ -186,8 +189,9 @@ def _simulated(runs: Sequence[Run], model: Model) -> tuple[FloatArray, FloatArra
     instruments, corrections = [], []
     for run in runs:
         kernel = run.rates.kernel
-        free = model.simulate(run.trial, Drive.held(run.torque))
-        rate, position = (np.interp(run.rates.time, run.trial.time, values) for values in free)
+        rate, position = model.simulate(run.trial, Drive.held(run.torque))
+        rate = np.interp(run.rates.time, run.trial.time, rate)
+        position = np.interp(run.rates.time, run.trial.time, position)
         clean = _regressors(model.axis, (kernel.smooth(rate), kernel.rate(rate), kernel.smooth(position)))
         correction = np.zeros_like(clean)
         correction[:, 1] = kernel.smooth(np.abs(rate) * rate) - clean[:, 1]
@@ -204,7 +208,9 @@ def _bounded(
     free = np.ones(measured.shape[1], dtype=bool)
     values = _solve(instruments, measured, torque, free)
     while (values[_DRAGS] < 0.0).any():
-        free[1 + int(np.argmin(values[_DRAGS] * np.linalg.norm(measured[:, _DRAGS], axis=0)))] = False
+        # The one that pushes most against the drag.
+        pushes = values[_DRAGS] * np.linalg.norm(measured[:, _DRAGS], axis=0)
+        free[1 + int(np.argmin(pushes))] = False
         values = _solve(instruments, measured, torque, free)
     if not values[0] > 0.0:
         raise DataError(
@@ -219,7 +225,8 @@ def _solve(instruments: FloatArray, measured: FloatArray, torque: FloatArray, fr
     z, x = instruments[:, free], measured[:, free]
     scale = np.linalg.norm(x, axis=0)
     moments = z.T @ (x / scale)
-    values[free] = np.linalg.lstsq(moments, z.T @ torque, rcond=1e-12)[0] / scale
+    found, *_ = np.linalg.lstsq(moments, z.T @ torque, rcond=1e-12)
+    values[free] = found / scale
     return values
 
 
@@ -244,12 +251,15 @@ def _jackknife_covariance(
     blocks: IntArray,
 ) -> FloatArray:
     """Covariance from leaving out one block at a time, which allows for residuals correlated within blocks."""
-    z, x = instruments, measured / (scale := np.linalg.norm(measured, axis=0))
+    scale = np.linalg.norm(measured, axis=0)
+    z, x = instruments, measured / scale
     edges = np.flatnonzero(np.diff(blocks, prepend=-1))
     moments = np.add.reduceat(z[:, :, None] * x[:, None, :], edges)
     work = np.add.reduceat(z * torque[:, None], edges)
-    others = np.linalg.pinv(moments.sum(axis=0) - moments)
-    without = (others @ (work.sum(axis=0) - work)[:, :, None])[:, :, 0] / scale
+    # All blocks less one: sums do not have to be taken anew.
+    other_moments = np.linalg.pinv(moments.sum(axis=0) - moments)
+    other_work = work.sum(axis=0) - work
+    without = (other_moments @ other_work[:, :, None])[:, :, 0] / scale
     count = len(edges)
     deviations = without - without.mean(axis=0)
     return np.asarray((count - 1) / count * deviations.T @ deviations)

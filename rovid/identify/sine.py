@@ -17,8 +17,9 @@ from rovid.motion.segments import SineRun, find_sines
 HARMONICS = 9
 _LEAST_GAIN = 0.25
 _PHASES = 720
-# The response to switching on has to die away before the motion repeats.
+# The response to switching on has to die away before the motion repeats; simulated, after so many cycles it has.
 _DROPPED_CYCLES = 1
+_SETTLED = 20
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,7 +42,8 @@ class Wave:
     def over_one_period(self, amplitudes: NDArray[np.complex128]) -> FloatArray:
         """The wave with these ``amplitudes`` at 720 phases of one period."""
         phase = 2.0 * np.pi * np.arange(_PHASES) / _PHASES
-        return np.asarray(np.real(np.exp(1j * np.outer(phase, np.arange(len(amplitudes)))) @ amplitudes))
+        harmonics = np.exp(1j * np.outer(phase, np.arange(len(amplitudes))))
+        return np.asarray(np.real(harmonics @ amplitudes))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,9 +71,13 @@ class Inertia:
 
 def sine_trials(runs: Sequence[Run]) -> list[SineTrial]:
     """Find the sine runs and take their harmonics."""
-    return [
-        trial for run in runs for sine in find_sines(run.trial, run.torque) if (trial := _trial(run, sine)) is not None
-    ]
+    found = []
+    for run in runs:
+        for sine in find_sines(run.trial, run.torque):
+            trial = _trial(run, sine)
+            if trial is not None:
+                found.append(trial)
+    return found
 
 
 def _trial(run: Run, sine: SineRun) -> SineTrial | None:
@@ -82,6 +88,7 @@ def _trial(run: Run, sine: SineRun) -> SineTrial | None:
     if cycles < 2 or len(rows) * rates.kernel.period < (cycles - 0.5) * sine.period:
         return None
     cycle = ((rates.time[rows] - first) / sine.period).astype(np.intp)
+    without = [_wave(run, rows[cycle != k], sine.period) for k in range(cycles)]
     return SineTrial(
         source=run.trial.name,
         start=first,
@@ -89,7 +96,7 @@ def _trial(run: Run, sine: SineRun) -> SineTrial | None:
         period=sine.period,
         cycles=cycles,
         wave=_wave(run, rows, sine.period),
-        without=tuple(_wave(run, rows[cycle != k], sine.period) for k in range(cycles)),
+        without=tuple(without),
     )
 
 
@@ -144,7 +151,8 @@ def harmonic_balance(trials: Sequence[SineTrial], drag: Model | None) -> Inertia
 def _ratio(wave: Wave, torque: NDArray[np.complex128], harmonics: slice) -> tuple[float, float]:
     acceleration = wave.acceleration()[harmonics]
     work = float(np.real(np.sum(torque * np.conj(acceleration))))
-    return work * wave.seconds, float(np.sum(np.abs(acceleration) ** 2)) * wave.seconds
+    weight = float(np.sum(np.abs(acceleration) ** 2))
+    return work * wave.seconds, weight * wave.seconds
 
 
 def _combine(trials: Sequence[SineTrial], reading: Callable[[Wave], tuple[float, float]]) -> Inertia:
@@ -157,7 +165,7 @@ def _combine(trials: Sequence[SineTrial], reading: Callable[[Wave], tuple[float,
     whole = np.array([reading(trial.wave) for trial in trials])
     work, weight = whole.T
     values = work / weight
-    scatter = [_jackknife([reading(wave) for wave in trial.without]) for trial in trials]
+    scatter = [_jackknife(list(map(reading, trial.without))) for trial in trials]
     dof = np.array([trial.cycles - 1 for trial in trials])
     density = float(np.sum(np.square(scatter) * weight * dof) / dof.sum())
     errors = np.sqrt(density / weight)
@@ -167,12 +175,10 @@ def _combine(trials: Sequence[SineTrial], reading: Callable[[Wave], tuple[float,
         ratio = float(np.sum(((values - value) / errors) ** 2)) / (len(trials) - 1)
         consistent = ratio < _BIRGE_LIMIT
         error *= math.sqrt(max(ratio, 1.0))
-    return Inertia(
-        value=value,
-        standard_error=error,
-        runs=tuple((trial.source, float(v), float(e)) for trial, v, e in zip(trials, values, errors, strict=True)),
-        consistent=consistent,
-    )
+    each = []
+    for trial, own, own_error in zip(trials, values, errors, strict=True):
+        each.append((trial.source, float(own), float(own_error)))
+    return Inertia(value=value, standard_error=error, runs=tuple(each), consistent=consistent)
 
 
 # Runs whose scatter exceeds their own errors this much (variance) share no single inertia.
@@ -182,7 +188,8 @@ _BIRGE_LIMIT = 5.0
 def _jackknife(readings: Sequence[tuple[float, float]]) -> float:
     ratios = np.array([work / weight for work, weight in readings])
     count = len(ratios)
-    return math.sqrt((count - 1) / count * float(np.sum((ratios - ratios.mean()) ** 2)))
+    squares = float(np.sum((ratios - ratios.mean()) ** 2))
+    return math.sqrt((count - 1) / count * squares)
 
 
 def peak_method(trials: Sequence[SineTrial], drag: Model) -> Inertia:
@@ -192,19 +199,24 @@ def peak_method(trials: Sequence[SineTrial], drag: Model) -> Inertia:
     biased, mostly low; see ``peak_bias``.
     """
     values = [peak_reading(trial.wave, drag) for trial in trials]
+    error = math.nan
+    if len(values) > 1:
+        error = float(np.std(values, ddof=1) / math.sqrt(len(values)))
     return Inertia(
         value=float(np.mean(values)),
-        standard_error=float(np.std(values, ddof=1) / math.sqrt(len(values))) if len(values) > 1 else math.nan,
+        standard_error=error,
         runs=tuple((trial.source, value, math.nan) for trial, value in zip(trials, values, strict=True)),
     )
 
 
 def peak_reading(wave: Wave, drag: Model) -> float:
     """The peak method on one wave, in kg m^2."""
-    torque, rate, acceleration = (
-        float(np.max(np.abs(wave.over_one_period(x)))) for x in (wave.torque, wave.rate, wave.acceleration())
-    )
-    return (torque - float(drag.drag(np.array(rate)))) / acceleration
+
+    def peak(amplitudes: NDArray[np.complex128]) -> float:
+        return float(np.max(np.abs(wave.over_one_period(amplitudes))))
+
+    steady = float(drag.drag(np.array(peak(wave.rate))))
+    return (peak(wave.torque) - steady) / peak(wave.acceleration())
 
 
 def peak_bias(trials: Sequence[SineTrial], model: Model) -> float:
@@ -214,12 +226,10 @@ def peak_bias(trials: Sequence[SineTrial], model: Model) -> float:
     ratios = []
     for trial in trials:
         wave = trial.wave
-        count = 20 * _PHASES
-        time = np.arange(count + 1) * trial.period / _PHASES
-        torque = np.tile(wave.over_one_period(wave.torque), 20)
-        rate, _ = simulate(
-            time, np.append(torque, torque[0]), model.inertia, model.quadratic_drag, model.linear_drag, 0.0
-        )
+        time = np.arange(_SETTLED * _PHASES + 1) * trial.period / _PHASES
+        torque = np.tile(wave.over_one_period(wave.torque), _SETTLED)
+        torque = np.append(torque, torque[0])
+        rate, _ = simulate(time, torque, model.inertia, model.quadratic_drag, model.linear_drag, 0.0)
         spectrum = np.fft.rfft(rate[-_PHASES - 1 : -1])[: len(wave.rate)] / _PHASES
         spectrum[1:] *= 2.0
         steady = Wave(frequency=wave.frequency, torque=wave.torque, rate=spectrum, seconds=wave.seconds)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 from scipy import optimize, special
@@ -93,31 +94,37 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     error = _torque_error(fitted, design, torque, free)
     values, covariance, dof = _least_squares(design, torque, error, free)
     warnings = _left_at_rest(steady, len(fitted), axis)
-    if (text := _below_zero(names, values, covariance, free)) is not None:
-        warnings.append(text)
+    below = _below_zero(names, values, covariance, free)
+    if below is not None:
+        warnings.append(below)
         # The covariance stays that of the free fit: it would take the zero for certain, and the other drag with it.
-        values, _, _ = _least_squares(design, torque, error, (values >= 0.0) | ~np.isin(names, NAMES))
+        kept = (values >= 0.0) | ~np.isin(names, NAMES)
+        values, _, _ = _least_squares(design, torque, error, kept)
     if not (values[:2] > 0.0).any():
         raise DataError(
             f"the vehicle moves against its {axis.push} in these holds, which no drag does.",
             mend=f"Check in rovid.toml the signs of {axis.arm}, command and {axis.measures}.",
         )
     residuals = torque - design @ values
+    kind = "ordinary" if _from_table(fitted) else "weighted"
     estimate = Estimate(
         names=names,
         values=values,
         covariance=covariance,
         degrees_of_freedom=dof,
         axis=axis,
-        method=f"{_states(axis)}, {'ordinary' if _from_table(fitted) else 'weighted'} least squares",
+        method=f"{_states(axis)}, {kind} least squares",
         samples=len(fitted),
         refused=refused,
     )
     warnings += _warnings(estimate)
+    directions = {}
     # With a buoyancy to be found besides, each direction alone has too little to say.
-    directions = _directions(fitted, design, torque, error, free, axis) if design.shape[1] == len(NAMES) else {}
-    if (text := _direction_warning(fitted, residuals, error, directions, axis)) is not None:
-        warnings.append(text)
+    if design.shape[1] == len(NAMES):
+        directions = _directions(fitted, design, torque, error, free, axis)
+    one_sided = _direction_warning(fitted, residuals, error, directions, axis)
+    if one_sided is not None:
+        warnings.append(one_sided)
     return DragFit(
         estimate=replace(estimate, warnings=tuple(warnings)),
         points=fitted,
@@ -132,7 +139,9 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
 
 def _under_load(steady: Sequence[SteadyPoint]) -> tuple[SteadyPoint, ...]:
     """Those that show drag: not logs of a vehicle nearly at rest, which turns as the water does."""
-    least = 0.0 if _from_table(steady) else _AT_REST * max((abs(point.torque) for point in steady), default=0.0)
+    least = 0.0
+    if not _from_table(steady):
+        least = _AT_REST * max(abs(point.torque) for point in steady)
     return tuple(point for point in steady if abs(point.torque) >= least)
 
 
@@ -151,7 +160,9 @@ def _design(points: Sequence[SteadyPoint], axis: Axis) -> FloatArray:
     """(k, p) what each unknown is multiplied by at each point."""
     # Along an axis that turns the vehicle back there are no steady turns: position does not matter here.
     more = columns(restoring_of(axis), np.zeros(len(points)))
-    return np.column_stack(([point.square_rate for point in points], [point.rate for point in points], more))
+    squares = [point.square_rate for point in points]
+    rates = [point.rate for point in points]
+    return np.column_stack((squares, rates, more))
 
 
 def _states(axis: Axis) -> str:
@@ -250,7 +261,9 @@ def _between(design: FloatArray, torque: FloatArray, within: FloatArray, free: B
     if dof < 1 or excess(0.0) <= 0.0:
         return 0.0
     most = float(np.mean(torque**2))
-    return float(optimize.brentq(excess, 0.0, most)) if excess(most) < 0.0 else most
+    if not excess(most) < 0.0:
+        return most
+    return float(optimize.brentq(excess, 0.0, most))
 
 
 def _least_squares(
@@ -263,15 +276,25 @@ def _least_squares(
     """
     values, covariance = np.zeros(len(free)), np.zeros((len(free), len(free)))
     weighted = design[:, free] / error[:, None]
+    # Columns of one length: the pseudo-inverse's cut-off then has no say in units.
     scale = np.linalg.norm(weighted, axis=0)
     inverse = np.linalg.pinv(weighted / scale) / scale[:, None]
     values[free] = inverse @ (torque / error)
     dof = len(torque) - int(free.sum())
     chi2 = float(np.sum(((torque - design @ values) / error) ** 2))
-    known = bool(np.any(error != 1.0))
-    scatter = chi2 / dof if dof > 0 else (1.0 if known else np.nan)
-    covariance[np.ix_(free, free)] = inverse @ inverse.T * (max(scatter, 1.0) if known else scatter)
-    return values, covariance, float(dof) if dof > 0 and not (known and scatter <= 1.0) else float("inf")
+    variance, freedom = _variance(chi2, dof, known=bool(np.any(error != 1.0)))
+    covariance[np.ix_(free, free)] = inverse @ inverse.T * variance
+    return values, covariance, freedom
+
+
+def _variance(chi2: float, dof: int, *, known: bool) -> tuple[float, float]:
+    """Of an error that was taken to be one, and its degrees of freedom: those of the scatter where that sets it."""
+    if dof <= 0:
+        return (1.0 if known else math.nan), math.inf
+    scatter = chi2 / dof
+    if known and scatter <= 1.0:
+        return 1.0, math.inf
+    return scatter, float(dof)
 
 
 def _leave_one_out(design: FloatArray, torque: FloatArray, error: FloatArray, free: BoolArray) -> FloatArray:
@@ -295,7 +318,7 @@ def _directions(
 ) -> dict[str, Estimate]:
     fits = {}
     for name, rows in (("up", design[:, 1] > 0), ("down", design[:, 1] < 0)):
-        chosen = [point for point, row in zip(points, rows, strict=True) if row]
+        chosen = list(compress(points, rows))
         if len(chosen) <= free.sum() or rows.all() or _undetermined(chosen, axis):
             continue
         if not _told_apart(design[np.ix_(rows, free)]):
@@ -329,18 +352,19 @@ def _direction_warning(
     if len(directions) < 2:
         return None
     # F test: does a separate line for each direction fit better than one for both?
-    apart = sum(
-        float(np.sum(_normalised(points, fit, error, sign) ** 2))
-        for fit, sign in ((directions["up"], 1.0), (directions["down"], -1.0))
-    )
+    rising = float(np.sum(_normalised(points, directions["up"], error, 1.0) ** 2))
+    falling = float(np.sum(_normalised(points, directions["down"], error, -1.0) ** 2))
+    apart = rising + falling
     together = float(np.sum((residuals / error) ** 2))
     dof = len(points) - 4
     if dof <= 0 or apart <= 0.0:
         return None
-    p_value = float(special.fdtrc(2, dof, (together - apart) / 2.0 / (apart / dof)))
+    ratio = (together - apart) / 2.0 / (apart / dof)
+    p_value = float(special.fdtrc(2, dof, ratio))
     if p_value > 0.01:
         return None
-    up, down = (directions[name].value("quadratic_drag") for name in ("up", "down"))
+    up = directions["up"].value("quadratic_drag")
+    down = directions["down"].value("quadratic_drag")
     return (
         f"The two directions differ (p = {p_value:.1g}): quadratic drag {up:.4g} with the {axis.position_words} "
         f"growing, {down:.4g} with it falling. Thrust curve, a constant {axis.push} or the drag itself is not the same "

@@ -69,13 +69,13 @@ def steady_points(runs: Sequence[Run], vehicle: Vehicle) -> list[SteadyPoint]:
 
     A hold at rest (no torque, or a rate that is not told from zero) is not a steady turn and is left out.
     """
-    points = [
-        point
-        for run in runs
-        for hold in find_holds(run.trial, vehicle, run.torque)
-        if hold.torque != 0.0 and (point := _reduce(run, hold)) is not None
-    ]
-    return [point for point in points if abs(point.rate) > 4.0 * point.rate_error]
+    points = []
+    for run in runs:
+        for hold in find_holds(run.trial, vehicle, run.torque):
+            point = None if hold.torque == 0.0 else _reduce(run, hold)
+            if point is not None and abs(point.rate) > 4.0 * point.rate_error:
+                points.append(point)
+    return points
 
 
 def points_from_table(table: Table) -> list[SteadyPoint]:
@@ -86,23 +86,30 @@ def points_from_table(table: Table) -> list[SteadyPoint]:
     LogError
         A column is missing or a cell is not a number.
     """
-    rate, torque = (table.numbers(name) for name in STEADY_COLUMNS)
-    command = table.numbers("command") if "command" in table.header else np.full(len(rate), np.nan)
-    return [
-        SteadyPoint(
-            source=f"{table.path.name}:{line}",
-            start=math.nan,
-            stop=math.nan,
-            command=(float(c),),
-            torque=float(t),
-            rate=float(r),
-            square_rate=float(abs(r) * r),
-            rate_error=math.nan,
-            drift=math.nan,
-            drift_error=math.nan,
-        )
-        for line, c, t, r in zip(table.lines, command, torque, rate, strict=True)
-    ]
+    rates, torques = map(table.numbers, STEADY_COLUMNS)
+    commands = np.full(len(rates), np.nan)
+    if "command" in table.header:
+        commands = table.numbers("command")
+    points = []
+    for line, command, torque, rate in zip(table.lines, commands, torques, rates, strict=True):
+        source = f"{table.path.name}:{line}"
+        points.append(_point_of_row(source, float(command), float(torque), float(rate)))
+    return points
+
+
+def _point_of_row(source: str, command: float, torque: float, rate: float) -> SteadyPoint:
+    return SteadyPoint(
+        source=source,
+        start=math.nan,
+        stop=math.nan,
+        command=(command,),
+        torque=torque,
+        rate=rate,
+        square_rate=abs(rate) * rate,
+        rate_error=math.nan,
+        drift=math.nan,
+        drift_error=math.nan,
+    )
 
 
 def _reduce(run: Run, hold: Hold) -> SteadyPoint | None:
@@ -160,7 +167,8 @@ def _settled(blocks: FloatArray) -> int:
     simulation output"): drop as many as make the standard error of the rest smallest, three quarters at most.
     """
     count = len(blocks)
-    candidates = np.arange(0, max(min(3 * count // 4, count - _MIN_BLOCKS), 0) + 1)
+    most = max(min(3 * count // 4, count - _MIN_BLOCKS), 0)
+    candidates = np.arange(0, most + 1)
     spread = [float(np.var(blocks[k:])) / (count - k) for k in candidates]
     return int(candidates[int(np.argmin(spread))])
 
@@ -175,5 +183,6 @@ def long_run_variance(values: FloatArray) -> float:
     if power <= 0.0 or count < 3:
         return power / max(count, 1)
     correlation = float(values[1:] @ values[:-1]) / power
-    correlation = min(max(correlation + (1.0 + 3.0 * correlation) / count, 0.0), 0.95)
+    corrected = correlation + (1.0 + 3.0 * correlation) / count
+    correlation = min(max(corrected, 0.0), 0.95)
     return power / (count - 2) * (1.0 + correlation) / (1.0 - correlation)

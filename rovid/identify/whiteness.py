@@ -31,21 +31,28 @@ def whitening_gain(series: Sequence[FloatArray]) -> float:
 
     Half the count of the logarithm of how much the variance falls in an autoregression (Ljung 1999, section 16.4).
     """
-    lags = range(_WHITE_LAGS + 1)
-    power = np.array([sum(float(z[lag:] @ z[: len(z) - lag]) for z in series if len(z) > lag) for lag in lags])
+    power = np.array([_product(series, lag) for lag in range(_WHITE_LAGS + 1)])
     if power[0] <= 0.0:
         return 0.0
     # The least noise keeps a series that repeats itself exactly from having no predictor.
-    predictor = linalg.solve_toeplitz(power[:-1] + 1e-9 * power[0] * (np.arange(_WHITE_LAGS) == 0), power[1:])
+    noise = 1e-9 * power[0] * (np.arange(_WHITE_LAGS) == 0)
+    predictor = linalg.solve_toeplitz(power[:-1] + noise, power[1:])
     left = 1.0 - float(predictor @ power[1:]) / power[0]
-    return -0.5 * sum(len(z) for z in series) * math.log(max(left, 1e-12))
+    count = sum(map(len, series))
+    return -0.5 * count * math.log(max(left, 1e-12))
+
+
+def _product(series: Sequence[FloatArray], lag: int) -> float:
+    """Sum of all values times those ``lag`` places on."""
+    return sum(float(z[lag:] @ z[: len(z) - lag]) for z in series if len(z) > lag)
 
 
 def _normalised(likelihood: Likelihood, x: FloatArray) -> list[FloatArray]:
     """Innovations of each run over their standard deviations."""
     error, variance = likelihood.innovations(x)
     trial = likelihood.records.trial
-    trial = trial if likelihood.counted is None else trial[likelihood.counted]
+    if likelihood.counted is not None:
+        trial = trial[likelihood.counted]
     z = error / np.sqrt(variance)
     return [z[trial == number] for number in np.unique(trial)]
 
@@ -55,12 +62,13 @@ def innovations_are_white(series: Sequence[FloatArray]) -> bool:
 
     Spikes leave innovations white, so that the kurtosis is looked at too.
     """
-    count = sum(len(z) for z in series)
+    count = sum(map(len, series))
     power = sum(float(z @ z) for z in series)
     statistic = 0.0
     for lag in range(1, _WHITE_LAGS + 1):
-        product = sum(float(z[lag:] @ z[:-lag]) for z in series if len(z) > lag)
-        statistic += (product / power) ** 2 / (count - lag)
-    p_value = float(special.gammaincc(_WHITE_LAGS / 2.0, count * (count + 2.0) * statistic / 2.0))
+        statistic += (_product(series, lag) / power) ** 2 / (count - lag)
+    chi2 = count * (count + 2.0) * statistic
+    # The upper tail of chi-square with as many degrees of freedom as lags.
+    p_value = float(special.gammaincc(_WHITE_LAGS / 2.0, chi2 / 2.0))
     fourth = sum(float(np.sum(z**4)) for z in series) * count / power**2
     return p_value > _WHITE_P and fourth - 3.0 < _KURTOSIS

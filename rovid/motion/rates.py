@@ -45,7 +45,8 @@ class ZeroPhaseFilter:
         """Kernels for a grid of ``period`` s and a ``cutoff`` in Hz."""
         half = max(math.ceil(_HALF_WIDTH / cutoff / period), 3)
         t = np.arange(-half, half + 1) * period
-        taps = np.sinc(2.0 * cutoff * t) * (1.0 + np.cos(np.pi * t / ((half + 1) * period)))
+        window = 1.0 + np.cos(np.pi * t / ((half + 1) * period))
+        taps = np.sinc(2.0 * cutoff * t) * window
         taps /= taps.sum()
         return cls(
             period=period,
@@ -77,13 +78,15 @@ class ZeroPhaseFilter:
 
         The three-point correction undoes the averaging to fourth order, 1/sinc(f h) = 1 + (pi f h)^2/6.
         """
-        return _convolve(averages, np.convolve(self.value, np.array([-1.0, 26.0, -1.0]) / 24.0, mode="same"))
+        correction = np.array([-1.0, 26.0, -1.0]) / 24.0
+        return _convolve(averages, np.convolve(self.value, correction, mode="same"))
 
     def gain(self, frequency: FloatArray) -> FloatArray:
         """Share of a wave of ``frequency`` in Hz that the low pass leaves."""
         half = len(self.value) // 2
         instants = self.period * np.arange(-half, half + 1)
-        return np.asarray(np.cos(2.0 * np.pi * np.outer(frequency, instants)) @ self.value)
+        phase = 2.0 * np.pi * np.outer(frequency, instants)
+        return np.asarray(np.cos(phase) @ self.value)
 
     def noise(self, position_noise: float) -> tuple[float, float]:
         """Return the standard deviation of rate and acceleration from white ``position_noise``."""
@@ -171,12 +174,11 @@ def rates_of(trial: Trial, *, cutoff: float) -> Rates:
     gyro_gain = gyro_offset = math.nan
     if trial.rate is not None:
         gyro = on_grid(trial, trial.rate, grid)
-        gyro_gain, gyro_offset = _against_position(kernel.smooth(gyro), rate)
+        read, change = kernel.smooth(gyro), kernel.rate(gyro)
+        gyro_gain, gyro_offset = _against_position(read, rate)
         # Where the instrument has no reading the position's own rate is as good as without it.
-        rate, acceleration = (
-            np.where(np.isfinite(read), read, known)
-            for read, known in ((kernel.smooth(gyro), rate), (kernel.rate(gyro), acceleration))
-        )
+        rate = np.where(np.isfinite(read), read, rate)
+        acceleration = np.where(np.isfinite(change), change, acceleration)
         white = white_noise(gyro)
         gain = np.linalg.norm([kernel.value, kernel.first], axis=1) * white
         rate_noise, acceleration_noise = float(gain[0]), float(gain[1])
@@ -220,18 +222,21 @@ def body_position(trial: Trial) -> FloatArray:
     if trial.axis is not YAW or trial.roll is None or trial.pitch is None:
         return trial.position
     known = trial.measured
-    roll, pitch = (_filled(trial, values)[known] for values in (trial.roll, trial.pitch))
+    roll, pitch = _filled(trial, trial.roll)[known], _filled(trial, trial.pitch)[known]
     level = np.cos(roll) * np.cos(pitch)
-    steps = 0.5 * (level[1:] + level[:-1]) * np.diff(trial.position[known])
+    position = trial.position[known]
+    steps = 0.5 * (level[1:] + level[:-1]) * np.diff(position)
     steps -= 0.5 * (np.sin(roll[1:]) + np.sin(roll[:-1])) * np.diff(pitch)
     angle = np.full(len(trial.time), np.nan)
-    angle[known] = trial.position[known][0] + np.concatenate(([0.0], np.cumsum(steps)))
+    angle[known] = position[0] + np.concatenate(([0.0], np.cumsum(steps)))
     return angle
 
 
 def _filled(trial: Trial, values: FloatArray) -> FloatArray:
     finite = np.isfinite(values)
-    return np.interp(trial.time, trial.time[finite], values[finite]) if finite.any() else np.zeros(len(values))
+    if not finite.any():
+        return np.zeros(len(values))
+    return np.interp(trial.time, trial.time[finite], values[finite])
 
 
 def uniform_grid(trial: Trial) -> FloatArray:
@@ -263,7 +268,8 @@ def cell_averages(time: FloatArray, values: FloatArray, grid: FloatArray) -> Flo
     edges = np.concatenate((grid - half, grid[-1:] + half))
     inside = np.clip(edges, time[0], time[-1])
     width = np.diff(inside)
-    return np.asarray(np.diff(np.interp(inside, time, integral)) / np.where(width > 0, width, np.nan))
+    area = np.diff(np.interp(inside, time, integral))
+    return np.asarray(area / np.where(width > 0, width, np.nan))
 
 
 def white_noise(values: FloatArray) -> float:
@@ -285,7 +291,9 @@ def choose_cutoff(trials: Sequence[Trial]) -> float:
     """
     period = float(np.median([trial.period for trial in trials]))
     frequency, spectrum = _acceleration_spectrum(trials, period)
-    shape = (2.0 * np.sin(np.pi * frequency * period)) ** (2 if trials[0].integrated else 4)
+    power = 2 if trials[0].integrated else 4
+    shape = (2.0 * np.sin(np.pi * frequency * period)) ** power
+    # So near to half the sampling frequency all is noise.
     top = frequency > 0.35 / period
     level = float(np.median(spectrum[top] / shape[top]))
     noise = level * shape
@@ -293,8 +301,9 @@ def choose_cutoff(trials: Sequence[Trial]) -> float:
     cost = lost + np.cumsum(noise)
     # The filter has to fit into the logs, but one short log may not spoil the rates of all.
     low = 8.0 * _HALF_WIDTH / float(np.median([trial.duration for trial in trials]))
+    high = _MAX_CUTOFF / period
     best = float(frequency[int(np.argmin(cost))])
-    return float(np.clip(best, min(low, _MAX_CUTOFF / period), _MAX_CUTOFF / period))
+    return float(np.clip(best, min(low, high), high))
 
 
 def _acceleration_spectrum(trials: Sequence[Trial], period: float) -> tuple[FloatArray, FloatArray]:
@@ -312,14 +321,22 @@ def _acceleration_spectrum(trials: Sequence[Trial], period: float) -> tuple[Floa
             total += np.asarray(density) * len(part)
             weight += len(part)
     if not weight:
-        name = trials[0].axis.rate_words if trials[0].integrated else trials[0].axis.position_words
-        raise DataError(
-            f"no stretch of {name} is long enough to find its noise: {_FEWEST_BENDS + 2} readings without a gap "
-            "between them were expected.",
-            where=trials[0].name if len(trials) == 1 else f"{trials[0].name} and {len(trials) - 1} more",
-            mend="Record longer runs.",
-        )
+        raise _too_short(trials)
     return frequency, total / weight
+
+
+def _too_short(trials: Sequence[Trial]) -> DataError:
+    first = trials[0]
+    name = first.axis.rate_words if first.integrated else first.axis.position_words
+    where = first.name
+    if len(trials) > 1:
+        where += f" and {len(trials) - 1} more"
+    return DataError(
+        f"no stretch of {name} is long enough to find its noise: {_FEWEST_BENDS + 2} readings without a gap "
+        "between them were expected.",
+        where=where,
+        mend="Record longer runs.",
+    )
 
 
 def _second_differences(trial: Trial) -> FloatArray:
@@ -332,7 +349,9 @@ def _second_differences(trial: Trial) -> FloatArray:
 
 def finite_stretches(values: FloatArray) -> list[tuple[int, int]]:
     """(start, stop) index of every unbroken run of finite ``values``."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], np.isfinite(values).astype(np.int8), [0]))))
+    # Nothing is known before the first and after the last: every stretch has two edges.
+    known = np.concatenate(([0], np.isfinite(values).astype(np.int8), [0]))
+    edges = np.flatnonzero(np.diff(known))
     return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
 
 

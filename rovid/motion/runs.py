@@ -69,7 +69,8 @@ class Runs:
 
         Standard deviations; of the position, or of the rate where that alone was measured, of rate and of acceleration.
         """
-        rows = [(r.rates.position_noise, r.rates.rate_noise, r.rates.acceleration_noise) for r in self.items]
+        every = [run.rates for run in self.items]
+        rows = [(rates.position_noise, rates.rate_noise, rates.acceleration_noise) for rates in every]
         measured, rate, acceleration = np.median(rows, axis=0)
         return float(measured), float(rate), float(acceleration)
 
@@ -113,12 +114,17 @@ def _free(trials: Sequence[Trial]) -> tuple[Sequence[Trial], list[Remark]]:
     found, remarks = [], []
     for trial in trials:
         parts = releases(trial)
-        spans = [f"{trial.time[part][0]:.1f} to {trial.time[part][-1]:.1f} s" for part in parts]
-        names = [trial.name if len(parts) == 1 else f"{trial.name}, {span}" for span in spans]
-        found += [trial.part(part, name) for part, name in zip(parts, names, strict=True)]
-        told = f"swings freely from {', from '.join(spans)}: the rest was left out"
-        text = f"{trial.name} {told if parts else 'was left out: it holds no swings that die out'}."
-        remarks.append(Remark(kind="released" if parts else "left out", count=len(trial.time), text=text))
+        spans = []
+        for part in parts:
+            time = trial.time[part]
+            span = f"{time[0]:.1f} to {time[-1]:.1f} s"
+            name = trial.name if len(parts) == 1 else f"{trial.name}, {span}"
+            spans.append(span)
+            found.append(trial.part(part, name))
+        kind, told = "left out", "was left out: it holds no swings that die out"
+        if parts:
+            kind, told = "released", f"swings freely from {', from '.join(spans)}: the rest was left out"
+        remarks.append(Remark(kind=kind, count=len(trial.time), text=f"{trial.name} {told}."))
     if not found:
         axis = trials[0].axis
         raise DataError(
@@ -140,8 +146,9 @@ def _gyro_remarks(off: Sequence[Run]) -> list[Remark]:
         return []
     axis = off[0].trial.axis
     gain, offset = np.median([(run.rates.gyro_gain, run.rates.gyro_offset) for run in off], axis=0)
+    names = ", ".join(run.trial.name for run in off)
     text = (
-        f"{', '.join(run.trial.name for run in off)}: the logged {axis.rate_words} is {gain:.3g} times the "
+        f"{names}: the logged {axis.rate_words} is {gain:.3g} times the "
         f"{axis.position_words}'s rate, with an offset of {offset:.2g} {axis.rate_unit}, and the results rest on it. "
         f"Check its unit and sign, or delete {axis.rate} in rovid.toml: the {axis.position_words}'s own rate is then "
         "used."
@@ -151,5 +158,9 @@ def _gyro_remarks(off: Sequence[Run]) -> list[Remark]:
 
 def channels(runs: Sequence[Run]) -> set[str]:
     """Further channels that every run has, with readings in one of them at least."""
-    shared = set.intersection(*(set(run.trial.extras) for run in runs))
-    return {name for name in shared if any(np.isfinite(run.trial.extras[name]).any() for run in runs)}
+    every = [run.trial.extras for run in runs]
+    found = set[str]()
+    for name in set.intersection(*map(set, every)):
+        if any(np.isfinite(extras[name]).any() for extras in every):
+            found.add(name)
+    return found

@@ -102,7 +102,8 @@ def find_sines(trial: Trial, torque: FloatArray) -> list[SineRun]:
             continue
         start, stop, cycles = _extended(trial, torque, crossings[first], crossings[last], last - first)
         run = _sine(trial, torque, start, stop, cycles) if cycles >= MIN_CYCLES else None
-        runs.extend([run] if run is not None else [])
+        if run is not None:
+            runs.append(run)
         first = last
     return runs
 
@@ -123,11 +124,16 @@ def _repeats(trial: Trial, torque: FloatArray, start: float, shift: float, perio
     if start + shift < trial.time[0] or start + shift + period > trial.time[-1] + 2.5 * trial.period:
         return False
     instants = start + np.linspace(0.0, period, 200, endpoint=False)
-    wave, other = (
-        torque[np.clip(np.searchsorted(trial.time, t + 1e-9, side="right") - 1, 0, len(torque) - 1)]
-        for t in (instants, instants + shift)
-    )
-    return float(np.sqrt(np.mean((wave - other) ** 2))) < _SAME_AMPLITUDE * float(np.ptp(wave)) / 2.0
+    wave = _held_at(trial, torque, instants)
+    other = _held_at(trial, torque, instants + shift)
+    apart = float(np.sqrt(np.mean((wave - other) ** 2)))
+    return apart < _SAME_AMPLITUDE * float(np.ptp(wave)) / 2.0
+
+
+def _held_at(trial: Trial, torque: FloatArray, instants: FloatArray) -> FloatArray:
+    """The held ``torque`` at ``instants`` in s; a little late, so that rounding finds no sample before its time."""
+    at = np.searchsorted(trial.time, instants + 1e-9, side="right") - 1
+    return torque[np.clip(at, 0, len(torque) - 1)]
 
 
 def _alike(periods: FloatArray, amplitudes: FloatArray, first: int, last: int) -> bool:
@@ -141,21 +147,23 @@ def _alike(periods: FloatArray, amplitudes: FloatArray, first: int, last: int) -
 
 def _rising_crossings(time: FloatArray, torque: FloatArray) -> FloatArray:
     """Instants in s at which the torque turns positive, with a hysteresis of a fifth of its usual size."""
-    sign = np.where(torque > 0.0, 1, np.where(torque < 0.0, -1, 0))
     level = 0.2 * float(np.percentile(np.abs(torque), 90))
     state = np.where(torque > level, 1, np.where(torque < -level, -1, 0))
     known = np.flatnonzero(state)
     if not known.size:
         return np.empty(0)
-    turns = known[1:][np.diff(state[known]) == 2]
-    before = known[:-1][np.diff(state[known]) == 2]
+    # From the negative side straight to the positive one.
+    rises = np.diff(state[known]) == 2
+    turns, before = known[1:][rises], known[:-1][rises]
     # The wave crosses zero midway between leaving the negative and entering the positive side: this keeps a
     # dead zone in the middle of the crossing, and with it whole periods.
-    negative = np.array([b + np.flatnonzero(sign[b : t + 1] < 0)[-1] for b, t in zip(before, turns, strict=True)])
-    positive = np.array([b + np.flatnonzero(sign[b : t + 1] > 0)[0] for b, t in zip(before, turns, strict=True)])
-    if not turns.size:
-        return np.empty(0)
-    return np.asarray(0.5 * (time[negative + 1] + time[positive]))
+    found = []
+    for first, last in zip(before, turns, strict=True):
+        wave = torque[first : last + 1]
+        negative = first + np.flatnonzero(wave < 0.0)[-1]
+        positive = first + np.flatnonzero(wave > 0.0)[0]
+        found.append(0.5 * (time[negative + 1] + time[positive]))
+    return np.array(found, dtype=np.float64)
 
 
 def _rows(trial: Trial, start: float, stop: float) -> slice:
@@ -194,7 +202,8 @@ def releases(trial: Trial) -> list[slice]:
     peaks = [begin + int(np.argmax(np.abs(tilt[begin:end]))) for begin, end in _half_swings(tilt)]
     # One side may be larger than the other where the level is not known well: like with like.
     sizes = np.concatenate(([0.0, 0.0], np.abs(tilt[peaks])))
-    found, k = list[slice](), 0
+    found = list[slice]()
+    k = 0
     while k < len(peaks):
         first = k
         k += 1
@@ -212,7 +221,8 @@ def releases(trial: Trial) -> list[slice]:
 
 def _half_swings(tilt: FloatArray) -> list[tuple[int, int]]:
     """First and last row of each stretch on one side that reaches beyond a share of the largest ``tilt``."""
-    side = np.where(np.abs(tilt) > _SWINGS * np.max(np.abs(tilt)), np.sign(tilt), 0.0)
+    size = np.abs(tilt)
+    side = np.where(size > _SWINGS * np.max(size), np.sign(tilt), 0.0)
     beyond = np.flatnonzero(side)
     starts = beyond[np.flatnonzero(np.diff(side[beyond], prepend=0.0))]
     return list(pairwise([*starts.tolist(), len(tilt)]))

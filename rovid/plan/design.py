@@ -59,7 +59,8 @@ def plan(
     require_drive(vehicle)
     pace = Pace.of(beliefs[0].model, vehicle, trials, limits.share)
     runs = [replace(run, reference=trials[0].reference) for run in programme(pace, names)]
-    narrow = narrow or ("" if len(beliefs) > 1 else widest(beliefs[0]))
+    if not narrow and len(beliefs) == 1:
+        narrow = widest(beliefs[0])
     found = ranked(runs, beliefs, vehicle, limits, narrow=narrow)
     rate = float(np.sqrt(np.mean(found[0].rates ** 2)))
     return Plan(
@@ -88,7 +89,9 @@ def require_drive(vehicle: Vehicle) -> None:
 
 def widest(belief: Belief) -> str:
     """The parameter that is least sure for its size."""
-    values, spread = belief.model.values, np.sqrt(np.maximum(np.diag(belief.covariance), 0.0))
+    values = belief.model.values
+    spread = np.sqrt(np.maximum(np.diag(belief.covariance), 0.0))
+    # A parameter of nothing has no share, however large its spread.
     share = np.where(values != 0.0, spread / np.maximum(np.abs(values), 1e-300), 0.0)
     return belief.model.names[int(np.argmax(share))]
 
@@ -109,9 +112,11 @@ def belief_of(fit: LikelihoodFit, name: str) -> Belief:
 def command_rows(worth: Worth) -> tuple[list[float], list[list[float]]]:
     """Instants in s at which a command changes, and the commands from then on; the last is where the run ends."""
     commands = worth.run.commands
-    changed = np.flatnonzero(np.any(np.diff(commands, axis=0) != 0.0, axis=1)) + 1
+    changes = np.any(np.diff(commands, axis=0) != 0.0, axis=1)
+    changed = np.flatnonzero(changes) + 1
     rows = np.unique(np.concatenate(([0], changed, [len(commands) - 1])))
-    return [round(float(t), 4) for t in worth.run.time[rows]], np.round(commands[rows], 5).tolist()
+    times = [round(float(instant), 4) for instant in worth.run.time[rows]]
+    return times, np.round(commands[rows], 5).tolist()
 
 
 def command_text(found: Plan) -> str:
@@ -120,6 +125,7 @@ def command_text(found: Plan) -> str:
     The quotes about time_s are the mark of what rovid wrote.
     """
     times, rows = command_rows(found.best)
-    header = ",".join(['"time_s"', csv_line(found.thrusters)])
-    lines = (",".join(f"{value:g}" for value in (time, *row)) for time, row in zip(times, rows, strict=True))
-    return "\n".join([header, *lines]) + "\n"
+    lines = [f'"time_s",{csv_line(found.thrusters)}']
+    for time, row in zip(times, rows, strict=True):
+        lines.append(",".join(f"{value:g}" for value in (time, *row)))
+    return "\n".join(lines) + "\n"

@@ -108,7 +108,8 @@ class Pace:
             raise DataError("the thrusters push one way only.", mend=f"Look at {vehicle.axis.arm} in rovid.toml.")
         push = float(np.min(np.abs(pushes)))
         fast = _steady(model, push)
-        constant = model.inertia / max(2.0 * model.quadratic_drag * 0.5 * fast + model.linear_drag, 1e-12)
+        slope = 2.0 * model.quadratic_drag * 0.5 * fast + model.linear_drag
+        constant = model.inertia / max(slope, 1e-12)
         if model.stiffness > 0.0:
             constant = max(constant, 2.0 * math.pi * math.sqrt(model.inertia / model.stiffness))
         period = float(np.median([trial.period for trial in trials]))
@@ -117,7 +118,8 @@ class Pace:
     def commands(self, shares: FloatArray) -> FloatArray:
         """(n, k) commands of (n,) shares of the full push, -1 to 1; neutral at 0."""
         row = (shares > 0.0).astype(int)
-        reach = self.edge[row] + np.abs(shares)[:, None] * (self.full[row] - self.edge[row])
+        edge, full = self.edge[row], self.full[row]
+        reach = edge + np.abs(shares)[:, None] * (full - edge)
         neutral = 0.5 * (self.edge[0] + self.edge[1])
         return np.asarray(np.where(shares[:, None] == 0.0, neutral, reach))
 
@@ -154,15 +156,18 @@ def _courses(pace: Pace) -> Iterator[tuple[str, list[_Piece]]]:
             cycles = max(4, math.ceil(40.0 / count))
             yield f"sine of {period:.3g} s at {share}, {cycles} periods", _sine(period, level, cycles, pace)
         for turns in _TURNS:
+            # A rate that quadratic drag holds goes as the root of the push.
             seconds = turns * 2.0 * math.pi / max(pace.fast * math.sqrt(level), 1e-9)
             rest = max(8.0 * tau, 20.0)
-            name = f"about {turns:g} turn{'s' if turns > 1 else ''} and back at {share}, with rests"
+            plural = "s" if turns > 1 else ""
+            name = f"about {turns:g} turn{plural} and back at {share}, with rests"
             yield name, [(seconds, level), (rest, 0.0), (seconds, -level), (rest, 0.0)]
         for quick, word in ((0.3, "fast"), (2.0, "slow")):
             yield f"{word} random levels up to {share}", _random(quick * tau, level, 60.0 * quick**0.3 * tau)
     step = max(3.0 * tau, 4.0)
     up = [0.05, 0.1, 0.2, 0.3, 0.45, 0.3, 0.2, 0.1, 0.05]
-    stairs = [(step, level) for level in (*up, 0.0, *(-one for one in up), 0.0)]
+    down = [-level for level in up]
+    stairs = [(step, level) for level in (*up, 0.0, *down, 0.0)]
     yield f"slow staircase through neutral, {step:.0f} s a level", stairs
     yield "sweep from slow to fast sines", _sweep(30.0 * tau, 1.5 * tau, 0.8, pace)
     yield "left alone at rest for two minutes", [(2.0, 0.3), (120.0, 0.0)]
@@ -200,16 +205,20 @@ def _played(name: str, pieces: Sequence[_Piece], pace: Pace) -> Planned:
 
 def _course(pieces: Sequence[_Piece], pace: Pace) -> tuple[FloatArray, FloatArray]:
     """(n,) s and the share held at each, on the clock of the logs."""
-    ends = LEAD + np.cumsum([seconds for seconds, _ in pieces])
+    lengths, shares = zip(*pieces, strict=True)
+    ends = LEAD + np.cumsum(lengths)
     time = pace.period * np.arange(round(float(ends[-1]) / pace.period) + 1)
-    levels = np.array([0.0, *(share for _, share in pieces)], dtype=np.float64)
+    levels = np.array([0.0, *shares], dtype=np.float64)
+    # A little late, so that rounding moves no instant to the level before.
     at = np.searchsorted(np.array([LEAD, *ends]), time + 1e-9, side="right")
-    return np.asarray(time, dtype=np.float64), levels[np.minimum(at, len(levels) - 1)]
+    held = levels[np.minimum(at, len(levels) - 1)]
+    return np.asarray(time, dtype=np.float64), held
 
 
 def _alone(name: str, at: int, pace: Pace) -> Planned:
     hold = max(5.0 * pace.constant, _SHORTEST_HOLD)
     time, shares = _course([(hold, 1.0), (hold, 0.0), (hold, -1.0), (hold, 0.0)], pace)
-    commands, rest = pace.commands(shares), pace.commands(np.zeros(len(time)))
-    commands = np.where(np.arange(commands.shape[1]) == at, commands, rest)
+    every, rest = pace.commands(shares), pace.commands(np.zeros(len(time)))
+    mine = np.arange(every.shape[1]) == at
+    commands = np.where(mine, every, rest)
     return Planned(name=f"{name} alone, both ways, {hold:.0f} s each", time=time, commands=commands)

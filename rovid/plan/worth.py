@@ -104,7 +104,8 @@ def ranked(
     DataError
         No run stays within the limits.
     """
-    found = [one for one in spread(lambda run: _worth(run, beliefs, vehicle, limits, narrow), runs) if one is not None]
+    tried = spread(lambda run: _worth(run, beliefs, vehicle, limits, narrow), runs)
+    found = [worth for worth in tried if worth is not None]
     if not found:
         raise DataError("no run stays within these limits.", mend="Allow a longer run, more turns or a higher rate.")
     # Of the runs that decide the one that does so fastest; where none does, the one that tells most.
@@ -117,8 +118,9 @@ def _worth(run: Planned, beliefs: Sequence[Belief], vehicle: Vehicle, limits: Li
     if run.seconds > limits.seconds:
         return None
     trials = [_imagined(run, belief, vehicle) for belief in beliefs]
+    turn = 2.0 * math.pi if vehicle.axis.angular else 1.0
     for trial in trials:
-        travel = np.ptp(trial.position) / (2.0 * math.pi if vehicle.axis.angular else 1.0)
+        travel = np.ptp(trial.position) / turn
         if trial.rate is None or np.max(np.abs(trial.rate)) > limits.rate or travel > limits.travel:
             return None
     rates = np.array([trial.rate for trial in trials])
@@ -133,18 +135,20 @@ def _worth(run: Planned, beliefs: Sequence[Belief], vehicle: Vehicle, limits: Li
 
 def _imagined(run: Planned, belief: Belief, vehicle: Vehicle) -> Trial:
     """The run as the vehicle of ``belief`` would answer it, without noise or disturbance."""
-    trial = replace(Trial.imagined(run.time, run.commands, name=run.name, reference=run.reference), axis=vehicle.axis)
+    still = Trial.imagined(run.time, run.commands, name=run.name, reference=run.reference)
+    trial = replace(still, axis=vehicle.axis)
     rate, position = belief.model.simulate(trial, belief.model.drive(vehicle, trial))
     return replace(trial, rate=rate, position=position, integrated=belief.integrated)
 
 
 def _likelihood(trial: Trial, belief: Belief, vehicle: Vehicle) -> tuple[Likelihood, FloatArray]:
     """Of the imagined trial under ``belief``, and where it stands."""
-    # The lowest cut-off that any run of some length takes: the filter has no say here.
     seen = trial if belief.integrated else replace(trial, rate=None)
+    # The lowest cut-off that any run of some length takes: the filter has no say here.
     runs = prepare(Campaign(trials=(seen,), sources=()), vehicle, cutoff=0.1 / trial.period).items
     model = belief.model
-    likelihood = Likelihood(Records(runs, vehicle, replace(model, effects=(), effect_values=())), 1.0, model.effects)
+    bare = replace(model, effects=(), effect_values=())
+    likelihood = Likelihood(Records(runs, vehicle, bare), 1.0, model.effects)
     scale, units = likelihood.records.drag_scale, likelihood.units
     own = np.array([*model.restoring_values, *model.effect_values])
     drags = model.quadratic_drag / scale[0], model.linear_drag / scale[1]
@@ -168,14 +172,16 @@ def _told(trial: Trial, wrong: Belief, vehicle: Vehicle) -> float:
     known, scale = _information(wrong.covariance)
     slopes = slopes * scale
     pull = slopes.T @ residual
-    give = np.linalg.lstsq(slopes.T @ slopes + known, pull, rcond=1e-12)[0]
-    return max(0.5 * float(residual @ residual - pull @ give), 0.0)
+    give, *_ = np.linalg.lstsq(slopes.T @ slopes + known, pull, rcond=1e-12)
+    lost = 0.5 * float(residual @ residual - pull @ give)
+    return max(lost, 0.0)
 
 
 def _information(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(p, p) inverse of the correlations, and the (p,) standard deviations by which its unknowns are divided."""
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    return np.asarray(np.linalg.pinv(covariance / np.outer(scale, scale), rcond=1e-10)), scale
+    correlations = covariance / np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(correlations, rcond=1e-10)), scale
 
 
 def _narrowed(trial: Trial, belief: Belief, vehicle: Vehicle, name: str) -> float:
@@ -184,5 +190,6 @@ def _narrowed(trial: Trial, belief: Belief, vehicle: Vehicle, name: str) -> floa
     _, slopes = _slopes(likelihood, x)
     at = belief.model.names.index(name)
     known, scale = _information(belief.covariance)
+    # In units of the standard deviations of before: the variance before the run is one.
     after = np.linalg.pinv(known + (slopes * scale).T @ (slopes * scale), rcond=1e-12)
     return -math.log(max(after[at, at], 1e-300))
