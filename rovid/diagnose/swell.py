@@ -11,7 +11,7 @@ import numpy as np
 
 from rovid.diagnose.fitted import Fitted, climbed, worth
 from rovid.diagnose.heldout import cross_validate, log_likelihood
-from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence
+from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence, surest
 from rovid.diagnose.parts import Piece
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
@@ -56,7 +56,7 @@ class Swell:
         if sure < POSSIBLE:
             return sure
         borne_out = min(self.worth, self.held_out_gain)
-        return confidence({name: borne_out}, (name,), 1)
+        return min(confidence({name: borne_out}, (name,), 1), surest(self.held_out_gain, white=True))
 
     @property
     def likelier(self) -> Fitted:

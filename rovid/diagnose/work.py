@@ -9,7 +9,7 @@ from functools import cache
 
 from rovid.diagnose.fitted import Fitted, Found, Key, Rival, worth
 from rovid.diagnose.heldout import Fold, cross_validate, log_likelihood
-from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence
+from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence, surest
 from rovid.diagnose.parts import Piece
 from rovid.diagnose.scatter import of_one_trial, stands_out
 from rovid.diagnose.search import Search
@@ -201,6 +201,8 @@ class Work:
         if following is None or worth(following) - worth(self.final) < self.search.threshold:
             return []
         effect, gain = following.effects[-1], self.final.cost - following.cost
+        if any(effect is shrunk for shrunk in self.shrunk):
+            return []
         if self.search.pays(following, self.final):
             why = "enough for a cause; but the search ended before it was taken up"
         else:
@@ -234,10 +236,12 @@ class Work:
         rest = self.search.without(self.final, found.effect)
         white = likelihood_is_white(self.final.likelihood, self.final.x)
         # Part of it may be no more than how nature's form of the others differs from the equations'.
-        less = max(found.worth - held_out_gain, 0.0) + self.search.form_doubt(rest, white=white)
+        doubt = self.search.form_doubt(rest, white=white)
+        less = max(found.worth - held_out_gain, 0.0) + doubt
         for name in worths:
             worths[name] -= less
         sure = confidence(worths, alike, self.search.tried)
+        sure = min(sure, surest(held_out_gain - doubt, white=white))
         if of_one_trial(found.effect) and not white:
             return min(sure, stands_out(self.final, found.effect))
         return sure
@@ -284,6 +288,7 @@ class Work:
             alike = [other for other in near if acts(other)]
             gain = log_likelihood(self.folds(rival.fitted)) - log_likelihood(self.folds(self.final))
             sure = odds([rival, *alike], max(rival.gain - gain, 0.0))
+            sure = min(sure, surest(gain - doubt, white=white))
             if of_one_trial(rival.effect) and not white:
                 sure = min(sure, stands_out(rival.fitted, rival.effect))
             if sure >= POSSIBLE:

@@ -24,6 +24,11 @@ def _stiffening(rate: float, angle: float, push: float, base: Any, p: Any, x: An
 
 
 @compiled
+def _wound(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+    return -p[j, 0] * (angle + p[j, 1])
+
+
+@compiled
 def _rest(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
     # base[3] is the heading at the start of the trial. How many turns there are in the tether then is not logged.
     start = base[3] - p[j, 1]
@@ -74,5 +79,15 @@ FORMS: tuple[Effect, ...] = (
         equation="− k·(ψ − ψ0), within half a turn of ψ0 at the start of the trial",
         term=_rest,
         canonical=_within_a_turn,
+    ),
+    replace(
+        EFFECT,
+        form="wound",
+        parameters=(
+            _STIFFNESS,
+            EffectParameter(name="wound", unit="rad", null=0.0, low=-40.0, high=40.0, starts=(3.0, -3.0)),
+        ),
+        equation="− k·(w + ψ − ψ at the start of the trial), wound by w before each trial",
+        term=_wound,
     ),
 )
