@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tools.hard import layout as at
 from tools.hard.campaign import Campaign, Run
 from tools.hard.layout import Floats, Ints, compiled, no_cause
-from tools.hard.motion import deviation
+from tools.hard.motion import cross_flow, deviation
 from tools.hard.water import moment
 
 HORIZONS = (0.5, 1.0, 2.0, 4.0, 8.0)  # time constants
@@ -105,6 +105,14 @@ def free_run(start: Floats, torque: Floats, u: Floats, v: Floats, cause: Floats,
     return rate
 
 
+def sway_moment(sway: Floats, rate: Floats, step: float, hull: Floats) -> Floats:
+    """Moment that sway adds to that of cross flow in turning alone, and that of its acceleration."""
+    moments = -hull[at.M23] * np.gradient(sway, step)
+    for k, (v, r) in enumerate(zip(sway, rate, strict=True)):
+        moments[k] += cross_flow(v, r, hull)[1] - cross_flow(0.0, r, hull)[1]
+    return np.asarray(moments)
+
+
 class Judge:
     """A campaign on the oracle's grid."""
 
@@ -157,13 +165,15 @@ class Judge:
             heading = heading - offset
         else:
             psi = psi + offset
+        hull = self.campaign.vehicle.hull()
         if "sideslip_moment" in always:
-            hull = self.campaign.vehicle.hull()
             cause[at.MUNK] += hull[at.M22] - hull[at.M11] + hull[at.N_UV]
+            torque += sway_moment(means[:, at.R_SWAY], means[:, at.R_RATE], run.step * every, hull)
         if "wave_torque" in always:
             torque += means[:, at.R_WAVES]
         if "speed_dependent_damping" in always:
-            cause[at.SPEED_LINEAR] += self.campaign.vehicle.hull()[at.N_UR]
+            cause[at.SPEED_LINEAR] += hull[at.N_UR]
+            torque -= hull[at.M23] * means[:, at.R_SURGE] * means[:, at.R_RATE]
         width = max(1, STEPS // 8)  # the rate at a restart is a slope of the heading, as nobody would have it better
         rate = np.gradient(psi, run.step * every)
         rate[width:-width] = (psi[2 * width :] - psi[: -2 * width]) / (2 * width * run.step * every)
@@ -228,6 +238,12 @@ class Judge:
             squares += np.sum(self.errors(stretches, theta)[self.folds == fold] ** 2, axis=0)
         return np.sqrt(squares / self.folds.size)
 
+    def misfit(self, begin: Floats, always: tuple[str, ...]) -> float:
+        """Mean logarithm of the heading error over horizons, where the cause and what is ``always`` there are known."""
+        known = self.stretches(self.campaign.cause is not None, always=always)
+        best = self.fit(known, np.full(self.folds.size, True), begin)
+        return 0.5 * _cost(self.errors(known, best)) / len(HORIZONS)
+
     def rate_r2(self, stretches: list[Stretch], theta: Floats) -> float:
         """R^2 of the yaw rate over all runs, each simulated freely from its start."""
         left = total = 0.0
@@ -267,12 +283,12 @@ def look(campaign: Campaign) -> dict[str, Any]:
     for name, known in BEST.items():
         best = judge.fit(judge.stretches(campaign.cause is not None, known), everything, theta)
         facts[name] = dict(zip(("inertia", "quadratic_drag", "linear_drag"), best.tolist(), strict=True))
-    base = judge.errors(told, theta)
     facts["always_there"] = {}
+    nothing, everything_there = judge.misfit(theta, ()), judge.misfit(theta, ALWAYS)
     for effect in ALWAYS:
-        more = judge.stretches(campaign.cause is not None, always=(effect,))
-        better = judge.errors(more, judge.fit(more, everything, theta))
-        share = 1.0 - float(np.exp(0.5 * (_cost(better) - _cost(base)) / len(HORIZONS)))
-        facts["always_there"][effect] = share
+        others = tuple(other for other in ALWAYS if other != effect)
+        # By itself, or beside all else: two may hide each other.
+        shares = (nothing - judge.misfit(theta, (effect,)), judge.misfit(theta, others) - everything_there)
+        facts["always_there"][effect] = 1.0 - float(np.exp(-max(shares)))
     facts["also_true"] = [effect for effect, share in facts["always_there"].items() if share >= SHOWS]
     return facts
