@@ -60,8 +60,9 @@ def _head(records: list[dict[str, Any]]) -> str:
         "Right is the name that was hidden, or one of its class, which such logs cannot tell apart, or one that is "
         "said not to be told from it. Right, too, is what always acts and can be seen: waves from a hundredth of the "
         "torque in use on, the rotors' own lag and loss to advance where the size is within three stated errors of "
-        "theirs, all else that lowers the heading error by a twentieth or more. *Counted strictly* a cause is right "
-        "where its own name was hidden, or lowers the heading error so."
+        "theirs, all else that lowers the heading error by a twentieth or more once it is known, by itself or beside "
+        "what else is there: the moment of sway above all. *Counted strictly* a cause is right where its own name was "
+        "hidden, or lowers the heading error so."
     )
 
 

@@ -30,7 +30,7 @@ def _mixed(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx
 def _pair(prefix: str, phases: tuple[float, ...]) -> tuple[EffectParameter, EffectParameter]:
     return (
         EffectParameter(
-            name=f"{prefix}amplitude", unit="N m", null=0.0, low=-1.0, high=1.0, starts=(0.03,), scale="torque"
+            name=f"{prefix}amplitude", unit="N m", null=0.0, low=-2.0, high=2.0, starts=(0.03,), scale="torque"
         ),
         EffectParameter(name=f"{prefix}phase", unit="rad", null=0.0, low=-6.3, high=6.3, starts=phases),
     )
