@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from rovid.diagnose.fitted import Fitted, climbed
+from rovid.diagnose.rivals import Fitted, climbed
 from rovid.diagnose.heldout import cross_validate, errors_ahead, log_likelihood
 from rovid.diagnose.odds import ESTABLISHED, confidence
 from rovid.diagnose.parts import Piece, pieces_of

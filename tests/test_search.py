@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rovid.diagnose.fitted import Fitted
+from rovid.diagnose.rivals import Fitted
 from rovid.diagnose.screening import Promise, screen, shortlist
 from rovid.effects import Effect, effect_named
 from rovid.ground.arrays import FloatArray

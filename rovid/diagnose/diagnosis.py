@@ -8,7 +8,7 @@ from rovid.diagnose.lacking import lack_of
 from rovid.diagnose.parts import parts_of, pieces_of
 from rovid.diagnose.record import Diagnosis
 from rovid.diagnose.search import Report
-from rovid.diagnose.signals import drivers
+from rovid.diagnose.signals import signal_causes
 from rovid.diagnose.strategies import by_horizons, by_innovations, sea_of
 from rovid.diagnose.work import Work
 from rovid.effects import forms_for
@@ -67,7 +67,7 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     forms = forms_for(vehicle, channels(runs), [run.trial.name for run in prepared.items])
     pieces = pieces_of(prepared.items, vehicle, prepared.cutoff)
     cut = [piece.run for piece in pieces]
-    candidates = (*forms, *drivers((*prepared.items, *runs, *cut)))
+    candidates = (*forms, *signal_causes((*prepared.items, *runs, *cut)))
     whole = Records(prepared.items, vehicle, start)
     ahead = by_horizons(whole, pieces, candidates, report)
     ahead.sea = sea_of(whole, forms, pieces)
@@ -82,6 +82,6 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
         refused = work.decided()
     warnings = [*_said(work, notes), *refused]
     try:
-        return concluded(work, [work.found(effect) for effect in work.final.effects], warnings)
+        return concluded(work, [work.cause(effect) for effect in work.final.effects], warnings)
     except DataError as error:
         return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(warnings))

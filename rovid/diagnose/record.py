@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes
-from rovid.diagnose.fitted import Rival
 from rovid.diagnose.heldout import HeldOut
+from rovid.diagnose.rivals import Rival
 from rovid.effects import Effect
 from rovid.identify.estimate import Estimate
 from rovid.model.model import Model

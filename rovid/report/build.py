@@ -12,7 +12,7 @@ from rovid.control.design import Control, control_of
 from rovid.control.setting import Options, setting_of
 from rovid.diagnose.parts import parts_of
 from rovid.diagnose.record import Diagnosis
-from rovid.diagnose.signals import is_driver
+from rovid.diagnose.signals import is_signal
 from rovid.export import EXPORTERS, Exported, export, subject_of
 from rovid.ground.errors import DataError
 from rovid.ground.files import Claim
@@ -193,7 +193,7 @@ def _extended(study: Study, diagnosis: Diagnosis) -> tuple[TrialSimulation, ...]
     side = diagnosis.extended
     if study.runs is None or side is None or not side.model.effects:
         return ()
-    if any(map(is_driver, side.model.effects)) and parts_of(study.runs.items, study.vehicle, study.runs.cutoff):
+    if any(map(is_signal, side.model.effects)) and parts_of(study.runs.items, study.vehicle, study.runs.cutoff):
         return ()
     return tuple(simulate_runs(study.runs.items, side.model, study.vehicle))
 

@@ -208,7 +208,7 @@ def show_likelihood(console: Console, fit: LikelihoodFit) -> None:
     say(
         console,
         f"free-running {axis.rate_words} R² {fit.free_run_r2:.4f}; the fit that looks at nothing else reaches "
-        f"{fit.base_r2:.4f}",
+        f"{fit.simulation_r2:.4f}",
     )
 
 
