@@ -107,12 +107,12 @@ def _all_cuts(runs: Sequence[Run], cutoff: float) -> list[tuple[int, _Cut]]:
     """
     shortest = shortest_part(runs, cutoff)
     usual = max(sum(recorded(run.trial) for run in runs) / _PARTS, shortest)
-    found = []
+    cuts = []
     for whole, run in enumerate(runs):
         half = recorded(run.trial) / 2.0
         length = min(usual, max(half, shortest))
-        found += [(whole, cut) for cut in _cuts(run.trial, length)]
-    return found
+        cuts += [(whole, cut) for cut in _cuts(run.trial, length)]
+    return cuts
 
 
 def _cuts(trial: Trial, length: float) -> list[_Cut]:

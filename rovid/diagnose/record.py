@@ -94,7 +94,7 @@ class Diagnosis:
     horizons
         How far both models are off from half to eight time constants ahead.
     signals
-        Logged signals that drive what no effect explains, with the log-likelihood each gains.
+        Logged signals that drive what no effect explains, each with its worth.
     unexplained_share
         Variance of the disturbance torque over that of all torque, the thrusters' and its own.
     noise_floor

@@ -42,10 +42,10 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
 
 def _unexplained(diagnosis: Diagnosis) -> Document:
     depends_on, signals = [], []
-    for signal, gain in diagnosis.signals:
+    for signal, worth in diagnosis.signals:
         name = signal_of(signal)
         depends_on.append(name)
-        signals.append({"signal": name, "acts_as": signal.form, "log_likelihood_gain": gain})
+        signals.append({"signal": name, "acts_as": signal.form, "log_likelihood_gain": worth})
     return {
         "share_of_torque_variance": diagnosis.unexplained_share,
         # A signal may act in several ways: it is named once.
