@@ -17,7 +17,7 @@ from rovid.effects import effect_named
 from rovid.identify.fitted import climbed
 from rovid.identify.free_run import fit_free_run, free_run_r2
 from rovid.identify.likelihood import fit_base, with_effects
-from rovid.identify.records import Records
+from rovid.identify.readings import Readings
 from rovid.model.names import base_names
 from rovid.study import open_study
 
@@ -33,7 +33,7 @@ def main() -> None:
     assert study.runs is not None
     runs, effects = study.runs.items, tuple(effect_named(name) for name in arguments.effect)
     start = fit_free_run(runs)
-    fitted = fit_base(Records(runs, study.vehicle, start), free_run_r2(runs, start))
+    fitted = fit_base(Readings(runs, study.vehicle, start), free_run_r2(runs, start))
     if effects:
         fitted = with_effects(fitted, effects)
     white = fitted.is_white
@@ -41,7 +41,7 @@ def main() -> None:
     rng, drawn = np.random.default_rng(arguments.seed), []
     for _ in range(arguments.draws):
         chosen = [runs[k] for k in rng.integers(len(runs), size=len(runs))]
-        again = replace(fitted.misfit, records=Records(chosen, study.vehicle, start))
+        again = replace(fitted.misfit, records=Readings(chosen, study.vehicle, start))
         drawn.append(climbed(again, fitted.x).model.values)
     scatter = np.std(drawn, axis=0, ddof=1)
     source = "curvature (white innovations)" if white else "scatter between stretches"

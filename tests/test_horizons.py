@@ -24,7 +24,7 @@ from rovid.identify.fitted import Fitted, climbed
 from rovid.identify.horizon_misfit import HorizonMisfit
 from rovid.identify.horizons import HorizonRecords, predictions, time_constant
 from rovid.identify.innovations import InnovationMisfit
-from rovid.identify.records import Records
+from rovid.identify.readings import Readings
 from rovid.identify.whiteness import whitening_gain
 from rovid.model.kernels import predict, simulate_effects
 from rovid.model.model import Model
@@ -46,7 +46,7 @@ NOISE = 1e-4 * RNG.normal(size=len(TIME))
 
 def records(torque: FloatArray = TORQUE, disturbance: FloatArray | None = None, runs: int = 1) -> HorizonRecords:
     made = [synthetic.run(TIME, torque, disturbance=disturbance, noise=NOISE) for _ in range(runs)]
-    whole = Records(made, synthetic.LOGGED, synthetic.ROSUB)
+    whole = Readings(made, synthetic.LOGGED, synthetic.ROSUB)
     return HorizonRecords.of(whole, synthetic.ROSUB)
 
 
@@ -78,7 +78,7 @@ def test_nothing_is_predicted_across_a_gap() -> None:
     position[gap] = np.nan
     trial = replace(run.trial, position=position)
     cut = replace(run, trial=trial, rates=rates_of(trial, cutoff=1.0))
-    ahead = HorizonRecords.of(Records([cut], synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    ahead = HorizonRecords.of(Readings([cut], synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
     ((begin, end),) = ahead.spans
     assert not ((begin < 701.0) & (end > 759.0)).any()
     assert (end < 700.0).any()
@@ -170,7 +170,7 @@ def weakened(shares: Sequence[float]) -> list[Run]:
     ],
 )
 def test_a_trial_has_to_stand_out_from_the_others(shares: Sequence[float], stands: bool) -> None:
-    ahead = HorizonRecords.of(Records(weakened(shares), synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    ahead = HorizonRecords.of(Readings(weakened(shares), synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
     odd = effect_named("supply_sag:trial run_2")
     misfit = HorizonMisfit(ahead, effects=(odd,))
     begin = misfit.coordinates.first()
@@ -183,7 +183,7 @@ def test_a_trial_has_to_stand_out_from_the_others(shares: Sequence[float], stand
 def test_what_the_other_pieces_do_not_tell_is_held_out_as_nothing() -> None:
     """Thrust of one trial alone, with that trial held out whole: its size must not come from what is held out."""
     named = weakened((0.0, 0.0, 0.1, 0.0))
-    ahead = HorizonRecords.of(Records(named, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    ahead = HorizonRecords.of(Readings(named, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
     misfit = HorizonMisfit(ahead, effects=(effect_named("supply_sag:trial run_2"),))
     begin = misfit.coordinates.first()
     begin[-1] = 0.8
@@ -213,8 +213,8 @@ def test_odds(worths: dict[str, float], alike: tuple[str, ...], least: float, mo
     assert math.isfinite(found)
 
 
-def near_of(ahead: HorizonRecords) -> Records:
-    return Records(ahead.runs, ahead.vehicle, ahead.start)
+def near_of(ahead: HorizonRecords) -> Readings:
+    return Readings(ahead.runs, ahead.vehicle, ahead.start)
 
 
 def fitted(key: str, ahead: HorizonRecords) -> tuple[Fitted, Fitted]:
@@ -291,7 +291,7 @@ def test_a_model_that_runs_away_predicts_nothing() -> None:
 
 def test_a_threshold_between_two_levels_is_told_though_it_has_no_slope() -> None:
     runs = [synthetic.run(TIME[:900], TORQUE[:900], noise=NOISE[:900]) for _ in range(4)]
-    ahead = HorizonRecords.of(Records(runs, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    ahead = HorizonRecords.of(Readings(runs, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
     misfit = HorizonMisfit(ahead, effects=(effect_named("thruster_deadband:jump"),))
     at = misfit.coordinates.before_effects
     begin = misfit.coordinates.first()
@@ -303,7 +303,7 @@ def test_a_threshold_between_two_levels_is_told_though_it_has_no_slope() -> None
 
 
 def test_nothing_swings_faster_than_readings_show() -> None:
-    records = Records([synthetic.run(TIME, TORQUE)], synthetic.LOGGED, synthetic.ROSUB, interval=1.0)
+    records = Readings([synthetic.run(TIME, TORQUE)], synthetic.LOGGED, synthetic.ROSUB, interval=1.0)
     coordinates = InnovationMisfit(records, 0.05, (effect_named("wave_torque"),)).coordinates
     highest = coordinates.high[coordinates.before_effects + 1]
     assert highest == pytest.approx(math.pi)
@@ -329,5 +329,5 @@ def test_horizons_that_disagree_widen_the_errors_and_are_named() -> None:
 
 
 def _fitted_ahead(runs: list[Run]) -> Fitted:
-    misfit = HorizonMisfit(HorizonRecords.of(Records(runs, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB))
+    misfit = HorizonMisfit(HorizonRecords.of(Readings(runs, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB))
     return climbed(misfit, misfit.coordinates.first())

@@ -24,7 +24,7 @@ from rovid.identify.fitted import Fitted, climbed
 from rovid.identify.free_run import fit_free_run
 from rovid.identify.innovations import InnovationMisfit
 from rovid.identify.likelihood import LIMITS, fit_likelihood
-from rovid.identify.records import Records
+from rovid.identify.readings import Readings
 from rovid.identify.scoring import Innovations
 from rovid.identify.whiteness import are_white
 from rovid.model.kernels import effects_along, innovations, innovations_wide, simulate
@@ -336,7 +336,7 @@ def test_jumps_of_innovations_make_no_certainty(jump: float, every: int, tmp_pat
     write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
     runs = open_study([tmp_path / "day"]).runs
     assert runs is not None
-    misfit = InnovationMisfit(Records(runs.items, None, fit_free_run(runs.items)), LIMITS[0])
+    misfit = InnovationMisfit(Readings(runs.items, None, fit_free_run(runs.items)), LIMITS[0])
     top = climbed(misfit, misfit.coordinates.first())
 
     class Jumping(InnovationMisfit):
@@ -369,7 +369,7 @@ def test_a_model_that_misses_much_is_fitted_to_the_end(tmp_path: Path) -> None:
     advanced_commands(tmp_path / "day", 32)
     runs = open_study([tmp_path / "day"]).runs
     assert runs is not None
-    misfit = InnovationMisfit(Records(runs.items, None, fit_free_run(runs.items)), LIMITS[-2])
+    misfit = InnovationMisfit(Readings(runs.items, None, fit_free_run(runs.items)), LIMITS[-2])
     first = misfit.coordinates.first()
     soon, late = climb(misfit, first, iterations=25), climb(misfit, first, iterations=300, tolerance=1e-6)
     # By scoring alone it would still be thousands away.

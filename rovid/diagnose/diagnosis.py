@@ -14,7 +14,7 @@ from rovid.diagnose.work import Work
 from rovid.effects import forms_for
 from rovid.ground.errors import DataError
 from rovid.identify.free_run import fit_free_run
-from rovid.identify.records import Records
+from rovid.identify.readings import Readings
 from rovid.motion.runs import Runs, channels
 
 _BY_HORIZONS = (
@@ -68,11 +68,11 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     pieces = pieces_of(prepared.items, vehicle, prepared.cutoff)
     cut = [piece.run for piece in pieces]
     candidates = (*forms, *signal_causes((*prepared.items, *runs, *cut)))
-    whole = Records(prepared.items, vehicle, start)
+    whole = Readings(prepared.items, vehicle, start)
     ahead = by_horizons(whole, pieces, candidates, report)
     ahead.sea = sea_of(whole, forms, pieces)
     ahead.settle()
-    near = by_innovations(Records(runs, vehicle, start), candidates, ahead, report)
+    near = by_innovations(Readings(runs, vehicle, start), candidates, ahead, report)
     report("Testing what was found on trials that were not fitted …")
     work = ahead if near is None else near
     refused = work.decided()

@@ -24,7 +24,7 @@ from rovid.identify.horizon_misfit import HorizonMisfit
 from rovid.identify.horizons import HorizonRecords, time_constant
 from rovid.identify.likelihood import TRUSTED_R2, fit_base, loosened
 from rovid.identify.misfit import UNLIMITED
-from rovid.identify.records import Records
+from rovid.identify.readings import Readings
 
 # By predictions an addition has to gain so much log-likelihood: with the number of causes tried it is then established.
 _MARGIN_AHEAD = math.log(ESTABLISHED / (1.0 - ESTABLISHED) / PRIOR_ODDS)
@@ -42,7 +42,7 @@ _MORE = 1.2
 _COUNTED = 6
 
 
-def by_horizons(full: Records, pieces: Sequence[Piece], candidates: Sequence[Effect], report: Report) -> Work:
+def by_horizons(full: Readings, pieces: Sequence[Piece], candidates: Sequence[Effect], report: Report) -> Work:
     """Search by predictions some time ahead.
 
     What is missing makes errors correlate for long, so that little counts. With the right cause they do so for less:
@@ -73,24 +73,24 @@ def _counting(records: HorizonRecords, final: Fitted, search: Search) -> Horizon
     return max(counted, key=lambda one: one.readings)
 
 
-def sea_of(full: Records, forms: Sequence[Effect], pieces: Sequence[Piece]) -> Callable[[Fitted], Swell]:
+def sea_of(full: Readings, forms: Sequence[Effect], pieces: Sequence[Piece]) -> Callable[[Fitted], Swell]:
     """What looks for waves beside a model, by each next reading, over some of the readings."""
     wave = next((form for form in forms if form.wave), None)
     seconds = sum(float(np.ptp(run.trial.time)) for run in full.runs)
     farthest = _THINNED_WAVES * time_constant(full.start, full.rate)
     interval = max(interval_of(full), min(seconds / _READINGS, farthest))
-    few = Records(full.runs, full.vehicle, full.start, interval=interval)
+    few = Readings(full.runs, full.vehicle, full.start, interval=interval)
     return lambda beside: swell(few, beside, wave, pieces)
 
 
-def by_innovations(full: Records, candidates: Sequence[Effect], ahead: Work, report: Report) -> Work | None:
+def by_innovations(full: Readings, candidates: Sequence[Effect], ahead: Work, report: Report) -> Work | None:
     """Search by the likelihood of each next reading, over some of the readings, from what ``ahead`` found on.
 
     None where that does not explain all: each next reading would then not tell what is missing.
     """
     report("Looking at each next reading …")
     quick = replace(full, interval=interval_of(full))
-    few = quick if ahead.swell is None else ahead.swell.plain.records
+    few = quick if ahead.swell is None else ahead.swell.records
     # Where it is hopeless over few readings it is so over more, which would take long to say.
     if few.interval > quick.interval and _is_hopeless_over(few, candidates, ahead):
         return None
@@ -104,7 +104,7 @@ def by_innovations(full: Records, candidates: Sequence[Effect], ahead: Work, rep
     return work
 
 
-def _base_of(records: Records) -> Fitted:
+def _base_of(records: Readings) -> Fitted:
     return fit_base(records, free_run_r2(records.runs, records.start))
 
 
@@ -115,7 +115,7 @@ def _beside(begun: Fitted, candidates: Sequence[Effect]) -> list[Effect]:
     return [effect for effect in candidates if not effect.wave]
 
 
-def _is_hopeless_over(records: Records, candidates: Sequence[Effect], ahead: Work) -> bool:
+def _is_hopeless_over(records: Readings, candidates: Sequence[Effect], ahead: Work) -> bool:
     begun = _begun(_base_of(records), ahead)
     taken = {effect.id for effect in begun.effects}
     more = [effect for effect in _beside(begun, candidates) if effect.id not in taken]
@@ -162,7 +162,7 @@ def _is_far_off(fitted: Fitted) -> bool:
     return not fitted.effects and fitted.simulated_r2 < TRUSTED_R2
 
 
-def interval_of(full: Records) -> float:
+def interval_of(full: Readings) -> float:
     """How far apart, in s, the readings are that a search looks at."""
     wanted = min(_THINNED * time_constant(full.start, full.rate), _THINNED_SECONDS)
     period = float(np.median([run.trial.period for run in full.runs]))

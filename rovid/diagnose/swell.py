@@ -20,7 +20,7 @@ from rovid.identify.coordinates import COMMON, DISTURBANCE, MEMORY
 from rovid.identify.fitted import Fitted
 from rovid.identify.innovations import InnovationMisfit
 from rovid.identify.misfit import UNLIMITED, Misfit
-from rovid.identify.records import Records
+from rovid.identify.readings import Readings
 
 _FIRST_ITERATIONS, _ITERATIONS = 3, 20
 _BEGUN = 3
@@ -35,6 +35,7 @@ class Swell:
     ``fitted`` is None where waves gain nothing.
     """
 
+    records: Readings
     plain: Fitted
     pieces: Sequence[Piece]
     fitted: Fitted | None = None
@@ -78,7 +79,7 @@ class Swell:
         return self.fitted.effects[-1].rivals
 
 
-def swell(records: Records, beside: Fitted, wave: Effect | None, pieces: Sequence[Piece]) -> Swell:
+def swell(records: Readings, beside: Fitted, wave: Effect | None, pieces: Sequence[Piece]) -> Swell:
     """Look for ``wave`` beside the effects of a model that predictions found.
 
     Two kinds of disturbance are compared: one that fades, of any size, and that with waves besides.
@@ -90,7 +91,7 @@ def swell(records: Records, beside: Fitted, wave: Effect | None, pieces: Sequenc
     begin[other] = beside.x[other]
     plain = quickly_climbed(misfit, _disturbed(misfit, begin), _ITERATIONS)
     if wave is None:
-        return Swell(plain, pieces)
+        return Swell(records, plain, pieces)
     wavy = misfit.like((*beside.effects, wave))
     begins = [np.concatenate((plain.x, start)) for start in wavy.coordinates.starts()]
     nearest = sorted(begins, key=wavy.cost)[:_BEGUN]
@@ -98,10 +99,10 @@ def swell(records: Records, beside: Fitted, wave: Effect | None, pieces: Sequenc
     best = min(tried, key=lambda fitted: fitted.cost)
     with_waves = quickly_climbed(wavy, best.x, _ITERATIONS)
     if not is_plausible(with_waves) or worth(with_waves) <= worth(plain):
-        return Swell(plain, pieces)
+        return Swell(records, plain, pieces)
     # Readings whose misfits are not white tell less than they seem to: no more than the stretches of time bear out.
     borne_out = min(worth(with_waves) - worth(plain), _borne_out(with_waves, plain))
-    return Swell(plain, pieces, with_waves, plain.cost - with_waves.cost, borne_out)
+    return Swell(records, plain, pieces, with_waves, plain.cost - with_waves.cost, borne_out)
 
 
 def _disturbed(misfit: Misfit, x: FloatArray) -> FloatArray:

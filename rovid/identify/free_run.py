@@ -12,6 +12,7 @@ from rovid.effects import restoring_of
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
 from rovid.identify.regression import fit_regression, fit_released
+from rovid.identify.usual import usual, usual_rate
 from rovid.model.drive import Drive
 from rovid.model.model import Model
 from rovid.model.simulation import compare, simulated_rate
@@ -41,8 +42,7 @@ def fit_free_run(runs: Sequence[Run], *, certainty: float = CERTAINTY) -> Model:
     driven = runs[0].trial.driven
     start = _start(runs, certainty) if driven else fit_released(runs).values
     # A drag at its bound still needs a scale to move by, and so do both; so does what weight and buoyancy do.
-    rate = _usual([run.rates.rate for run in runs])
-    torque = _usual([run.torque for run in runs])
+    rate, torque = usual_rate(runs), usual([run.torque for run in runs])
     drag = start[1] * rate + start[2] or torque
     scale = np.array([start[0], drag / rate, drag, *np.maximum(np.abs(start[3:]), _LEAST)])
     # Without a drive nothing tells the inertia.
@@ -67,11 +67,6 @@ def fit_free_run(runs: Sequence[Run], *, certainty: float = CERTAINTY) -> Model:
         x_scale=np.maximum(np.abs(begin), 0.1),
     )
     return model(solution.x)
-
-
-def _usual(series: Sequence[FloatArray]) -> float:
-    """Root mean square of what is known, but never nothing, for it is divided by."""
-    return max(float(np.sqrt(np.nanmean(np.concatenate(series) ** 2))), 1e-9)
 
 
 def _start(runs: Sequence[Run], certainty: float) -> FloatArray:

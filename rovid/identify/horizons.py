@@ -9,7 +9,7 @@ whatever the size of its errors: theirs are the logarithms of mean squares that 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Self
 
@@ -31,7 +31,7 @@ _MOST = 200.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class HorizonRecords(Records):
-    """As `Records`, but what is looked at is predictions of the position from restarts.
+    """Predictions of the position from restarts.
 
     Attributes
     ----------
@@ -61,14 +61,17 @@ class HorizonRecords(Records):
     def counting(self, model: Model) -> Self:
         """The same with the shares that the errors of ``model`` leave."""
         errors = predictions(self, model, self.drives(model))
-        return type(self)(
-            runs=self.runs,
-            vehicle=self.vehicle,
-            start=self.start,
-            gyro=self.gyro,
-            time_constant=self.time_constant,
-            share=_shares(self, errors),
-        )
+        return replace(self, share=_shares(self, errors))
+
+    @property
+    def interval(self) -> float:
+        """Zero: no reading is passed over."""
+        return 0.0
+
+    @property
+    def steps(self) -> None:
+        """None: all instants are looked at."""
+        return None
 
     @cached_property
     def courses(self) -> list[Course]:
@@ -81,16 +84,6 @@ class HorizonRecords(Records):
     def grid(self) -> Grid:
         """Where all predictions begin and end, the runs one after the other."""
         return Grid.joined(self.courses)
-
-    @cached_property
-    def times(self) -> list[FloatArray]:
-        """(n,) s, of the grid of each run."""
-        return [course.time for course in self.courses]
-
-    @cached_property
-    def looked_at(self) -> list[IntArray]:
-        """Where each prediction of each run begins."""
-        return [course.grid.starts for course in self.courses]
 
     @cached_property
     def spans(self) -> list[tuple[FloatArray, FloatArray]]:
@@ -110,7 +103,7 @@ class HorizonRecords(Records):
     @property
     def block_seconds(self) -> float:
         """Length of a stretch whose predictions are taken together."""
-        total = sum(float(np.ptp(time)) for time in self.times)
+        total = sum(float(np.ptp(course.time)) for course in self.courses)
         return min(_BLOCK * self.time_constant, total / _BLOCKS)
 
 

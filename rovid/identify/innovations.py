@@ -13,6 +13,7 @@ import numpy as np
 from rovid.ground.arrays import FloatArray
 from rovid.identify.coordinates import COMMON, DISTURBANCE, MEMORY, NOISE, Coordinates
 from rovid.identify.misfit import Misfit
+from rovid.identify.readings import Readings
 from rovid.identify.scoring import Innovations
 from rovid.model.model import Model
 
@@ -28,6 +29,8 @@ class InnovationMisfit(Misfit):
 
     The filter passes over readings that do not count all the same.
     """
+
+    records: Readings
 
     method: ClassVar[str] = "maximum likelihood of Kalman-filter innovations"
     remembered: ClassVar[int] = 10
@@ -59,17 +62,19 @@ class InnovationMisfit(Misfit):
         gyro_noise = sizes[2] if records.integrated else records.gyro_noise
         noise = np.array([*sizes, gyro_noise])
         errors, variances = [], []
-        parts = zip(records.runs, self.drives(model), records.angles, records.gyro_rates, strict=True)
-        for number, (run, drive, angle, gyro) in enumerate(parts):
-            start = np.array([records.initial_rates[number], _RATE_ERROR * records.rate])
-            true, slope = model.true_angle(run.trial, angle, records.instants[number])
-            driven = (records.times[number], drive.torque, drive.beside, drive.moment, drive.scatter)
-            motion = (model.base(run.trial), terms, active, noise)
+        parts = zip(records.of_runs, self.drives(model), records.initial_rates, strict=True)
+        for readings, drive, initial_rate in parts:
+            trial = readings.run.trial
+            start = np.array([initial_rate, _RATE_ERROR * records.rate])
+            true, slope = model.true_angle(trial, readings.angle, readings.at)
+            driven = (readings.time, drive.torque, drive.beside, drive.moment, drive.scatter)
+            gyro = readings.gyro_rate
+            motion = (model.base(trial), terms, active, noise)
             if wide:
                 error, variance = innovations_wide(*driven, true, gyro, *motion, wave, start)
             else:
                 error, variance = innovations(*driven, true, gyro, *motion, start)
-            known, known_rates = records.known[number], records.known_rates[number]
+            known, known_rates = readings.known, readings.known_rates
             # The density is that of the measured heading, whatever it deviates by.
             errors += [error[known, 0] * slope[known], error[known_rates, 1]]
             variances += [variance[known, 0] * slope[known] ** 2, variance[known_rates, 1]]

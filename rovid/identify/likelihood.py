@@ -18,6 +18,7 @@ from rovid.identify.free_run import CERTAINTY, fit_free_run, free_run_r2
 from rovid.identify.horizon_misfit import HorizonMisfit
 from rovid.identify.horizons import HorizonRecords
 from rovid.identify.innovations import InnovationMisfit
+from rovid.identify.readings import Readings
 from rovid.identify.records import Records
 from rovid.identify.regression import require_inertia
 from rovid.model.model import Model
@@ -106,7 +107,7 @@ def fit_likelihood(
             mend=f"Map {axis.rate} in [signals] of rovid.toml, or leave it out.",
         )
     start = fit_free_run(runs, certainty=0.0 if effects else CERTAINTY)
-    records = Records(runs, vehicle, start, gyro=gyro)
+    records = Readings(runs, vehicle, start, gyro=gyro)
     simulation_r2 = free_run_r2(runs, records.start)
     fitted = fit_base(records, simulation_r2) if simulation_r2 >= TRUSTED_R2 else fit_horizons(records)
     if effects:
@@ -114,7 +115,7 @@ def fit_likelihood(
     return _result(fitted, simulation_r2)
 
 
-def fit_base(records: Records, simulation_r2: float) -> Fitted:
+def fit_base(records: Readings, simulation_r2: float) -> Fitted:
     """Without effects, under the first limit of the disturbance whose free-running R^2 is near ``simulation_r2``.
 
     Where there is none, under that whose R^2 is best.

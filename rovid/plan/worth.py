@@ -16,7 +16,7 @@ from rovid.ground.workers import spread
 from rovid.identify.fitted import Fitted
 from rovid.identify.innovations import InnovationMisfit
 from rovid.identify.misfit import UNLIMITED
-from rovid.identify.records import Records
+from rovid.identify.readings import Readings
 from rovid.model.model import Model
 from rovid.motion.runs import prepare
 from rovid.plan.programme import Limits, Planned
@@ -153,7 +153,7 @@ def _slopes(trial: Trial, belief: Belief, vehicle: Vehicle) -> tuple[FloatArray,
     runs = prepare(Campaign(trials=(seen,), sources=()), vehicle, cutoff=0.1 / trial.period).items
     model = belief.model
     bare = replace(model, effects=(), effect_values=())
-    misfit = InnovationMisfit(Records(runs, vehicle, bare), UNLIMITED, model.effects)
+    misfit = InnovationMisfit(Readings(runs, vehicle, bare), UNLIMITED, model.effects)
     noise = max(belief.noise, _ROOM)
     x = misfit.coordinates.at_model(model, belief.disturbance + 1e-300, belief.memory, noise)
     here = misfit.flatter_slopes(x)
