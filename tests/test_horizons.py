@@ -10,19 +10,21 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from rovid.diagnose.fitted import Fitted, climbed
 from rovid.diagnose.heldout import cross_validate, errors_ahead, log_likelihood
+from rovid.diagnose.odd_trial import stands_out
 from rovid.diagnose.odds import ESTABLISHED, confidence
 from rovid.diagnose.parts import Piece, pieces_of
-from rovid.diagnose.scatter import stands_out
+from rovid.diagnose.rivals import quickly_climbed
 from rovid.diagnose.size import one_size
 from rovid.effects import MOTION, Effect, effect_named
 from rovid.effects.base import STIFFNESS, TERM_PARAMETERS, TERM_STATES, TRIM
-from rovid.identify.certainty import covariance, form_doubt
+from rovid.identify.certainty import form_doubt
 from rovid.identify.courses import HORIZONS
-from rovid.identify.horizons import HorizonLikelihood, HorizonRecords, predictions, time_constant
-from rovid.identify.innovations import Likelihood
-from rovid.identify.records import Records
+from rovid.identify.fitted import Fitted, climbed
+from rovid.identify.horizon_misfit import HorizonMisfit
+from rovid.identify.horizons import HorizonRecords, predictions, time_constant
+from rovid.identify.innovations import InnovationMisfit
+from rovid.identify.readings import Readings
 from rovid.identify.whiteness import whitening_gain
 from rovid.model.kernels import predict, simulate_effects
 from rovid.model.model import Model
@@ -44,7 +46,7 @@ NOISE = 1e-4 * RNG.normal(size=len(TIME))
 
 def records(torque: FloatArray = TORQUE, disturbance: FloatArray | None = None, runs: int = 1) -> HorizonRecords:
     made = [synthetic.run(TIME, torque, disturbance=disturbance, noise=NOISE) for _ in range(runs)]
-    whole = Records(made, synthetic.LOGGED, synthetic.ROSUB)
+    whole = Readings(made, synthetic.LOGGED, synthetic.ROSUB)
     return HorizonRecords.of(whole, synthetic.ROSUB)
 
 
@@ -76,7 +78,7 @@ def test_nothing_is_predicted_across_a_gap() -> None:
     position[gap] = np.nan
     trial = replace(run.trial, position=position)
     cut = replace(run, trial=trial, rates=rates_of(trial, cutoff=1.0))
-    ahead = HorizonRecords.of(Records([cut], synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    ahead = HorizonRecords.of(Readings([cut], synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
     ((begin, end),) = ahead.spans
     assert not ((begin < 701.0) & (end > 759.0)).any()
     assert (end < 700.0).any()
@@ -111,24 +113,22 @@ def test_what_is_missing_makes_all_errors_alike() -> None:
 
 def test_a_constant_torque_is_found_with_its_size() -> None:
     ahead = biased()
-    plain = HorizonLikelihood(ahead)
-    x, cost = plain.climb(plain.first())
-    likelihood = plain.like((BIAS,))
-    y, better = likelihood.climb(np.concatenate((x, [0.01])))
-    assert cost - better > 20.0
-    assert likelihood.model(y).effect_values[0] == pytest.approx(12.0, rel=0.03)
+    misfit = HorizonMisfit(ahead)
+    plain = climbed(misfit, misfit.coordinates.first())
+    with_bias = climbed(misfit.like((BIAS,)), np.concatenate((plain.x, [0.01])))
+    assert plain.cost - with_bias.cost > 20.0
+    assert with_bias.model.effect_values[0] == pytest.approx(12.0, rel=0.03)
 
 
 def test_what_reaches_into_another_piece_is_held_out_of_neither() -> None:
     ahead = biased()
-    plain = HorizonLikelihood(ahead)
-    fitted = Fitted(plain, *plain.climb(plain.first()))
+    plain = HorizonMisfit(ahead)
+    fitted = climbed(plain, plain.coordinates.first())
     pieces = pieces_of(ahead.runs, synthetic.LOGGED, 1.0)
     assert len(pieces) == 8
     folds = cross_validate(fitted, pieces)
     assert sum(len(fold.pieces) for fold in folds) == 8
-    likelihood = plain.like((BIAS,))
-    with_bias = Fitted(likelihood, *likelihood.climb(np.concatenate((fitted.x, [0.01]))))
+    with_bias = climbed(plain.like((BIAS,)), np.concatenate((fitted.x, [0.01])))
     gained = cross_validate(with_bias, pieces)
     assert log_likelihood(gained) > log_likelihood(folds) + 10.0
     before, after = errors_ahead(fitted, folds, pieces), errors_ahead(with_bias, gained, pieces)
@@ -170,12 +170,12 @@ def weakened(shares: Sequence[float]) -> list[Run]:
     ],
 )
 def test_a_trial_has_to_stand_out_from_the_others(shares: Sequence[float], stands: bool) -> None:
-    ahead = HorizonRecords.of(Records(weakened(shares), synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    ahead = HorizonRecords.of(Readings(weakened(shares), synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
     odd = effect_named("supply_sag:trial run_2")
-    likelihood = HorizonLikelihood(ahead, effects=(odd,))
-    begin = likelihood.first()
+    misfit = HorizonMisfit(ahead, effects=(odd,))
+    begin = misfit.coordinates.first()
     begin[-1] = 0.8
-    fitted = climbed(likelihood, begin, 20)
+    fitted = quickly_climbed(misfit, begin, 20)
     assert fitted.x[-1] < 0.99
     assert (stands_out(fitted, odd) >= ESTABLISHED) is stands
 
@@ -183,12 +183,12 @@ def test_a_trial_has_to_stand_out_from_the_others(shares: Sequence[float], stand
 def test_what_the_other_pieces_do_not_tell_is_held_out_as_nothing() -> None:
     """Thrust of one trial alone, with that trial held out whole: its size must not come from what is held out."""
     named = weakened((0.0, 0.0, 0.1, 0.0))
-    ahead = HorizonRecords.of(Records(named, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
-    likelihood = HorizonLikelihood(ahead, effects=(effect_named("supply_sag:trial run_2"),))
-    begin = likelihood.first()
+    ahead = HorizonRecords.of(Readings(named, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    misfit = HorizonMisfit(ahead, effects=(effect_named("supply_sag:trial run_2"),))
+    begin = misfit.coordinates.first()
     begin[-1] = 0.8
     pieces = [Piece(number, -math.inf, math.inf, run) for number, run in enumerate(named)]
-    folds = cross_validate(Fitted(likelihood, begin, likelihood.cost(begin)), pieces)
+    folds = cross_validate(Fitted.at(misfit, begin), pieces)
     (without,) = [fold.x[-1] for fold in folds if fold.pieces == [pieces[2]]]
     assert without == 1.0
     others = [fold.x[-1] for fold in folds if fold.pieces != [pieces[2]]]
@@ -213,16 +213,17 @@ def test_odds(worths: dict[str, float], alike: tuple[str, ...], least: float, mo
     assert math.isfinite(found)
 
 
-def near_of(ahead: HorizonRecords) -> Records:
-    return Records(ahead.runs, ahead.vehicle, ahead.start)
+def near_of(ahead: HorizonRecords) -> Readings:
+    return Readings(ahead.runs, ahead.vehicle, ahead.start)
 
 
 def fitted(key: str, ahead: HorizonRecords) -> tuple[Fitted, Fitted]:
     """A model with an effect by predictions, and one without any by each next reading."""
     effect = effect_named(key)
-    likelihood, near = HorizonLikelihood(ahead, effects=(effect,)), Likelihood(near_of(ahead), 1.0)
-    begin = np.concatenate((near.first(), effect.starts[0]))
-    return Fitted(likelihood, *likelihood.climb(begin)), Fitted(near, *near.climb(near.first()))
+    misfit, near = HorizonMisfit(ahead, effects=(effect,)), InnovationMisfit(near_of(ahead), 1.0)
+    first = near.coordinates.first()
+    begin = np.concatenate((first, effect.starts[0]))
+    return climbed(misfit, begin), climbed(near, first)
 
 
 def test_a_cause_that_acts_has_one_size() -> None:
@@ -232,7 +233,7 @@ def test_a_cause_that_acts_has_one_size() -> None:
 
 def test_a_size_that_only_predictions_show_is_told() -> None:
     found, near = fitted("bias_torque", records(disturbance=np.full(len(TIME), 8.0)))
-    at = found.likelihood.base
+    at = len(found.shared)
     twice = found.x.copy()
     twice[at] *= 2.0
     assert not one_size(replace(found, x=twice), near, found.effects[0])
@@ -290,44 +291,43 @@ def test_a_model_that_runs_away_predicts_nothing() -> None:
 
 def test_a_threshold_between_two_levels_is_told_though_it_has_no_slope() -> None:
     runs = [synthetic.run(TIME[:900], TORQUE[:900], noise=NOISE[:900]) for _ in range(4)]
-    ahead = HorizonRecords.of(Records(runs, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
-    likelihood = HorizonLikelihood(ahead, effects=(effect_named("thruster_deadband:jump"),))
-    at = likelihood.base
-    begin = likelihood.first()
-    begin[at] = likelihood.high[at]
-    assert not likelihood.slopes(begin).matrix[:, at].any()
+    ahead = HorizonRecords.of(Readings(runs, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    misfit = HorizonMisfit(ahead, effects=(effect_named("thruster_deadband:jump"),))
+    at = misfit.coordinates.before_effects
+    begin = misfit.coordinates.first()
+    begin[at] = misfit.coordinates.high[at]
+    assert not misfit.slopes(begin).matrix[:, at].any()
     pieces = [Piece(number, -math.inf, math.inf, run) for number, run in enumerate(runs)]
-    folds = cross_validate(Fitted(likelihood, begin, likelihood.cost(begin)), pieces)
-    assert [fold.x[at] for fold in folds] == [likelihood.high[at]] * 4
+    folds = cross_validate(Fitted.at(misfit, begin), pieces)
+    assert [fold.x[at] for fold in folds] == [misfit.coordinates.high[at]] * 4
 
 
 def test_nothing_swings_faster_than_readings_show() -> None:
-    records = Records([synthetic.run(TIME, TORQUE)], synthetic.LOGGED, synthetic.ROSUB, interval=1.0)
-    likelihood = Likelihood(records, 0.05, (effect_named("wave_torque"),))
-    highest = likelihood.high[likelihood.base + 1]
+    records = Readings([synthetic.run(TIME, TORQUE)], synthetic.LOGGED, synthetic.ROSUB, interval=1.0)
+    coordinates = InnovationMisfit(records, 0.05, (effect_named("wave_torque"),)).coordinates
+    highest = coordinates.high[coordinates.before_effects + 1]
     assert highest == pytest.approx(math.pi)
-    starts = likelihood.starts()
+    starts = coordinates.starts()
     assert all(start[1] <= highest for start in starts)
     assert len({tuple(start) for start in starts}) == len(starts) < len(effect_named("wave_torque").starts)
 
 
 def test_horizons_that_disagree_widen_the_errors_and_are_named() -> None:
     """A torque that comes late shows to short predictions as another drag than to long ones."""
-    right = _ahead_likelihood([synthetic.run(TIME[:900], TORQUE[:900], noise=NOISE[:900]) for _ in range(4)])
-    x, _ = right.climb(right.first())
-    doubt, said = form_doubt(right, x)
+    right = _fitted_ahead([synthetic.run(TIME[:900], TORQUE[:900], noise=NOISE[:900]) for _ in range(4)])
+    doubt, said = form_doubt(right)
     assert not said
-    assert np.sqrt(doubt[0, 0]) < 2.0 * np.sqrt(covariance(right, x, sandwich=True)[0, 0])
+    assert np.sqrt(doubt[0, 0]) < 2.0 * np.sqrt(right.covariance(sandwich=True)[0, 0])
     late = 0.1 * np.convolve(TORQUE, np.ones(60) / 60.0)[: len(TORQUE)]
     cuts = [slice(start, start + 2000) for start in (0, 2000, 4000)]
     runs = [synthetic.run(TIME[:2000], TORQUE[cut], noise=NOISE[:2000], disturbance=late[cut]) for cut in cuts]
-    wrong = _ahead_likelihood(runs)
-    x, _ = wrong.climb(wrong.first())
-    doubt, said = form_doubt(wrong, x)
+    wrong = _fitted_ahead(runs)
+    doubt, said = form_doubt(wrong)
     assert len(said) == 1
     assert "half of the difference" in said[0]
     assert np.diag(doubt)[:3].max() > 0.0
 
 
-def _ahead_likelihood(runs: list[Run]) -> HorizonLikelihood:
-    return HorizonLikelihood(HorizonRecords.of(Records(runs, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB))
+def _fitted_ahead(runs: list[Run]) -> Fitted:
+    misfit = HorizonMisfit(HorizonRecords.of(Readings(runs, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB))
+    return climbed(misfit, misfit.coordinates.first())

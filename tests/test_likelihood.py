@@ -18,13 +18,15 @@ from scipy.stats import chi2
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.effects import MOTION, effect_named
 from rovid.ground.arrays import FloatArray
-from rovid.identify.certainty import covariance
+from rovid.identify.climb import End, climb
 from rovid.identify.estimate import Estimate
+from rovid.identify.fitted import Fitted, climbed
 from rovid.identify.free_run import fit_free_run
-from rovid.identify.innovations import Likelihood
+from rovid.identify.innovations import InnovationMisfit
 from rovid.identify.likelihood import LIMITS, fit_likelihood
-from rovid.identify.records import Records
-from rovid.identify.whiteness import innovations_are_white
+from rovid.identify.readings import Readings
+from rovid.identify.scoring import Innovations
+from rovid.identify.whiteness import are_white
 from rovid.model.kernels import effects_along, innovations, innovations_wide, simulate
 from rovid.model.model import Model
 from rovid.motion.rates import rates_of
@@ -93,14 +95,14 @@ def test_what_is_not_white_is_seen(name: str) -> None:
         "coloured": white[1:] + 0.1 * white[:-1],
         "spiky": np.where(rng.random(20_000) < 0.005, 20.0, 1.0) * white,
     }[name]
-    assert not innovations_are_white([series])
+    assert not are_white([series])
 
 
 def test_white_is_seldom_called_coloured() -> None:
     rng = np.random.default_rng()
     trials = rng.normal(size=(200, 25, 200))
     # One in a thousand expected: more than three of 200 happens once in 15 000 runs.
-    assert sum(not innovations_are_white(list(series)) for series in trials) <= 3
+    assert sum(not are_white(list(series)) for series in trials) <= 3
 
 
 def random_run(count: int) -> tuple[FloatArray, FloatArray]:
@@ -334,20 +336,19 @@ def test_jumps_of_innovations_make_no_certainty(jump: float, every: int, tmp_pat
     write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
     runs = open_study([tmp_path / "day"]).runs
     assert runs is not None
-    likelihood = Likelihood(Records(runs.items, None, fit_free_run(runs.items)), LIMITS[0])
-    top, _ = likelihood.climb(likelihood.first())
+    misfit = InnovationMisfit(Readings(runs.items, None, fit_free_run(runs.items)), LIMITS[0])
+    top = climbed(misfit, misfit.coordinates.first())
 
-    class Jumping(Likelihood):
+    class Jumping(InnovationMisfit):
         """Innovations move by a part of their error where the inertia is above the best."""
 
-        def innovations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        def innovations(self, x: FloatArray) -> Innovations:
             error, variance = super().innovations(x)
-            return error + jump * (x[0] > top[0]) * np.sqrt(variance) * (np.arange(len(error)) % every == 0), variance
+            moves = jump * (x[0] > top.x[0]) * (np.arange(len(error)) % every == 0)
+            return Innovations(error + moves * np.sqrt(variance), variance)
 
-    smooth, jumping = (
-        np.sqrt(np.diag(covariance(kind(likelihood.records, LIMITS[0]), top, sandwich=False)))
-        for kind in (Likelihood, Jumping)
-    )
+    moved = Fitted.at(Jumping(misfit.records, LIMITS[0]), top.x)
+    smooth, jumping = (np.sqrt(np.diag(one.covariance(sandwich=False))) for one in (top, moved))
     assert jumping == pytest.approx(smooth, rel=0.02)
 
 
@@ -368,11 +369,13 @@ def test_a_model_that_misses_much_is_fitted_to_the_end(tmp_path: Path) -> None:
     advanced_commands(tmp_path / "day", 32)
     runs = open_study([tmp_path / "day"]).runs
     assert runs is not None
-    likelihood = Likelihood(Records(runs.items, None, fit_free_run(runs.items)), LIMITS[-2])
-    _, soon = likelihood.climb(likelihood.first(), iterations=25)
-    _, late = likelihood.climb(likelihood.first(), iterations=300, tolerance=1e-6)
+    misfit = InnovationMisfit(Readings(runs.items, None, fit_free_run(runs.items)), LIMITS[-2])
+    first = misfit.coordinates.first()
+    soon, late = climb(misfit, first, iterations=25), climb(misfit, first, iterations=300, tolerance=1e-6)
     # By scoring alone it would still be thousands away.
-    assert soon - late < 1.0
+    assert soon.cost - late.cost < 1.0
+    assert climb(misfit, late.x).end is End.REACHED
+    assert climb(misfit, first, iterations=1).end is End.OUT_OF_STEPS
 
 
 def test_an_effect_that_is_not_there_is_told_from_nothing(tmp_path: Path, rovid: Rovid) -> None:

@@ -172,8 +172,7 @@ def _drag_units(axis: Axis) -> tuple[str, str]:
 
 def _residuals(fit: DragFit) -> list[str]:
     """With their errors, where these are known."""
-    # An error of one is the weight of a point of which none is known.
-    if not np.any(fit.torque_error != 1.0):
+    if not fit.torque_error_known:
         return _hundredths(fit.residuals)
     return [f"{value:.2f} ± {error:.2f}" for value, error in zip(fit.residuals, fit.torque_error, strict=True)]
 
@@ -312,11 +311,11 @@ def _peak(values: FloatArray) -> float:
 
 def _runs(fit: InertiaFit, name: str) -> dict[tuple[str, int], str]:
     """(source, how often it came before) -> reading: a log may hold more than one sine run."""
-    found: dict[tuple[str, int], str] = {}
+    readings: dict[tuple[str, int], str] = {}
     for source, value, error in fit.methods[name].runs:
-        repeat = sum(source == other for other, _ in found)
-        found[source, repeat] = plus_minus(value, error)
-    return found
+        repeat = sum(source == other for other, _ in readings)
+        readings[source, repeat] = plus_minus(value, error)
+    return readings
 
 
 def simulation_grid(simulations: Sequence[TrialSimulation]) -> Grid:
