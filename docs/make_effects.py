@@ -22,10 +22,11 @@ from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.experiments import _PAIRS
 from rovid.effects import CATALOGUE, FORMS, Effect, EffectParameter
-from rovid.effects.base import SPEEDS
+from rovid.effects.base import SPEEDS, OnCommand, OnHeading, OnThrust, OnTorque, Term, Wave
 from rovid.effects.thruster_imbalance import BESIDE, of_thruster
 from rovid.ground.arrays import FloatArray
 from rovid.model.drive import Drive
+from rovid.model.integration import simulate
 from rovid.model.model import Model
 from rovid.report.plots.canvas import BLACK, BLUE, ORANGE, PALE, png, sheet, styled
 
@@ -48,12 +49,12 @@ _RESIDUAL = "T − I·ṙ − DQ·|r|·r − DL·r"
 _MADE = "<!-- Made by docs/make_effects.py from the catalogue and notes.toml. Edit those and run it again. -->"
 
 _PLACES = {
-    "on_command": "acts on each command, ahead of the thrust curve",
-    "on_thrust": "acts on each thruster's thrust, behind the bench curve",
-    "on_torque": "acts on the torque of all thrusters together",
-    "term": "a torque in the equation of motion",
-    "on_heading": "acts on the measured heading; the motion is as without it",
-    "wave": "a torque in the equation of motion, of random phase",
+    OnCommand: "acts on each command, ahead of the thrust curve",
+    OnThrust: "acts on each thruster's thrust, behind the bench curve",
+    OnTorque: "acts on the torque of all thrusters together",
+    Term: "a torque in the equation of motion",
+    OnHeading: "acts on the measured heading; the motion is as without it",
+    Wave: "a torque in the equation of motion, of random phase",
 }
 _AXES = {
     "time": "time in the step, s",
@@ -186,14 +187,14 @@ def _course(vehicle: Vehicle, effect: Effect, note: Note, commands: FloatArray) 
         axis=_axis(effect),
         restoring_values=(note.stiffness, 0.0) if note.stiffness else (),
     )
-    drive = base.drive(vehicle, trial)
+    drive = base.drivetrain.drive(vehicle, trial)
     torque = drive.torque
     if effect.wave:
         model, push = base, Drive.held(torque + note.values["amplitude"] * np.sin(note.values["frequency"] * time))
     else:
         model = replace(base, effects=(effect,), effect_values=tuple(note.values.values()))
-        push = model.drive(vehicle, trial)
-    rate, heading = model.simulate(trial, push)
+        push = model.drivetrain.drive(vehicle, trial)
+    rate, heading = simulate(model, trial, push)
     drag = base.drag(rate) + note.stiffness * np.sin(heading)
     left = torque[:-1] - _INERTIA * np.diff(rate) / _STEP - 0.5 * (drag[1:] + drag[:-1])
     return Course(
@@ -202,7 +203,7 @@ def _course(vehicle: Vehicle, effect: Effect, note: Note, commands: FloatArray) 
         torque=torque,
         rate=rate,
         heading=heading,
-        plain=base.simulate(trial, drive)[0],
+        plain=simulate(base, trial, drive)[0],
         left=np.append(left, left[-1]),
     )
 
@@ -226,7 +227,7 @@ def picture(effect: Effect, note: Note) -> Figure:
         )
     # Steps hold few commands: dots. Elsewhere a broad line under a thin one, as both may be the same.
     dots = note.against in {"command", "torque"}
-    both = note.against != "time" and effect.on_heading is None
+    both = note.against != "time" and not isinstance(effect.acts, OnHeading)
     look: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 5.0, "markeredgewidth": 0.0}
     look = look if dots else {"linewidth": 2.6 if both else 1.3}
     third.plot(*_residual(step, note.against), color=BLUE, label="residual, step", zorder=3 if dots else 2, **look)
@@ -341,7 +342,7 @@ def _of(effect: Effect) -> str:
 def _forms(effect: Effect) -> Iterator[str]:
     before: tuple[EffectParameter, ...] = ()
     for form in forms_of(effect):
-        place = next(words for name, words in _PLACES.items() if getattr(form, name))
+        place = _PLACES[type(form.acts)]
         needs = f"; needs {' and '.join(f'`{name}`' for name in form.needs)} in the log" if form.needs else ""
         yield f"**`{form.key}`**: {place}{needs}."
         yield f"```text\n{form.equation}\n```"

@@ -23,6 +23,7 @@ from rovid.campaign.vehicle import Vehicle
 from rovid.export import EXPORTERS
 from rovid.export.manoeuvre import compare
 from rovid.ground.arrays import FloatArray
+from rovid.model.integration import simulate
 from rovid.parameters.reading import read_parameters
 from tests.conftest import SAMPLES, Rovid, run_rovid
 
@@ -304,7 +305,7 @@ def rovid_rates(parameters: Path) -> FloatArray:
     commands = np.repeat(COMMANDS, parts)
     time = (HOLD / parts) * np.arange(len(commands), dtype=np.float64)
     trial = Trial.imagined(time, np.column_stack([commands] * len(vehicle.thrusters)))
-    return model.simulate(trial, model.drive(vehicle, trial))[0][::parts]
+    return simulate(model, trial, model.drivetrain.drive(vehicle, trial))[0][::parts]
 
 
 def sample_vehicle() -> Vehicle:

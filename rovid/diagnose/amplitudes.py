@@ -13,12 +13,13 @@ from rovid.campaign.tables import Table
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.effects import Effect, forms_for
-from rovid.effects.base import Scales
+from rovid.effects.base import OnHeading, Scales, Wave
 from rovid.ground.arrays import FloatArray
 from rovid.ground.workers import spread
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.inertia_table import table_drag
+from rovid.model.integration import simulate
 from rovid.model.model import Model
 
 # Periods of a simulated sine, the last of which is looked at, and samples in each.
@@ -150,7 +151,7 @@ class _Rows:
 
     def simulated(self, run: Trial, model: Model) -> float:
         """What a table would say of ``run``, rad/s: the peak of a sine and the mean of a hold, once it has settled."""
-        rate, _ = model.simulate(run, model.drive(self.vehicle, run))
+        rate, _ = simulate(model, run, model.drivetrain.drive(self.vehicle, run))
         if run.name == "sine":
             return float(rate[-_SAMPLES:].max())
         return float(rate[-_HOLD_END:].mean())
@@ -271,7 +272,7 @@ def explain(
 def _with_effect(rows: _Rows, plain: Model) -> tuple[Explanation, ...]:
     """Of each effect its best form beside ``plain``, the nearest effect first."""
     # Amplitudes tell nothing of waves, nor of what acts by the heading.
-    tried = [effect for effect in forms_for(rows.vehicle) if not effect.wave and effect.on_heading is None]
+    tried = [effect for effect in forms_for(rows.vehicle) if not isinstance(effect.acts, OnHeading | Wave)]
     fits = spread(lambda effect: rows.nearest(plain, effect), tried)
     best: dict[str, Explanation] = {}
     for fit in sorted(fits, key=_unlikely):

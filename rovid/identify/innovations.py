@@ -116,7 +116,7 @@ class Likelihood:
         fastest = math.pi / max(self.records.interval, period)
         parameters = [(effect, parameter) for effect in self.effects for parameter in effect.parameters]
         for at, (effect, parameter) in enumerate(parameters, start=self.base):
-            if (effect.wave or effect.carried) and parameter.name == "frequency":
+            if effect.oscillates and parameter.name == "frequency":
                 self.high[at] = max(min(self.high[at], fastest), self.low[at])
 
     def starts(self) -> list[FloatArray]:
@@ -223,7 +223,7 @@ class Likelihood:
 
     def drives(self, model: Model) -> list[Drive]:
         """What drives each run after the effects between command and torque, held between the instants."""
-        key = model.drive_values
+        key = model.drivetrain.values
         found = self._drives.pop(key, None) or self.records.drives_between(model)
         # The slopes along all other parameters ask for the same again, and so does the next step.
         self._drives[key] = found
@@ -236,8 +236,7 @@ class Likelihood:
         from rovid.model.kernels import innovations, innovations_wide
 
         records, model = self.records, self.model(x)
-        terms, active = model.terms()
-        wave, wide = model.wave(), any(effect.wave or effect.carried for effect in model.effects)
+        is_wide = any(effect.oscillates for effect in model.effects)
         sizes = np.exp(x[DISTURBANCE:BASE])
         gyro_noise = sizes[2] if records.integrated else records.gyro_noise
         noise = np.array([*sizes, gyro_noise])
@@ -245,11 +244,11 @@ class Likelihood:
         parts = zip(records.runs, self.drives(model), records.angles, records.gyro_rates, strict=True)
         for number, (run, drive, angle, gyro) in enumerate(parts):
             start = np.array([records.initial_rates[number], _RATE_ERROR * records.rate])
-            true, gain = model.true_angle(run.trial, angle, records.instants[number])
+            true, gain = model.instrument.true_angle(run.trial, angle, records.instants[number])
             driven = (records.times[number], drive.torque, drive.beside, drive.moment, drive.scatter)
-            motion = (model.base(run.trial), terms, active, noise)
-            if wide:
-                error, variance = innovations_wide(*driven, true, gyro, *motion, wave, start)
+            motion = (model.equation_in(run.trial), noise)
+            if is_wide:
+                error, variance = innovations_wide(*driven, true, gyro, *motion, model.wave, start)
             else:
                 error, variance = innovations(*driven, true, gyro, *motion, start)
             known, known_rates = records.known[number], records.known_rates[number]

@@ -238,11 +238,11 @@ def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float)
 
 
 def scale_doubt(likelihood: Likelihood, x: FloatArray) -> float:
-    """As `Model.scale_doubt` at ``x``, of the runs that were looked at."""
+    """As `Drivetrain.scale_doubt` at ``x``, of the runs that were looked at."""
     vehicle, runs = likelihood.records.vehicle, likelihood.records.runs
     if vehicle is None:
         return 0.0
-    return likelihood.model(x).scale_doubt(vehicle, [run.trial for run in runs])
+    return likelihood.model(x).drivetrain.scale_doubt(vehicle, [run.trial for run in runs])
 
 
 def canonical(likelihood: Likelihood, x: FloatArray) -> FloatArray:

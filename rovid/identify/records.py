@@ -11,9 +11,11 @@ import numpy as np
 
 from rovid.campaign.axis import Axis
 from rovid.campaign.vehicle import Vehicle
-from rovid.effects.base import SPEEDS, Actuation, Scales, actuation, neutral_commands, race
+from rovid.effects.actuation import SPEEDS, Actuation, actuation, neutral_commands, race
+from rovid.effects.base import Scales
 from rovid.ground.arrays import FloatArray, IntArray
 from rovid.model.drive import MOST_PARTS, Drive
+from rovid.model.integration import initial_rate
 from rovid.model.model import Model
 from rovid.motion.rates import body_position
 from rovid.motion.runs import Run
@@ -82,22 +84,22 @@ class Records:
     def drives(self, model: Model) -> list[Drive]:
         """What drives each run, at all instants of its log."""
         vehicle = self.vehicle
-        if vehicle is None or not model.acts_on_drive:
+        if vehicle is None or model.drivetrain.is_plain:
             return [Drive.held(run.torque) for run in self.runs]
-        return [model.drive(vehicle, run.trial) for run in self.runs]
+        return [model.drivetrain.drive(vehicle, run.trial) for run in self.runs]
 
     def drives_between(self, model: Model) -> list[Drive]:
         """What drives each run from each of the filter's instants to the next."""
         vehicle = self.vehicle
-        if vehicle is None or not model.acts_on_drive:
+        if vehicle is None or model.drivetrain.is_plain:
             return self._plain
-        parts = min(self._parts, model.parts)
+        parts = min(self._parts, model.drivetrain.parts)
         if parts not in self._actuations:
             self._actuations[parts] = [actuation(vehicle, run.trial, parts) for run in self.runs]
         drives = []
         for run, where, at in zip(self.runs, self._actuations[parts], self.instants, strict=True):
             instants = at if self.interval > 0.0 else None
-            drives.append(model.driven(vehicle, where, run.trial.commands, instants))
+            drives.append(model.drivetrain.driven(vehicle, where, run.trial.commands, instants))
         return drives
 
     @cached_property
@@ -171,7 +173,7 @@ class Records:
     @cached_property
     def initial_rates(self) -> list[float]:
         """Rate of each run at its first instant, rad/s."""
-        return [self.start.initial_rate(run.trial) for run in self.runs]
+        return [initial_rate(run.trial, self.start.swing) for run in self.runs]
 
     @cached_property
     def trial(self) -> IntArray:

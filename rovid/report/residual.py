@@ -12,6 +12,7 @@ from scipy import signal
 from rovid.campaign.trial import Campaign
 from rovid.campaign.vehicle import Vehicle
 from rovid.ground.arrays import FloatArray, IntArray
+from rovid.model.integration import along
 from rovid.model.model import Model
 from rovid.motion.rates import finite_stretches
 from rovid.motion.runs import Run, Runs, prepare
@@ -52,7 +53,7 @@ def residuals_of(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[Re
 
 def _residual(run: Run, model: Model, vehicle: Vehicle) -> Residual:
     rates = run.rates
-    held = model.drive(vehicle, run.trial).mapped(lambda series: rates.held(run.trial, series))
+    held = model.drivetrain.drive(vehicle, run.trial).mapped(lambda series: rates.held(run.trial, series))
     drive = held.torque if model.effects else run.drive
     left = drive - model.inertia * rates.acceleration - model.drag(rates.rate)
     noise = model.inertia * rates.acceleration_noise
@@ -81,11 +82,11 @@ def left_by_all(runs: Runs, model: Model, vehicle: Vehicle) -> list[Residual]:
 
 def _as_turned(runs: Runs, model: Model, vehicle: Vehicle) -> Sequence[Run]:
     """The runs with the headings that ``model`` takes for the true ones, behind the same filter."""
-    if not any(effect.on_heading for effect in model.effects):
+    if not model.instrument.deviates:
         return runs.items
     turned = []
     for trial in (run.trial for run in runs.items):
-        heading = model.true_angle(trial, trial.position, np.arange(len(trial.time)))[0]
+        heading = model.instrument.true_angle(trial, trial.position, np.arange(len(trial.time)))[0]
         turned.append(replace(trial, position=heading))
     return prepare(Campaign(trials=tuple(turned), sources=()), vehicle, cutoff=runs.cutoff).items
 
@@ -93,8 +94,8 @@ def _as_turned(runs: Runs, model: Model, vehicle: Vehicle) -> Sequence[Run]:
 def _terms_torque(item: Residual, model: Model) -> FloatArray:
     """(m,) torque in N m of the terms in the equation of motion, along the measured rate and angle."""
     trial, rates = item.run.trial, item.run.rates
-    turned = rates.position - model.base(trial)[3]
-    return model.along(trial, rates.kernel.period, (rates.rate, turned, item.drive), item.beside)[0]
+    turned = rates.position - model.equation_in(trial).start
+    return along(model, trial, rates.kernel.period, (rates.rate, turned, item.drive), item.beside)[0]
 
 
 def all_left(items: Sequence[Residual]) -> FloatArray:
