@@ -26,7 +26,6 @@ from rovid.effects.base import SPEEDS, OnCommand, OnHeading, OnThrust, OnTorque,
 from rovid.effects.thruster_imbalance import BESIDE, of_thruster
 from rovid.ground.arrays import FloatArray
 from rovid.model.drive import Drive
-from rovid.model.integration import simulate
 from rovid.model.model import Model
 from rovid.report.plots.canvas import BLACK, BLUE, ORANGE, PALE, png, sheet, styled
 
@@ -187,14 +186,14 @@ def _course(vehicle: Vehicle, effect: Effect, note: Note, commands: FloatArray) 
         axis=_axis(effect),
         restoring_values=(note.stiffness, 0.0) if note.stiffness else (),
     )
-    drive = base.drivetrain.drive(vehicle, trial)
+    drive = base.drive(vehicle, trial)
     torque = drive.torque
     if effect.wave:
         model, push = base, Drive.held(torque + note.values["amplitude"] * np.sin(note.values["frequency"] * time))
     else:
         model = replace(base, effects=(effect,), effect_values=tuple(note.values.values()))
-        push = model.drivetrain.drive(vehicle, trial)
-    rate, heading = simulate(model, trial, push)
+        push = model.drive(vehicle, trial)
+    rate, heading = model.simulate(trial, push)
     drag = base.drag(rate) + note.stiffness * np.sin(heading)
     left = torque[:-1] - _INERTIA * np.diff(rate) / _STEP - 0.5 * (drag[1:] + drag[:-1])
     return Course(
@@ -203,7 +202,7 @@ def _course(vehicle: Vehicle, effect: Effect, note: Note, commands: FloatArray) 
         torque=torque,
         rate=rate,
         heading=heading,
-        plain=simulate(base, trial, drive)[0],
+        plain=base.simulate(trial, drive)[0],
         left=np.append(left, left[-1]),
     )
 

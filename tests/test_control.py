@@ -27,7 +27,6 @@ from rovid.control.tuning import Loop, actuators, damping_ratio, drawn, gains, l
 from rovid.effects import Effect, effect_named, forms_for
 from rovid.effects.base import Scales
 from rovid.ground.arrays import FloatArray
-from rovid.model.integration import simulate
 from rovid.model.model import Model
 from rovid.parameters.parameters import Entry, Parameters
 from tests.conftest import SAMPLES, Rovid
@@ -133,12 +132,12 @@ def test_recorded_commands_drive_the_open_loop_to_the_same_heading(effect: Effec
     """Whatever the loop made of its commands step by step, the model makes of all of them together."""
     model = example(effect)
     course = closed(model, law(900.0, 3000.0), seconds=90.0)
-    drive = model.drivetrain.drive(VEHICLE, course.trial())
+    drive = model.drive(VEHICLE, course.trial())
     differs = float(np.max(np.abs(drive.torque - course.drive.torque)[:-1]))
     # What an effect remembers from before the window of 20 s.
     assert differs <= 1e-4 * np.max(np.abs(drive.torque))
     # It starts at the rate that is logged first.
-    rate, heading = simulate(model, replace(course.trial(), rate=np.zeros(len(course.time))), drive)
+    rate, heading = model.simulate(replace(course.trial(), rate=np.zeros(len(course.time))), drive)
     # Steps of the integration, what is forgotten, and a true heading that is found from the instrument's by turns.
     reach = 1e-3 if model.instrument.deviates else 6e-6 + 0.01 * differs
     if not model.instrument.deviates:
@@ -150,7 +149,7 @@ def test_recorded_commands_drive_the_open_loop_to_the_same_heading(effect: Effec
 def test_an_effect_that_remembers_more_than_the_window_is_given_all_of_it() -> None:
     model = with_effect("supply_sag", 3.0, 60.0)
     course = closed(model, law(900.0, 3000.0), seconds=200.0)
-    whole = model.drivetrain.drive(VEHICLE, course.trial()).torque
+    whole = model.drive(VEHICLE, course.trial()).torque
     assert np.max(np.abs(whole - course.drive.torque)[:-1]) <= 1e-4 * np.max(np.abs(whole))
 
 
@@ -183,7 +182,7 @@ def test_the_aid_undoes_what_diagnosis_found_of_the_thrust(key: str, values: tup
         commands = np.repeat(allocation(np.array([100.0])), 2, axis=0)
         course = closed(PAPER, law(), seconds=1.0).trial()
         held = replace(course, time=course.time[:2], position=course.position[:2], commands=commands)
-        torques.append(model.drivetrain.drive(VEHICLE, held).torque[0])
+        torques.append(model.drive(VEHICLE, held).torque[0])
     assert torques[1] == pytest.approx(100.0, abs=0.1)
     assert abs(torques[0] - 100.0) > 2.0
 

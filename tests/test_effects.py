@@ -32,7 +32,6 @@ from rovid.ground.arrays import FloatArray
 from rovid.model.acting import Acting
 from rovid.model.drive import Drive
 from rovid.model.equation import Equation, terms_of
-from rovid.model.integration import simulate
 from rovid.model.model import Model
 from tests.synthetic import trial
 
@@ -428,7 +427,7 @@ def test_all_drag_is_of_the_rate_through_the_water(
             effects=tuple(effect for effect, _ in pairs),
             effect_values=tuple(value for _, own in pairs for value in own),
         )
-        rate, _ = simulate(model, trial(time, np.zeros(len(time))), Drive.held(np.full(len(time), -100.0)))
+        rate, _ = model.simulate(trial(time, np.zeros(len(time))), Drive.held(np.full(len(time), -100.0)))
         rates.append(rate[-1])
     assert rates[0] == rates[1]
     if swirl == "entrained_swirl":

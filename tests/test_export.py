@@ -23,7 +23,6 @@ from rovid.campaign.vehicle import Vehicle
 from rovid.export import EXPORTERS
 from rovid.export.manoeuvre import compare
 from rovid.ground.arrays import FloatArray
-from rovid.model.integration import simulate
 from rovid.parameters.reading import read_parameters
 from tests.conftest import SAMPLES, Rovid, run_rovid
 
@@ -305,7 +304,7 @@ def rovid_rates(parameters: Path) -> FloatArray:
     commands = np.repeat(COMMANDS, parts)
     time = (HOLD / parts) * np.arange(len(commands), dtype=np.float64)
     trial = Trial.imagined(time, np.column_stack([commands] * len(vehicle.thrusters)))
-    return simulate(model, trial, model.drivetrain.drive(vehicle, trial))[0][::parts]
+    return model.simulate(trial, model.drive(vehicle, trial))[0][::parts]
 
 
 def sample_vehicle() -> Vehicle:

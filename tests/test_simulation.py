@@ -13,7 +13,7 @@ from rovid.effects import effect_named
 from rovid.ground.arrays import FloatArray
 from rovid.model import kernels
 from rovid.model.drive import Drive
-from rovid.model.integration import initial_rate, simulate
+from rovid.model.integration import initial_rate
 from rovid.model.model import Model
 from rovid.model.simulation import compare, overall, simulate_runs
 from rovid.motion.rates import body_position, rates_of
@@ -190,7 +190,7 @@ def test_the_water_does_not_stand_still_at_a_restart(key: str, values: tuple[flo
     moving = replace(ROSUB, effects=(effect_named(key),), effect_values=values)
     time = clock(400.0)
     plain = run(time, 200.0 * np.sin(2.0 * np.pi * time / 80.0) + 200.0 * np.sin(2.0 * np.pi * time / 5.0))
-    heading = simulate(moving, plain.trial, Drive.held(plain.torque))[1]
+    heading = moving.simulate(plain.trial, Drive.held(plain.torque))[1]
     log = trial(time, plain.torque, heading)
     rates = rates_of(log, cutoff=1.0)
     made = Run(trial=log, torque=plain.torque, rates=rates, drive=plain.drive)

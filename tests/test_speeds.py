@@ -192,13 +192,13 @@ def test_terms_are_told_the_mean_speed_of_each_interval() -> None:
     time = np.array([0.0, 1.0, 2.0, 4.0])
     log = replace(trial(time, np.zeros(4)), extras={SPEEDS[0]: np.array([np.nan, 1.0, 3.0, 2.0])})
     model = Model(inertia=1.0, quadratic_drag=0.0, linear_drag=1.0, effects=(effect,), effect_values=(1.0,))
-    drive = model.drivetrain.drive(vehicle, log)
+    drive = model.drive(vehicle, log)
     np.testing.assert_allclose(drive.beside[:, 1], [1.0, 2.0, 2.5, 2.0])
     joined = drive.between(time, np.array([0, 1, 3]))
     np.testing.assert_allclose(joined.beside[:, 1], [1.0, 7.0 / 3.0, 2.0])
     # Where it is not logged, as in a run to come, that of the campaign goes.
     planned = replace(log, extras={}, reference={SPEEDS[0]: 1.5})
-    np.testing.assert_allclose(model.drivetrain.drive(vehicle, planned).beside[:, 1], 1.5)
+    np.testing.assert_allclose(model.drive(vehicle, planned).beside[:, 1], 1.5)
     assert not Drive.held(np.zeros(3)).beside.any()
 
 

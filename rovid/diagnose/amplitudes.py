@@ -19,7 +19,6 @@ from rovid.ground.workers import spread
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.inertia_table import table_drag
-from rovid.model.integration import simulate
 from rovid.model.model import Model
 
 # Periods of a simulated sine, the last of which is looked at, and samples in each.
@@ -151,7 +150,7 @@ class _Rows:
 
     def simulated(self, run: Trial, model: Model) -> float:
         """What a table would say of ``run``, rad/s: the peak of a sine and the mean of a hold, once it has settled."""
-        rate, _ = simulate(model, run, model.drivetrain.drive(self.vehicle, run))
+        rate, _ = model.simulate(run, model.drive(self.vehicle, run))
         if run.name == "sine":
             return float(rate[-_SAMPLES:].max())
         return float(rate[-_HOLD_END:].mean())

@@ -13,7 +13,6 @@ from rovid.campaign.trial import Trial
 from rovid.effects.actuation import neutral_commands
 from rovid.export.base import Curve, Subject
 from rovid.ground.arrays import FloatArray
-from rovid.model.integration import simulate
 from rovid.model.model import Model
 
 # s; every target's step goes into it a whole number of times.
@@ -95,7 +94,7 @@ def _largest(subject: Subject, commands: FloatArray) -> float:
 def rovid_rate(subject: Subject, model: Model, commands: FloatArray) -> FloatArray:
     """(n,) yaw rate in rad/s of ``model`` under (n, k) ``commands``, from rest."""
     trial = Trial.imagined(PERIOD * np.arange(len(commands), dtype=np.float64), commands, reference=subject.reference)
-    return simulate(model, trial, model.drivetrain.drive(subject.vehicle, trial))[0]
+    return model.simulate(trial, model.drive(subject.vehicle, trial))[0]
 
 
 def compare(rovid: FloatArray, other: FloatArray) -> Mismatch:

@@ -13,7 +13,6 @@ from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
 from rovid.ground.arrays import FloatArray
 from rovid.identify.estimate import Estimate
-from rovid.model.integration import simulate
 from rovid.model.model import Model
 from rovid.motion.runs import Run
 
@@ -163,7 +162,7 @@ def _swung(model: Model, vehicle: Vehicle, amplitude: float, reference: Mapping[
     still = Trial.imagined(time, np.zeros((len(time), len(vehicle.thrusters))), reference=reference)
     level = model.restoring_values[1]
     trial = replace(still, axis=model.axis, position=np.full(len(time), level + amplitude))
-    rate, tilt = simulate(model, trial, model.drivetrain.drive(vehicle, trial))
+    rate, tilt = model.simulate(trial, model.drive(vehicle, trial))
     turns = np.flatnonzero((rate[:-1] > 0.0) & (rate[1:] <= 0.0))
     if not turns.size:
         return math.nan, math.nan

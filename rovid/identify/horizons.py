@@ -177,7 +177,7 @@ def _followed(course: Course, model: Model, drive: Drive) -> _Followed:
             column[:] = means_on(trial.time, series, time, course.held, course.since)
     states = np.zeros((len(time), 0, TERM_STATES))
     if model.terms.remembering:
-        _, states = along(model, trial, course.period, (moving, turned, torque), beside)
+        _, states = along(model.equation_in(trial), course.period, (moving, turned, torque), beside)
     return _Followed(torque, beside, rate, turned, states, slope)
 
 

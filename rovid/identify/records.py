@@ -86,7 +86,7 @@ class Records:
         vehicle = self.vehicle
         if vehicle is None or model.drivetrain.is_plain:
             return [Drive.held(run.torque) for run in self.runs]
-        return [model.drivetrain.drive(vehicle, run.trial) for run in self.runs]
+        return [model.drive(vehicle, run.trial) for run in self.runs]
 
     def drives_between(self, model: Model) -> list[Drive]:
         """What drives each run from each of the filter's instants to the next."""

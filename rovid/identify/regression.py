@@ -14,7 +14,6 @@ from rovid.ground.arrays import BoolArray, FloatArray, IntArray
 from rovid.ground.errors import DataError
 from rovid.identify.estimate import Estimate, explained, varies
 from rovid.model.drive import Drive
-from rovid.model.integration import simulate
 from rovid.model.model import Model
 from rovid.model.names import base_names
 from rovid.motion.runs import Run
@@ -190,7 +189,7 @@ def _simulated(runs: Sequence[Run], model: Model) -> tuple[FloatArray, FloatArra
     instruments, corrections = [], []
     for run in runs:
         kernel = run.rates.kernel
-        rate, position = simulate(model, run.trial, Drive.held(run.torque))
+        rate, position = model.simulate(run.trial, Drive.held(run.torque))
         rate = np.interp(run.rates.time, run.trial.time, rate)
         position = np.interp(run.rates.time, run.trial.time, position)
         clean = _regressors(model.axis, (kernel.smooth(rate), kernel.rate(rate), kernel.smooth(position)))

@@ -1,4 +1,4 @@
-"""The motion of a model: from a start on, and what its terms do along a measured course."""
+"""The motion by an equation: from a start on; and what its terms do along a measured course."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rovid.campaign.axis import YAW
 from rovid.campaign.trial import Trial
 from rovid.effects.actuation import bridged
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
 from rovid.model.drive import Drive
-from rovid.model.model import Model
+from rovid.model.equation import Equation
 from rovid.motion.rates import body_position, on_grid, uniform_grid
 
 _START_SECONDS = 2.0
@@ -20,8 +19,28 @@ _START_SAMPLES = 5
 _START_SWING = 0.5  # rad of the phase of a swing about its level
 
 
+def integrated(
+    equation: Equation, time: FloatArray, drive: Drive, begin: tuple[float, float], states: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """(n,) rate in rad/s and angle in rad at the instants ``time`` in s, under ``drive``.
+
+    ``begin`` is the rate and the angle since the start of the trial at the first of them; ``states`` of the terms there
+    are (m, TERM_STATES), at rest if not given.
+    """
+    from rovid.model import kernels
+
+    count = len(equation.terms.kinds)
+    if count > 0 or drive.moment.any():
+        states = np.zeros((count, TERM_STATES)) if states is None else states
+        series = drive.torque, drive.moment, drive.beside
+        rate, angle = kernels.simulate_effects(time, *series, equation, begin, states)
+        return rate, angle
+    rate, angle = kernels.simulate(time, drive.torque, equation.body, begin[0])
+    return rate, angle + begin[1]
+
+
 def along(
-    model: Model, trial: Trial, period: float, course: Sequence[FloatArray], beside: FloatArray
+    equation: Equation, period: float, course: Sequence[FloatArray], beside: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """(n,) torque in N m of all terms and their (n, m, TERM_STATES) states, on a measured ``course``.
 
@@ -31,56 +50,8 @@ def along(
     from rovid.model.kernels import effects_along
 
     known, told = (np.column_stack([bridged(values) for values in series]) for series in (course, beside.T))
-    torque, states = effects_along(period, known, told, model.equation_in(trial))
+    torque, states = effects_along(period, known, told, equation)
     return torque, states
-
-
-def turned_over(
-    model: Model, trial: Trial, time: FloatArray, drive: Drive, begin: tuple[float, float], states: FloatArray
-) -> float:
-    """Angle in rad turned over the (n,) instants ``time``.
-
-    ``begin`` is the rate in rad/s and the angle since the start of the trial in rad at the first of them;
-    ``states`` of the terms there are as `along` gives them.
-    """
-    return float(_integrated(model, trial, time, drive, begin, states)[1][-1] - begin[1])
-
-
-def simulate(model: Model, trial: Trial, drive: Drive) -> tuple[FloatArray, FloatArray]:
-    """Simulate freely from the first sample, under ``drive`` at the instants of ``trial``.
-
-    Returns
-    -------
-    rate, position
-        (n,) body rate and position at the instants of ``trial``, as they would be measured. The position starts at
-        the first one measured. In yaw, where roll and pitch are logged, the body rate turns into the heading's by
-        psidot = (r + thetadot sin(phi)) / (cos(phi) cos(theta)) (Fossen 2011, eq. 2.28).
-    """
-    rest = np.zeros((len(model.terms.kinds), TERM_STATES))
-    begin = initial_rate(trial, model.swing), 0.0
-    rate, angle = _integrated(model, trial, trial.time, drive, begin, rest)
-    if model.axis is YAW and trial.roll is not None and trial.pitch is not None:
-        angle = _euler_heading(trial, rate)
-    first = int(np.argmax(trial.measured))
-    if not model.instrument.deviates:
-        return rate, trial.position[first] + angle - angle[first]
-    true, _ = model.instrument.true_angle(trial, trial.position, np.arange(len(trial.time)))
-    heading, rate = model.instrument.as_measured(true[first] + angle - angle[first], rate)
-    return rate, heading
-
-
-def _integrated(
-    model: Model, trial: Trial, time: FloatArray, drive: Drive, begin: tuple[float, float], states: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """(n,) rate and angle at the instants ``time``, from the rate and angle ``begin`` on."""
-    from rovid.model import kernels
-
-    if len(model.terms.kinds) > 0 or drive.moment.any():
-        series = drive.torque, drive.moment, drive.beside
-        rate, angle = kernels.simulate_effects(time, *series, model.equation_in(trial), begin, states)
-        return rate, angle
-    rate, angle = kernels.simulate(time, drive.torque, model.body, begin[0])
-    return rate, angle + begin[1]
 
 
 def initial_rate(trial: Trial, swing: float = 0.0) -> float:
@@ -107,7 +78,8 @@ def initial_rate(trial: Trial, swing: float = 0.0) -> float:
     return float(np.polynomial.polynomial.polyfit(time, angle - angle[0], 2 if bent else 1)[1])
 
 
-def _euler_heading(trial: Trial, rate: FloatArray) -> FloatArray:
+def euler_heading(trial: Trial, rate: FloatArray) -> FloatArray:
+    """(n,) rad turned in heading since the first instant by a body's (n,) ``rate``; tilts are logged."""
     assert trial.roll is not None and trial.pitch is not None  # noqa: S101, PT018 - narrowed by the caller
     grid = uniform_grid(trial)
     roll, pitch = (_tilt(trial, values, grid) for values in (trial.roll, trial.pitch))

@@ -10,13 +10,16 @@ import numpy as np
 
 from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.trial import Trial
+from rovid.campaign.vehicle import Vehicle
 from rovid.effects import Effect, restoring_of
 from rovid.effects.base import Body, Term
 from rovid.ground.arrays import FloatArray
 from rovid.model.acting import Acting, that_act
+from rovid.model.drive import Drive
 from rovid.model.drivetrain import Drivetrain
 from rovid.model.equation import Equation, Terms, terms_of
 from rovid.model.instrument import Instrument
+from rovid.model.integration import euler_heading, initial_rate, integrated
 from rovid.model.names import base_names
 
 
@@ -93,6 +96,31 @@ class Model:
     def wave(self) -> FloatArray:
         """(3,) amplitude in N m, frequency in rad/s and damping of the wave torque; empty where there is none."""
         return next((one.numbers for one in self.acting if one.effect.wave), np.zeros(0))
+
+    def drive(self, vehicle: Vehicle, trial: Trial) -> Drive:
+        """What the commands of ``trial`` make, from each of its instants to the next."""
+        return self.drivetrain.drive(vehicle, trial)
+
+    def simulate(self, trial: Trial, drive: Drive) -> tuple[FloatArray, FloatArray]:
+        """Simulate freely from the first sample, under ``drive`` at the instants of ``trial``.
+
+        Returns
+        -------
+        rate, position
+            (n,) body rate and position at the instants of ``trial``, as they would be measured. The position starts at
+            the first one measured. In yaw, where roll and pitch are logged, the body rate turns into the heading's by
+            psidot = (r + thetadot sin(phi)) / (cos(phi) cos(theta)) (Fossen 2011, eq. 2.28).
+        """
+        begin = initial_rate(trial, self.swing), 0.0
+        rate, angle = integrated(self.equation_in(trial), trial.time, drive, begin)
+        if self.axis is YAW and trial.roll is not None and trial.pitch is not None:
+            angle = euler_heading(trial, rate)
+        first = int(np.argmax(trial.measured))
+        if not self.instrument.deviates:
+            return rate, trial.position[first] + angle - angle[first]
+        true, _ = self.instrument.true_angle(trial, trial.position, np.arange(len(trial.time)))
+        heading, rate = self.instrument.as_measured(true[first] + angle - angle[first], rate)
+        return rate, heading
 
     @property
     def slow_inertia(self) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from rovid.campaign.vehicle import Vehicle
 from rovid.ground.arrays import FloatArray
 from rovid.model.drive import Drive
-from rovid.model.integration import along, simulate, turned_over
+from rovid.model.integration import along, integrated
 from rovid.model.model import Model
 from rovid.motion.rates import body_position, on_grid
 from rovid.motion.runs import Run
@@ -66,12 +66,12 @@ class TrialSimulation:
 
 def simulate_runs(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[TrialSimulation]:
     """Simulate every run and compare; the effects of ``model`` act on the commands of ``vehicle`` too."""
-    return [_simulate(run, model, model.drivetrain.drive(vehicle, run.trial)) for run in runs]
+    return [_simulate(run, model, model.drive(vehicle, run.trial)) for run in runs]
 
 
 def simulated_rate(run: Run, model: Model, drive: Drive) -> FloatArray:
     """(m,) rate of the free-running ``model``, behind the filter that the measured one went through."""
-    return run.rates.smooth_samples(run.trial, simulate(model, run.trial, drive)[0])
+    return run.rates.smooth_samples(run.trial, model.simulate(run.trial, drive)[0])
 
 
 def overall(simulations: Sequence[TrialSimulation]) -> Fit:
@@ -99,7 +99,7 @@ def compare(measured: FloatArray, simulated: FloatArray) -> Fit:
 
 
 def _simulate(run: Run, model: Model, drive: Drive) -> TrialSimulation:
-    rate, position = simulate(model, run.trial, drive)
+    rate, position = model.simulate(run.trial, drive)
     simulated = run.rates.smooth_samples(run.trial, rate)
     return TrialSimulation(
         run=run,
@@ -121,12 +121,14 @@ def _position_errors(run: Run, model: Model, drive: Drive) -> dict[float, float 
     rate, turned = rates.rate / gain, angle - angle[np.isfinite(angle)][0]
     # The filter has no rate at the ends of a trial, where the water already moves.
     course = np.where(np.isfinite(rate), rate, np.gradient(turned, rates.kernel.period))
-    _, states = along(model, trial, rates.kernel.period, (course, turned, torque), beside)
+    equation = model.equation_in(trial)
+    _, states = along(equation, rates.kernel.period, (course, turned, torque), beside)
 
     def turned_by(at: int, end: int) -> float:
         part = slice(at, end + 1)
         held, begin = Drive.held(torque[part], beside[part]), (float(rate[at]), float(turned[at]))
-        return turned_over(model, trial, rates.time[part], held, begin, states[at])
+        _, reached = integrated(equation, rates.time[part], held, begin, states[at])
+        return float(reached[-1] - begin[1])
 
     found: dict[float, float | None] = {}
     for horizon in HORIZONS:

@@ -15,7 +15,6 @@ from rovid.ground.errors import DataError
 from rovid.ground.workers import spread
 from rovid.identify.innovations import Likelihood
 from rovid.identify.records import Records
-from rovid.model.integration import simulate
 from rovid.model.model import Model
 from rovid.motion.runs import prepare
 from rovid.plan.programme import Limits, Planned
@@ -138,7 +137,7 @@ def _imagined(run: Planned, belief: Belief, vehicle: Vehicle) -> Trial:
     """The run as the vehicle of ``belief`` would answer it, without noise or disturbance."""
     still = Trial.imagined(run.time, run.commands, name=run.name, reference=run.reference)
     trial = replace(still, axis=vehicle.axis)
-    rate, position = simulate(belief.model, trial, belief.model.drivetrain.drive(vehicle, trial))
+    rate, position = belief.model.simulate(trial, belief.model.drive(vehicle, trial))
     return replace(trial, rate=rate, position=position, integrated=belief.integrated)
 
 

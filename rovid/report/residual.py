@@ -53,7 +53,7 @@ def residuals_of(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[Re
 
 def _residual(run: Run, model: Model, vehicle: Vehicle) -> Residual:
     rates = run.rates
-    held = model.drivetrain.drive(vehicle, run.trial).mapped(lambda series: rates.held(run.trial, series))
+    held = model.drive(vehicle, run.trial).mapped(lambda series: rates.held(run.trial, series))
     drive = held.torque if model.effects else run.drive
     left = drive - model.inertia * rates.acceleration - model.drag(rates.rate)
     noise = model.inertia * rates.acceleration_noise
@@ -95,7 +95,7 @@ def _terms_torque(item: Residual, model: Model) -> FloatArray:
     """(m,) torque in N m of the terms in the equation of motion, along the measured rate and angle."""
     trial, rates = item.run.trial, item.run.rates
     turned = rates.position - model.equation_in(trial).start
-    return along(model, trial, rates.kernel.period, (rates.rate, turned, item.drive), item.beside)[0]
+    return along(model.equation_in(trial), rates.kernel.period, (rates.rate, turned, item.drive), item.beside)[0]
 
 
 def all_left(items: Sequence[Residual]) -> FloatArray:

@@ -78,8 +78,10 @@ def step(
     if len(equation.terms.kinds) == 0:
         return bare_step(r, a, push + other, body, h)
     rows, change, there, moved = equation.terms.remembering, work[0], work[1], work[2]
-    jump(r, equation, state)
     nudge = 1e-6 + 1e-4 * abs(r)
+    # At rest it may turn either way.
+    jump(r + nudge, equation, state)
+    jump(r, equation, state)
     nudged = torque_of(r + nudge, a, push, beside, equation, state, change)
     copy(rows, state, there)
     rate, angle = r, a
