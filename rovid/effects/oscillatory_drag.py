@@ -8,11 +8,6 @@ from dataclasses import replace
 from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled
 
 
-@compiled
-def _quadratic(at: Instant) -> float:
-    return at.body.quadratic_drag * abs(at.slip) * at.slip
-
-
 # The state is the angle swept since the last reversal, with the sign of the turn.
 @compiled
 def _reversed(rate: float, x: Numbers) -> float:
@@ -22,20 +17,22 @@ def _reversed(rate: float, x: Numbers) -> float:
 @compiled
 def _exponential(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     swept = abs(_reversed(at.rate, x))
-    return -p[0] * math.exp(-swept / p[1]) * _quadratic(at), at.rate
+    return -p[0] * math.exp(-swept / p[1]) * at.body.quadratic_drag * abs(at.slip) * at.slip, at.rate
 
 
 @compiled
 def _algebraic(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     swept = abs(_reversed(at.rate, x))
-    return -p[0] / (1.0 + swept / p[1]) * _quadratic(at), at.rate
+    return -p[0] / (1.0 + swept / p[1]) * at.body.quadratic_drag * abs(at.slip) * at.slip, at.rate
 
 
 @compiled
 def _fading(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     # The state follows the direction of turning over the swept angle: opposite to it just after a reversal.
     way = 1.0 if at.rate > 0.0 else -1.0
-    return -p[0] * 0.5 * (1.0 - way * x[0]) * _quadratic(at), abs(at.rate) * (way - x[0]) / p[1]
+    return -p[0] * 0.5 * (1.0 - way * x[0]) * at.body.quadratic_drag * abs(at.slip) * at.slip, abs(at.rate) * (
+        way - x[0]
+    ) / p[1]
 
 
 EFFECT: Effect = Effect(

@@ -79,10 +79,10 @@ def step(
         return bare_step(r, a, push + other, body, h)
     rows, change, there, moved = equation.terms.remembering, work[0], work[1], work[2]
     nudge = 1e-6 + 1e-4 * abs(r)
-    # At rest it may turn either way.
+    # One that hardly moves may be about to turn back: states jump with the nudge too.
     jump(r + nudge, equation, state)
-    jump(r, equation, state)
     nudged = torque_of(r + nudge, a, push, beside, equation, state, change)
+    jump(r, equation, state)
     copy(rows, state, there)
     rate, angle = r, a
     turned, gained, given, damping = 0.0, 0.0, 0.0, 0.0
