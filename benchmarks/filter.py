@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.simulation import REPEATS, compiled, seconds
+from rovid.effects.base import Body
 from rovid.model.kernels import innovations, simulate
+from rovid.model.model import Model
 
 SOURCE = r"""
 #include <math.h>
@@ -74,10 +76,10 @@ void filter(long n, const double *time, const double *torque, const double *angl
     }
 }
 """
-BASE = np.array([5057.0, 3532.0, 132.0, *np.zeros(8)])
+BASE = np.array([5057.0, 3532.0, 132.0])
 NOISE = np.array([3.0, 4.0, 2e-4, 1.0])
 START = np.array([0.0, 0.02])
-NO_EFFECTS = (np.zeros((0, 4)), np.zeros(0, dtype=np.int64))
+EQUATION = Model(inertia=5057.0, quadratic_drag=3532.0, linear_drag=132.0).equation(0.0)
 
 
 def c_loop(folder: Path) -> Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
@@ -97,13 +99,13 @@ def c_loop(folder: Path) -> Callable[[np.ndarray, np.ndarray, np.ndarray], tuple
 def main() -> None:
     instants = np.arange(0.0, 3600.0, 0.05)
     torque = 150.0 * np.sin(2 * np.pi * instants / 40.0)
-    angle = simulate(instants, torque, 5057.0, 3532.0, 132.0, 0.0)[1]
+    angle = simulate(instants, torque, Body(*BASE), 0.0)[1]
     angle = angle + np.random.default_rng(1).normal(0.0, 2e-4, len(angle))
     nothing, none = np.full(len(instants), np.nan), np.zeros(len(instants))
     beside = np.zeros((len(instants), 3))
 
     def ours() -> tuple[np.ndarray, np.ndarray]:
-        return innovations(instants, torque, beside, none, none, angle, nothing, BASE, *NO_EFFECTS, NOISE, START)
+        return innovations(instants, torque, beside, none, none, angle, nothing, EQUATION, NOISE, START)
 
     with tempfile.TemporaryDirectory() as name:
         reference = c_loop(Path(name))

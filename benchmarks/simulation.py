@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rovid.effects.base import Body
 from rovid.model.kernels import simulate
 
 SOURCE = r"""
@@ -70,14 +71,19 @@ def seconds(call: Callable[[], object]) -> float:
 
 
 def main() -> None:
+    *numbers, initial = PARAMETERS
+    body = Body(*numbers)
     instants = np.arange(0.0, 3600.0, 0.05)
     torque = 150.0 * np.sin(2 * np.pi * instants / 40.0)
     with tempfile.TemporaryDirectory() as name:
         reference = c_loop(Path(name))
-        rate, _ = simulate(instants, torque, *PARAMETERS)
+        rate, _ = simulate(instants, torque, body, initial)
         assert np.allclose(rate, reference(instants, torque), rtol=0, atol=1e-12)  # same arithmetic, another compiler
         pairs = [
-            (seconds(lambda: simulate(instants, torque, *PARAMETERS)), seconds(lambda: reference(instants, torque)))
+            (
+                seconds(lambda: simulate(instants, torque, body, initial)),
+                seconds(lambda: reference(instants, torque)),
+            )
             for _ in range(REPEATS)
         ]
     ours, c = np.median(pairs, axis=0)

@@ -22,7 +22,7 @@ from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.experiments import _PAIRS
 from rovid.effects import CATALOGUE, FORMS, Effect, EffectParameter
-from rovid.effects.base import SPEEDS
+from rovid.effects.base import SPEEDS, OnCommand, OnHeading, OnThrust, OnTorque, Term, Wave
 from rovid.effects.thruster_imbalance import BESIDE, of_thruster
 from rovid.ground.arrays import FloatArray
 from rovid.model.drive import Drive
@@ -48,12 +48,12 @@ _RESIDUAL = "T − I·ṙ − DQ·|r|·r − DL·r"
 _MADE = "<!-- Made by docs/make_effects.py from the catalogue and notes.toml. Edit those and run it again. -->"
 
 _PLACES = {
-    "on_command": "acts on each command, ahead of the thrust curve",
-    "on_thrust": "acts on each thruster's thrust, behind the bench curve",
-    "on_torque": "acts on the torque of all thrusters together",
-    "term": "a torque in the equation of motion",
-    "on_heading": "acts on the measured heading; the motion is as without it",
-    "wave": "a torque in the equation of motion, of random phase",
+    OnCommand: "acts on each command, ahead of the thrust curve",
+    OnThrust: "acts on each thruster's thrust, behind the bench curve",
+    OnTorque: "acts on the torque of all thrusters together",
+    Term: "a torque in the equation of motion",
+    OnHeading: "acts on the measured heading; the motion is as without it",
+    Wave: "a torque in the equation of motion, of random phase",
 }
 _AXES = {
     "time": "time in the step, s",
@@ -226,7 +226,7 @@ def picture(effect: Effect, note: Note) -> Figure:
         )
     # Steps hold few commands: dots. Elsewhere a broad line under a thin one, as both may be the same.
     dots = note.against in {"command", "torque"}
-    both = note.against != "time" and effect.on_heading is None
+    both = note.against != "time" and not isinstance(effect.acts, OnHeading)
     look: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 5.0, "markeredgewidth": 0.0}
     look = look if dots else {"linewidth": 2.6 if both else 1.3}
     third.plot(*_residual(step, note.against), color=BLUE, label="residual, step", zorder=3 if dots else 2, **look)
@@ -341,7 +341,7 @@ def _of(effect: Effect) -> str:
 def _forms(effect: Effect) -> Iterator[str]:
     before: tuple[EffectParameter, ...] = ()
     for form in forms_of(effect):
-        place = next(words for name, words in _PLACES.items() if getattr(form, name))
+        place = _PLACES[type(form.acts)]
         needs = f"; needs {' and '.join(f'`{name}`' for name in form.needs)} in the log" if form.needs else ""
         yield f"**`{form.key}`**: {place}{needs}."
         yield f"```text\n{form.equation}\n```"

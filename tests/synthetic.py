@@ -57,7 +57,7 @@ def run(
 ) -> Run:
     """What ``prepare`` makes of a log of this torque; ``disturbance`` in N m and heading ``noise`` in rad on top."""
     total = torque if disturbance is None else torque + disturbance
-    _, angle = simulate(time, total, model.inertia, model.quadratic_drag, model.linear_drag, 0.0)
+    _, angle = simulate(time, total, model.body, 0.0)
     log = trial(time, torque, angle if noise is None else angle + noise)
     rates = rates_of(log, cutoff=cutoff)
     return Run(trial=log, torque=torque, rates=rates, drive=rates.held(log, torque))

@@ -16,8 +16,8 @@ from scipy.linalg import expm
 
 from rovid.campaign.axis import AXES
 from rovid.campaign.trial import Trial
-from rovid.effects import MOTION, restoring_of
 from rovid.ground.arrays import FloatArray
+from rovid.model.integration import initial_rate
 from rovid.model.kernels import innovations, innovations_wide
 from rovid.model.model import Model
 from tests.conftest import SAMPLES, Rovid
@@ -229,10 +229,14 @@ def test_places_on_the_map_do_as_well(axis: str, tmp_path: Path, rovid: Rovid) -
 def stiff(angle: FloatArray, time: FloatArray, wave: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     """Innovations of a pitching vehicle's angle by the filter, and their variances."""
     n = len(time)
-    nothing, term = np.zeros(n), np.array([[STIFFNESS, 0.0, 0.0, 0.0]])
-    restoring = restoring_of(AXES["pitch"])
-    kinds = np.array([k for k, effect in enumerate(MOTION) if effect is restoring])
-    base = np.array([INERTIA, 0.0, DRAG, angle[0], np.sqrt(STIFFNESS / INERTIA), STIFFNESS, *np.zeros(5)])
+    nothing = np.zeros(n)
+    model = Model(
+        inertia=INERTIA,
+        quadratic_drag=0.0,
+        linear_drag=DRAG,
+        axis=AXES["pitch"],
+        restoring_values=(STIFFNESS, 0.0),
+    )
     logged = (
         time,
         nothing,
@@ -241,9 +245,7 @@ def stiff(angle: FloatArray, time: FloatArray, wave: FloatArray | None = None) -
         nothing,
         angle,
         np.full(n, np.nan),
-        base,
-        term,
-        kinds,
+        model.equation(float(angle[0])),
         np.array(NOISE),
     )
     start = np.array([0.0, 0.01])
@@ -316,7 +318,7 @@ def test_a_vehicle_let_go_of_starts_from_rest(frequency: float, logged: bool) ->
         axis=AXES["pitch"],
         restoring_values=(INERTIA * frequency**2, 0.0),
     )
-    assert abs(model.initial_rate(log)) < 0.03 * 0.3 * frequency
+    assert abs(initial_rate(log, model.swing)) < 0.03 * 0.3 * frequency
 
 
 def test_thrusters_of_another_axis_stand_beside_a_force(tmp_path: Path, rovid: Rovid) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,10 +12,26 @@ import pytest
 
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.effects import CATALOGUE, FORMS, MOTION, Effect, effect_named, forms_for
-from rovid.effects.base import BASE_SIZE, REFERENCE_RATE, TERM_PARAMETERS, TERM_STATES, Actuation, Scales
+from rovid.effects.base import (
+    REFERENCE_RATE,
+    TERM_PARAMETERS,
+    TERM_STATES,
+    Actuating,
+    Actuation,
+    Body,
+    Instant,
+    OnCommand,
+    OnHeading,
+    OnThrust,
+    OnTorque,
+    Scales,
+    Term,
+)
 from rovid.effects.series import latched, rotor_lagged, soft_started
 from rovid.ground.arrays import FloatArray
+from rovid.model.acting import Acting
 from rovid.model.drive import Drive
+from rovid.model.equation import Equation, terms_of
 from rovid.model.model import Model
 from tests.synthetic import trial
 
@@ -47,7 +63,7 @@ IDS = [
     "sideslip_moment",
     "restoring_curve",
 ]
-BASE = np.array([5057.0, 3532.0, 132.0, 0.4])
+BODY = Body(5057.0, 3532.0, 132.0, stiffness=50.0)
 SCALES = Scales(command=2.0, torque=120.0, rate=0.15, race=math.sqrt(120.0), root=math.sqrt(120.0), surge=0.8, sway=0.2)
 TIME = np.arange(0.0, 60.0, 0.05)
 CURVE = ThrustCurve(command=np.array([-5.0, -0.3, 0.3, 5.0]), thrust=np.array([-800.0, 0.0, 0.0, 1200.0]))
@@ -77,7 +93,7 @@ WHERE = Actuation(
 )
 STAND_INS = [f"{name}:estimated" for name in ("speed_dependent_damping", "sideslip_moment")]
 EVERY = (*forms_for(VEHICLE, CHANNELS), *map(effect_named, STAND_INS))
-ACTUATED = [effect for effect in EVERY if effect.on_command or effect.on_thrust or effect.on_torque]
+ACTUATED = [effect for effect in EVERY if isinstance(effect.acts, Actuating)]
 
 each = pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.key)
 each_term = pytest.mark.parametrize("effect", MOTION, ids=lambda effect: effect.key)
@@ -95,34 +111,29 @@ OTHERS = ("frequency", "damping", "phase", "second_phase", "swept_angle", "angle
 
 def torque(effect: Effect, values: FloatArray, command: FloatArray = COMMAND, where: Actuation = WHERE) -> FloatArray:
     named = effect.values(values)
-    command = command if effect.on_command is None else effect.on_command(where, command, named)
+    command = effect.acts.change(where, command, named) if isinstance(effect.acts, OnCommand) else command
     thrust = VEHICLE.thrust(command)
-    thrust = thrust if effect.on_thrust is None else effect.on_thrust(where, thrust, named)
+    thrust = effect.acts.change(where, thrust, named) if isinstance(effect.acts, OnThrust) else thrust
     total = np.asarray(thrust @ where.arms)
-    return total if effect.on_torque is None else effect.on_torque(where, total, named)
+    return effect.acts.change(where, total, named) if isinstance(effect.acts, OnTorque) else total
 
 
 def term(effect: Effect, values: FloatArray, rate: float, push: float, state: FloatArray) -> tuple[float, FloatArray]:
-    assert effect.term is not None
-    change = np.zeros(TERM_STATES)
-    base = np.array([*BASE, 0.0, 50.0, 0.1, 0.0, math.sqrt(abs(push)), 0.8, -0.2])
-    return float(effect.term(rate, 3.0, push, base, values[None], state[None], change[None], 0)), change
+    assert isinstance(effect.acts, Term)
+    body, race = BODY._replace(trim=0.1), math.sqrt(abs(push))
+    at = Instant(rate, rate, 3.0, 0.4, push, race, 0.8, -0.2, body)
+    found, change = effect.acts.at(at, tuple(values), tuple(state))
+    return float(found), np.array([*change, *np.zeros(TERM_STATES - len(change))])
 
 
 def simulated(effect: Effect, values: FloatArray, torque: FloatArray, time: FloatArray = TIME) -> FloatArray:
     from rovid.model.kernels import simulate_effects
 
-    terms = np.zeros((1, TERM_PARAMETERS))
-    terms[0, : len(values)] = values
-    fastest = 0.0 if effect.fastest is None else effect.fastest(effect.values(values))
-    base = np.array([*BASE, fastest, 50.0, *np.zeros(BASE_SIZE - 6)])
+    equation = Equation(BODY, terms_of([Acting(effect, values)], 0.0), 0.4)
     still = np.zeros(len(time))
-    kinds, beside = (
-        np.array([MOTION.index(effect)]),
-        np.column_stack([np.sqrt(np.abs(torque)), still + 0.8, still - 0.2]),
-    )
+    beside = np.column_stack([np.sqrt(np.abs(torque)), still + 0.8, still - 0.2])
     rest = np.zeros((1, TERM_STATES))
-    rate, _ = simulate_effects(time, torque, still, beside, base, terms, kinds, (0.0, 0.0), rest)
+    rate, _ = simulate_effects(time, torque, still, beside, equation, (0.0, 0.0), rest)
     return np.asarray(rate)
 
 
@@ -141,7 +152,7 @@ def test_keys_are_unique_and_the_plain_form_stands_first() -> None:
 
 
 def test_forms_of_one_effect_differ_in_what_they_do() -> None:
-    parts = [(e.id, e.on_command, e.on_thrust, e.on_torque, e.on_speed, e.term, e.on_heading, e.wave) for e in FORMS]
+    parts = [(effect.id, *(getattr(effect.acts, part.name) for part in fields(effect.acts))) for effect in FORMS]
     assert len(set(parts)) == len(parts)
 
 
@@ -158,15 +169,13 @@ def test_an_effect_is_described(effect: Effect) -> None:
     assert effect.experiment
     assert effect.rivals
     assert set(effect.rivals) <= {one.id for one in CATALOGUE} - {effect.id}
-    acts = [effect.on_command, effect.on_thrust, effect.on_torque, effect.term, effect.on_heading, effect.wave or None]
-    assert sum(part is not None for part in acts) == 1
 
 
 @each
 def test_parameters_start_and_vanish_within_their_bounds(effect: Effect) -> None:
     names = [parameter.name for parameter in effect.parameters]
     assert len(set(names)) == len(names)
-    if effect.term is not None:
+    if isinstance(effect.acts, Term):
         assert len(names) <= TERM_PARAMETERS
     for parameter in effect.parameters:
         assert parameter.low < parameter.high
@@ -222,21 +231,21 @@ def test_a_term_is_finite_in_any_state(effect: Effect) -> None:
 
 @each_term
 def test_a_term_has_states_only_where_it_says_so(effect: Effect) -> None:
-    """No room is made for the states of the others, and nothing would stop them from writing there."""
+    """Those that have none are not told any."""
+    assert isinstance(effect.acts, Term)
     values = numbers(effect, start=True)
     here, change = term(effect, values, 0.2, 150.0, np.array([0.1, -0.2]))
     there, _ = term(effect, values, 0.2, 150.0, np.array([0.3, 0.4]))
-    assert effect.remembers == bool(change.any() or here != there)
+    assert bool(effect.acts.states) == bool(change.any() or here != there)
+    assert effect.acts.states <= TERM_STATES
 
 
 @each_term
 def test_a_term_needs_no_drag(effect: Effect) -> None:
-    assert effect.term is not None
+    assert isinstance(effect.acts, Term)
     for quadratic, linear in ((0.0, 100.0), (3000.0, 0.0), (0.0, 0.0)):
-        change = np.zeros(TERM_STATES)
-        base = np.array([5057.0, quadratic, linear, *np.zeros(BASE_SIZE - 3)])
-        rest = np.zeros((1, TERM_STATES))
-        found = effect.term(0.1, 3.0, 100.0, base, numbers(effect, start=True)[None], rest, change[None], 0)
+        at = Instant(0.1, 0.1, 3.0, 0.0, 100.0, 0.0, 0.0, 0.0, Body(5057.0, quadratic, linear))
+        found, change = effect.acts.at(at, tuple(numbers(effect, start=True)), (0.0,) * TERM_STATES)
         assert np.isfinite([found, *change]).all()
 
 
@@ -251,14 +260,14 @@ def test_a_term_simulates(effect: Effect) -> None:
     assert np.max(np.abs(rate - plain)) > 1e-5
 
 
-@pytest.mark.parametrize("effect", [e for e in FORMS if e.on_heading], ids=lambda effect: effect.key)
+@pytest.mark.parametrize("effect", [e for e in FORMS if isinstance(e.acts, OnHeading)], ids=lambda effect: effect.key)
 def test_a_deviation_is_nothing_at_its_null_and_leaves_the_heading_one_to_one(effect: Effect) -> None:
-    assert effect.on_heading is not None
+    assert isinstance(effect.acts, OnHeading)
     heading = np.linspace(-10.0, 10.0, 2001)
-    nothing = effect.on_heading(heading, effect.values(numbers(effect, start=False)))
+    nothing = effect.acts.deviation(heading, effect.values(numbers(effect, start=False)))
     np.testing.assert_array_equal(nothing, 0.0)
     largest = effect.values(np.array([parameter.high for parameter in effect.parameters]))
-    assert np.all(np.diff(heading + effect.on_heading(heading, largest)) > 0.0)
+    assert np.all(np.diff(heading + effect.acts.deviation(heading, largest)) > 0.0)
 
 
 @pytest.mark.parametrize("effect", [e for e in FORMS if e.canonical], ids=lambda effect: effect.key)
@@ -269,10 +278,10 @@ def test_canonical_parameters_mean_the_same(effect: Effect) -> None:
     tidy = effect.canonical(odd)
     assert np.all(tidy[::2] >= 0.0)
     assert np.all(np.abs(tidy[1::2]) <= math.pi)
-    if effect.on_heading is not None:
+    if isinstance(effect.acts, OnHeading):
         heading = np.linspace(0.0, 7.0, 50)
-        deviation = effect.on_heading(heading, effect.values(odd))
-        np.testing.assert_allclose(effect.on_heading(heading, effect.values(tidy)), deviation, atol=1e-12)
+        deviation = effect.acts.deviation(heading, effect.values(odd))
+        np.testing.assert_allclose(effect.acts.deviation(heading, effect.values(tidy)), deviation, atol=1e-12)
     else:
         before, after = (term(effect, values, 0.1, 0.0, np.zeros(2))[0] for values in (odd, tidy))
         assert after == pytest.approx(before)
@@ -294,9 +303,9 @@ def test_the_rotor_is_exact_between_instants() -> None:
 
 def test_the_rotor_has_its_time_constant_at_the_reference_thrust() -> None:
     effect = effect_named("thruster_lag:rotor")
-    assert effect.on_thrust is not None
+    assert isinstance(effect.acts, OnThrust)
     thrust = np.full((len(TIME), 2), 120.0) + 1.0 * (TIME > 0.0)[:, None]
-    late = effect.on_thrust(WHERE, thrust, {"time_constant": 2.0})[:, 0] - 120.0
+    late = effect.acts.change(WHERE, thrust, {"time_constant": 2.0})[:, 0] - 120.0
     # The first instant lasts 0.05 s; each value is the mean of the next 0.05 s.
     assert late[np.searchsorted(TIME, 2.05)] == pytest.approx(1.0 - math.exp(-2.025 / 2.0), abs=0.01)
 
@@ -315,14 +324,14 @@ def test_a_latch_comes_on_beyond_its_width_and_goes_off_at_the_edge() -> None:
 
 def test_commands_that_wait_have_the_impulse_of_random_waits() -> None:
     effect = effect_named("command_delay:scattered")
-    assert effect.on_torque is not None
-    assert effect.scatter is not None
+    assert isinstance(effect.acts, OnTorque)
+    assert effect.acts.scatter is not None
     where = replace(WHERE, time=np.arange(0.0, 5.0, 0.01))
     step, values = np.where(where.time < 2.0, -20.0, 40.0), {"delay": 0.5, "jitter": 0.6}
     lost = 60.0 * np.random.default_rng().uniform(0.2, 0.8, 100_000)
-    late = step - effect.on_torque(where, step, values)
+    late = step - effect.acts.change(where, step, values)
     assert float(np.sum(late)) * 0.01 == pytest.approx(float(lost.mean()), rel=0.02)
-    scatter = effect.scatter(where, step, values)
+    scatter = effect.acts.scatter(where, step, values)
     assert float(np.sum(scatter)) == pytest.approx(float(lost.var()), rel=0.05)
     open_still = (where.time > 2.2 - 0.02) & (where.time < 2.8 + 0.02)
     assert not scatter[~open_still].any()
@@ -330,9 +339,9 @@ def test_commands_that_wait_have_the_impulse_of_random_waits() -> None:
 
 def test_a_jump_gives_nothing_up_to_the_dead_band_and_the_bench_thrust_beyond() -> None:
     effect = effect_named("thruster_deadband:jump")
-    assert effect.on_command is not None
+    assert isinstance(effect.acts, OnCommand)
     command = np.array([[-1.0, 0.2], [-0.5, 0.45], [0.1, 0.55], [0.0, 3.0]])
-    found = effect.on_command(WHERE, command, {"deadband": 0.2, "edge": 0.1})
+    found = effect.acts.change(WHERE, command, {"deadband": 0.2, "edge": 0.1})
     np.testing.assert_allclose(found, [[-1.0, 0.0], [-0.4, 0.0], [0.0, 0.55], [0.0, 3.0]])
 
 
@@ -343,31 +352,31 @@ def test_shapes_of_the_thrust_curve_agree_at_a_tenth_of_full_thrust() -> None:
         ("thrust_curve_shape:saturating", {"loss": -0.4}),
     ):
         effect = effect_named(key)
-        assert effect.on_thrust is not None
-        there = effect.on_thrust(WHERE, np.array([[120.0, -120.0], [500.0, 10.0]]), values)
+        assert isinstance(effect.acts, OnThrust)
+        there = effect.acts.change(WHERE, np.array([[120.0, -120.0], [500.0, 10.0]]), values)
         np.testing.assert_allclose(there[0], [120.0, -120.0])
         assert (there[1, 0] < 500.0) == (values.get("loss", -1.0) > 0.0)
 
 
 def test_reverse_thrust_that_is_weaker_the_harder_has_its_gain_at_the_reference() -> None:
     effect = effect_named("thrust_asymmetry:growing")
-    assert effect.on_thrust is not None
-    found = effect.on_thrust(WHERE, np.array([[-120.0, 120.0], [-12.0, -2000.0]]), {"reverse_gain": 0.8})
+    assert isinstance(effect.acts, OnThrust)
+    found = effect.acts.change(WHERE, np.array([[-120.0, 120.0], [-12.0, -2000.0]]), {"reverse_gain": 0.8})
     np.testing.assert_allclose(found, [[-96.0, 120.0], [-12.0 * 0.98, 0.0]], atol=1e-12)
 
 
 def test_the_voltage_counts_against_the_campaigns_median() -> None:
     effect = effect_named("supply_sag:voltage")
-    assert effect.on_thrust is not None
+    assert isinstance(effect.acts, OnThrust)
     thrust = np.full((len(TIME), 2), 100.0)
     voltage = np.full(len(TIME), 12.0)
     voltage[5] = np.nan
     where = replace(WHERE, extras={"supply_voltage": voltage}, reference={"supply_voltage": 16.0})
-    found = effect.on_thrust(where, thrust, {"exponent": 2.0})[:, 0]
+    found = effect.acts.change(where, thrust, {"exponent": 2.0})[:, 0]
     np.testing.assert_allclose(np.delete(found, 5), 56.25)
     assert found[5] == 100.0
     # A trial without the channel is as the bench says.
-    np.testing.assert_array_equal(effect.on_thrust(replace(WHERE, extras={}), thrust, {"exponent": 2.0}), thrust)
+    np.testing.assert_array_equal(effect.acts.change(replace(WHERE, extras={}), thrust, {"exponent": 2.0}), thrust)
 
 
 def test_open_water_starts_as_the_plain_form_and_ends_without_thrust() -> None:
@@ -428,7 +437,7 @@ def test_all_drag_is_of_the_rate_through_the_water(
 
 def test_algebraic_drag_falls_with_the_angle_swept() -> None:
     effect = effect_named("oscillatory_drag:algebraic")
-    quadratic = BASE[1] * 0.1**2
+    quadratic = BODY.quadratic_drag * 0.1**2
     for swept in (0.0, 1.0, 5.0):
         found, _ = term(effect, np.array([0.5, 2.0]), 0.1, 0.0, np.array([swept, 0.0]))
         assert found == pytest.approx(-0.5 / (1.0 + swept / 2.0) * quadratic)
@@ -437,8 +446,8 @@ def test_algebraic_drag_falls_with_the_angle_swept() -> None:
 def test_the_exponent_of_the_drag_agrees_with_the_square_at_the_reference() -> None:
     effect = effect_named("drag_curvature:exponent")
     assert term(effect, np.array([1.7]), REFERENCE_RATE, 0.0, np.zeros(2))[0] == pytest.approx(0.0, abs=1e-9)
-    whole = term(effect, np.array([1.7]), -0.1, 0.0, np.zeros(2))[0] + BASE[1] * 0.01
-    assert whole == pytest.approx(BASE[1] * 0.09 * (1.0 / 3.0) ** 1.7)
+    whole = term(effect, np.array([1.7]), -0.1, 0.0, np.zeros(2))[0] + BODY.quadratic_drag * 0.01
+    assert whole == pytest.approx(BODY.quadratic_drag * 0.09 * (1.0 / 3.0) ** 1.7)
 
 
 def test_resistance_stops_a_coasting_vehicle() -> None:
@@ -476,13 +485,13 @@ def test_a_step_through_the_lags_of_the_command_and_of_the_rotors_speed() -> Non
     where = replace(WHERE, time=time)
     step = np.where(time[:, np.newaxis] < 1.0, 0.0, np.array([2.0, -3.0]))
     double, spin = effect_named("thruster_lag:double"), effect_named("thruster_lag:spin")
-    assert double.on_command is not None
-    assert spin.on_thrust is not None
+    assert isinstance(double.acts, OnCommand)
+    assert isinstance(spin.acts, OnThrust)
     at = round(3.0 / 0.01)
     left = math.exp(-2.0)
-    late = double.on_command(where, step, {"time_constant": 1.0})[at]
+    late = double.acts.change(where, step, {"time_constant": 1.0})[at]
     assert late == pytest.approx((1.0 - 3.0 * left) * np.array([2.0, -3.0]), rel=0.01)
-    spun = spin.on_thrust(where, step, {"time_constant": 1.0})[at]
+    spun = spin.acts.change(where, step, {"time_constant": 1.0})[at]
     assert spun == pytest.approx((1.0 - left) ** 2 * np.array([2.0, -3.0]), rel=0.01)
 
 
@@ -495,7 +504,7 @@ def test_water_that_follows_pulls_by_its_acceleration() -> None:
     assert torque == 0.0
     assert change == pytest.approx([0.0, 0.0], abs=1e-12)
     torque, _ = term(effect, values, 0.3, 0.0, np.array([0.0, 0.5]))
-    assert torque == pytest.approx(-0.2 * BASE[0] * frequency**2 * 0.5)
+    assert torque == pytest.approx(-0.2 * BODY.inertia * frequency**2 * 0.5)
 
 
 def test_water_that_goes_along_leaves_an_inertia_in_slow_motion() -> None:
@@ -511,20 +520,18 @@ def test_what_thrusters_set_off_no_disturbance_sets_off(key: str) -> None:
 
     effect = effect_named(key)
     values = numbers(effect, start=True)
-    terms = np.zeros((1, TERM_PARAMETERS))
-    terms[0, : len(values)] = values
-    base = np.array([*BASE, 1.0, *np.zeros(BASE_SIZE - 5)])
+    body = BODY._replace(stiffness=0.0)
     beside = np.array([math.sqrt(150.0), 0.0, 0.0])
 
-    def rates(push: float, other: float, terms: FloatArray, kinds: FloatArray) -> list[float]:
+    def rates(push: float, other: float, acting: list[Acting]) -> list[float]:
+        equation = Equation(body, terms_of(acting, 1.0), 0.4)
         r, a, stiffness, found = 0.0, 0.0, 0.0, []
-        state, work = np.zeros((len(terms), TERM_STATES)), np.zeros((3, len(terms), TERM_STATES))
+        state, work = np.zeros((len(acting), TERM_STATES)), np.zeros((3, len(acting), TERM_STATES))
         for _ in range(200):
-            r, a, stiffness = advance(r, a, push, other, 0.0, beside, 0.1, base, terms, kinds, state, work, stiffness)
+            r, a, stiffness = advance(r, a, push, other, 0.0, beside, 0.1, equation, state, work, stiffness)
             found.append(r)
         return found
 
-    none, kinds = (np.zeros((0, TERM_PARAMETERS)), np.zeros(0, dtype=int)), (terms, np.array([MOTION.index(effect)]))
-    plain = rates(0.0, 150.0, *none)
-    assert rates(0.0, 150.0, *kinds) == pytest.approx(plain, abs=1e-6)
-    assert rates(150.0, 0.0, *kinds) != pytest.approx(plain, abs=1e-3)
+    plain, with_effect = rates(0.0, 150.0, []), [Acting(effect, values)]
+    assert rates(0.0, 150.0, with_effect) == pytest.approx(plain, abs=1e-6)
+    assert rates(150.0, 0.0, with_effect) != pytest.approx(plain, abs=1e-3)

@@ -17,7 +17,7 @@ from rovid.diagnose.parts import Piece, pieces_of
 from rovid.diagnose.rivals import quickly_climbed
 from rovid.diagnose.size import one_size
 from rovid.effects import MOTION, Effect, effect_named
-from rovid.effects.base import STIFFNESS, TERM_PARAMETERS, TERM_STATES, TRIM
+from rovid.effects.base import TERM_STATES
 from rovid.identify.certainty import form_doubt
 from rovid.identify.courses import HORIZONS
 from rovid.identify.fitted import Fitted, climbed
@@ -26,6 +26,8 @@ from rovid.identify.horizons import HorizonRecords, predictions, time_constant
 from rovid.identify.innovations import InnovationMisfit
 from rovid.identify.readings import Readings
 from rovid.identify.whiteness import whitening_gain
+from rovid.model.acting import Acting
+from rovid.model.equation import Equation, terms_of
 from rovid.model.kernels import predict, simulate_effects
 from rovid.model.model import Model
 from rovid.motion.rates import rates_of
@@ -262,18 +264,15 @@ def test_all_restarts_together_go_where_each_would_alone(effect: Effect) -> None
     scales = records().scales
     begin = zip(effect.starts[0], effect.parameters, strict=True)
     own = np.array([value * scales.of(parameter) for value, parameter in begin])
-    terms, kinds = np.zeros((1, TERM_PARAMETERS)), np.array([MOTION.index(effect)])
-    terms[0, : len(own)] = own
-    base = synthetic.ROSUB.base_from(0.4)
-    base[STIFFNESS - 1 : TRIM + 1] = effect.fastest(effect.values(own)) if effect.fastest else 0.0, 50.0, 0.02
+    terms = terms_of([Acting(effect, own)], 0.0)
+    body = synthetic.ROSUB.body._replace(stiffness=50.0, trim=0.02)
     first = np.array([3, 50, 20, 64])
-    reach, states = np.array([40, 12, 0, 55]), 0.01 * RNG.normal(size=(count, len(terms), TERM_STATES))
-    bases = np.tile(base, (4, 1))
-    moved = predict(np.full(4, period), torque, beside, rate, angle, states, first, reach, bases, terms, kinds)
+    reach, states = np.array([40, 12, 0, 55]), 0.01 * RNG.normal(size=(count, 1, TERM_STATES))
+    moved = predict(np.full(4, period), torque, beside, rate, angle, states, first, reach, np.full(4, 0.4), body, terms)
     for lane, (at, steps) in enumerate(zip(first, reach, strict=True)):
         held = slice(at, at + steps + 1)
         here = (np.arange(steps + 1) * period, torque[held], np.zeros(steps + 1), beside[held])
-        _, alone = simulate_effects(*here, base, terms, kinds, (rate[at], angle[at]), states[at])
+        _, alone = simulate_effects(*here, Equation(body, terms, 0.4), (rate[at], angle[at]), states[at])
         assert moved[lane, : steps + 1] == pytest.approx(alone - angle[at], rel=1e-9, abs=1e-12)
         assert np.isnan(moved[lane, steps + 1 :]).all()
 
@@ -282,10 +281,9 @@ def test_a_model_that_runs_away_predicts_nothing() -> None:
     curvature = effect_named("drag_curvature")
     wild = replace(synthetic.ROSUB, quadratic_drag=0.0, effects=(curvature,), effect_values=(-0.99,))
     count = 200
-    terms, kinds = wild.terms()
-    states = np.zeros((count, len(terms), TERM_STATES))
+    states = np.zeros((count, 1, TERM_STATES))
     flat = (np.full(1, 2.0), np.full(count, 1e6), np.zeros((count, 3)), np.full(count, 0.1), np.zeros(count), states)
-    moved = predict(*flat, np.array([0]), np.array([count - 1]), wild.base_from(0.0)[np.newaxis], terms, kinds)
+    moved = predict(*flat, np.array([0]), np.array([count - 1]), np.zeros(1), wild.body, wild.terms)
     assert np.isnan(moved[0, -1])
 
 

@@ -16,7 +16,8 @@ from scipy.linalg import expm
 from scipy.stats import chi2
 
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
-from rovid.effects import MOTION, effect_named
+from rovid.effects import effect_named
+from rovid.effects.base import Body
 from rovid.ground.arrays import FloatArray
 from rovid.identify.climb import End, climb
 from rovid.identify.estimate import Estimate
@@ -27,6 +28,7 @@ from rovid.identify.likelihood import LIMITS, fit_likelihood
 from rovid.identify.readings import Readings
 from rovid.identify.scoring import Innovations
 from rovid.identify.whiteness import are_white
+from rovid.model.equation import Equation
 from rovid.model.kernels import effects_along, innovations, innovations_wide, simulate
 from rovid.model.model import Model
 from rovid.motion.rates import rates_of
@@ -43,7 +45,8 @@ SHORT = [run for run in CAMPAIGN if run.name in {"hold_03", "hold_05", "sine_20s
 # Standard errors. Each run draws new days: of the thirty numbers here one lies beyond 3.5 by chance in 70 runs, beyond
 # this in 5000. That the errors mean what they say is measured by benchmarks/uncertainty.py.
 FARTHEST = 4.5
-NO_EFFECTS = Model(inertia=1.0, quadratic_drag=1.0, linear_drag=1.0).terms()
+NO_TERMS = Model(inertia=1.0, quadratic_drag=1.0, linear_drag=1.0).terms
+ROSUB_BODY = Body(5057.0, 3532.0, 132.0)
 TRUTH = {
     "inertia": ROSUB.dynamics.inertia,
     "quadratic_drag": ROSUB.dynamics.quadratic_drag,
@@ -113,7 +116,7 @@ def random_run(count: int) -> tuple[FloatArray, FloatArray]:
 
 def test_without_disturbance_innovations_are_the_output_error() -> None:
     time, torque = random_run(400)
-    rate, angle = simulate(time, torque, 5057.0, 3532.0, 132.0, 0.02)
+    rate, angle = simulate(time, torque, ROSUB_BODY, 0.02)
     measured = angle + np.random.default_rng().normal(0.0, 1e-3, len(time))
     measured[0] = 0.0
     missing, nothing = np.full(len(time), np.nan), np.zeros(len(time))
@@ -125,8 +128,7 @@ def test_without_disturbance_innovations_are_the_output_error() -> None:
         nothing,
         measured,
         missing,
-        np.array([5057.0, 3532.0, 132.0, *np.zeros(8)]),
-        *NO_EFFECTS,
+        Equation(ROSUB_BODY, NO_TERMS, 0.0),
         np.array([1e-6, 4.0, 1e-3, 1.0]),
         np.array([0.02, 1e-9]),
     )
@@ -142,17 +144,18 @@ def test_filter_variance_against_a_fine_grid() -> None:
     fine = np.unique(np.concatenate([np.linspace(a, b, 100, endpoint=False) for a, b in pairwise(time)] + [time[-1:]]))
     at = np.searchsorted(fine, time)
     held = torque[np.clip(np.searchsorted(time, fine, side="right") - 1, 0, len(time) - 1)]
-    _, angle = simulate(time, torque, 2.5, 1.5, 5.0, 0.0)
-    model = (np.array([2.5, 1.5, 5.0, *np.zeros(8)]), *NO_EFFECTS)
+    small = Body(2.5, 1.5, 5.0)
+    _, angle = simulate(time, torque, small, 0.0)
+    equation = Equation(small, NO_TERMS, 0.0)
     noise, start = np.array([5.0, 1.0, 1e-3, 1.0]), np.array([0.0, 0.1])
     none, never = np.zeros(len(time)), np.zeros(len(fine))
     sparse = np.full(len(fine), np.nan)
     sparse[at] = angle
     coarse, coarse_variance = innovations(
-        time, torque, np.zeros((len(time), 3)), none, none, angle, np.full(len(time), np.nan), *model, noise, start
+        time, torque, np.zeros((len(time), 3)), none, none, angle, np.full(len(time), np.nan), equation, noise, start
     )
     exact, exact_variance = innovations(
-        fine, held, np.zeros((len(fine), 3)), never, never, sparse, np.full(len(fine), np.nan), *model, noise, start
+        fine, held, np.zeros((len(fine), 3)), never, never, sparse, np.full(len(fine), np.nan), equation, noise, start
     )
     # Sub-steps of a twentieth of the shortest time constant leave the second-order transition a few percent off.
     assert coarse_variance[1:, 0] == pytest.approx(exact_variance[at, 0][1:], rel=0.05)
@@ -164,10 +167,10 @@ def test_an_open_impulse_widens_what_the_filter_expects() -> None:
     none, scatter = np.zeros(len(time)), np.where(time == 2.0, 3.0**2, 0.0)
     angle = np.where(time == 0.0, 0.0, np.nan)
     angle[time == 2.5] = 0.0
-    model = (np.array([2.0, *np.zeros(10)]), *NO_EFFECTS)
+    equation = Equation(Body(2.0, 0.0, 0.0), NO_TERMS, 0.0)
     noise, start = np.array([1e-6, 4.0, 1e-3, 1.0]), np.array([0.0, 1e-6])
     _, variance = innovations(
-        time, none, np.zeros((len(time), 3)), none, scatter, angle, none + np.nan, *model, noise, start
+        time, none, np.zeros((len(time), 3)), none, scatter, angle, none + np.nan, equation, noise, start
     )
     # A kick at any instant of the half second, (3 / 2) rad/s in all, has a third of the angle's square.
     assert variance[time == 2.5, 0] == pytest.approx((3.0 / 2.0 * 0.5) ** 2 / 3.0, rel=1e-3)
@@ -302,10 +305,10 @@ def test_how_open_the_scale_is() -> None:
     model = replace(bare, effects=(effect_named("thrust_curve_shape"),), effect_values=(0.7,))
     squares = 0.3**2 * np.log([2.0, 6.0]) ** 2
     expected = math.sqrt(squares @ [200.0 * 3.0, 600.0 * 1.0] / 1200.0)
-    assert model.scale_doubt(vehicle, [run]) == pytest.approx(expected)
-    assert bare.scale_doubt(vehicle, [run]) == 0.0
+    assert model.drivetrain.scale_doubt(vehicle, [run]) == pytest.approx(expected)
+    assert bare.drivetrain.scale_doubt(vehicle, [run]) == 0.0
     lagging = replace(bare, effects=(effect_named("thruster_lag"),), effect_values=(0.7,))
-    assert lagging.scale_doubt(vehicle, [run]) == 0.0
+    assert lagging.drivetrain.scale_doubt(vehicle, [run]) == 0.0
 
 
 def test_an_open_scale_is_of_forces_alone_and_has_no_sign() -> None:
@@ -407,7 +410,7 @@ def test_a_gyro_narrows_what_a_poor_compass_leaves_open(bias: float) -> None:
     for period, push in ((15.0, 150.0), (30.0, 200.0), (60.0, 120.0)):
         torque = push * np.sign(np.sin(2.0 * np.pi * time / period))
         wind = gauss_markov(len(time), 0.1, 3.0, 4.0, rng)
-        rate, angle = simulate(time, torque + wind, 5057.0, 3532.0, 132.0, 0.0)
+        rate, angle = simulate(time, torque + wind, ROSUB_BODY, 0.0)
         gyro = rate + bias + rng.normal(0.0, 0.002, len(time))
         log = trial(time, torque, angle + rng.normal(0.0, np.deg2rad(2.0), len(time)), rate=gyro)
         rates = rates_of(log, cutoff=0.5)
@@ -461,15 +464,24 @@ def test_the_filter_knows_how_well_it_knows_a_tank(frequency: float, gain: float
             use = p[:, 0] / wanted[k, 1]
             state, p = state + use * wanted[k, 0], p - np.outer(use, p[0])
 
-    effect = effect_named("tank_seiche")
-    terms, kinds = np.array([[gain, frequency, damping, 0.0]]), np.array([MOTION.index(effect)])
-    base, nothing = np.array([inertia, 0.0, drag, 0.0, frequency, *np.zeros(6)]), np.zeros(len(time))
+    equation, nothing = in_a_tank(inertia, drag, (gain, frequency, damping)), np.zeros(len(time))
     series = (time, torque, np.zeros((len(time), 3)), nothing, nothing, angle, np.full(len(time), np.nan))
     numbers = np.array([sigma, tau, white, 1.0])
-    error, variance = innovations_wide(*series, base, terms, kinds, numbers, np.zeros(0), np.array([0.0, 1e-4]))
+    error, variance = innovations_wide(*series, equation, numbers, np.zeros(0), np.array([0.0, 1e-4]))
     known = np.isfinite(wanted[:, 0])
     assert variance[known, 0] == pytest.approx(wanted[known, 1], rel=0.005)
     assert (error[known, 0] - wanted[known, 0]) / np.sqrt(wanted[known, 1]) == pytest.approx(0.0, abs=0.02)
+
+
+def in_a_tank(inertia: float, drag: float, values: tuple[float, ...]) -> Equation:
+    model = Model(
+        inertia=inertia,
+        quadratic_drag=0.0,
+        linear_drag=drag,
+        effects=(effect_named("tank_seiche"),),
+        effect_values=values,
+    )
+    return model.equation(0.0)
 
 
 def test_a_tank_rings_out_along_a_course() -> None:
@@ -477,8 +489,6 @@ def test_a_tank_rings_out_along_a_course() -> None:
     time = np.arange(0.0, 100.0, period)
     rate = np.where(time < 5.0, 0.2 * np.sin(0.2 * np.pi * time), 0.0)
     course, beside = np.column_stack([rate, nothing := np.zeros(len(time)), nothing]), np.zeros((len(time), 3))
-    terms, kinds = np.array([[0.2, frequency, damping, 0.0]]), np.array([MOTION.index(effect_named("tank_seiche"))])
-    base = np.array([500.0, 0.0, 60.0, 0.0, frequency, *np.zeros(6)])
-    torque, _ = effects_along(period, course, beside, base, terms, kinds)
+    torque, _ = effects_along(period, course, beside, in_a_tank(500.0, 60.0, (0.2, frequency, damping)))
     first, last = (np.abs(torque[(time > at) & (time < at + 10.0)]).max() for at in (6.0, 86.0))
     assert last / first == pytest.approx(math.exp(-damping * frequency * 80.0), rel=0.3)

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.effects import effect_named, forms_for
-from rovid.effects.base import SPEEDS
+from rovid.effects.base import SPEEDS, OnCommand, OnThrust
 from rovid.ground.arrays import FloatArray
 from rovid.model.drive import Drive
 from rovid.model.model import Model
@@ -221,24 +221,24 @@ def test_speeds_give_torque(key: str, values: tuple[float, ...], torque: float) 
 
 def test_thrust_is_lost_to_the_speed_along_the_thruster() -> None:
     effect = effect_named("advance_speed_loss:measured")
-    assert effect.on_thrust is not None
+    assert isinstance(effect.acts, OnThrust)
     where = replace(WHERE, extras={SPEEDS[0]: np.full(len(WHERE.time), 2.0)}, ahead=np.array([1.0, -0.5]))
     thrust = np.tile([100.0, -25.0], (len(WHERE.time), 1))
-    found = effect.on_thrust(where, thrust, {"coefficient": 0.5})[0]
+    found = effect.acts.change(where, thrust, {"coefficient": 0.5})[0]
     np.testing.assert_allclose(found, [100.0 - 0.5 * 10.0 * 2.0, -25.0 + 0.5 * 5.0 * 2.0 * 0.5])
     # Where nothing is told of the thrusters they are taken to push ahead.
-    untold = effect.on_thrust(replace(where, ahead=np.zeros(2)), thrust, {"coefficient": 0.5})[0]
+    untold = effect.acts.change(replace(where, ahead=np.zeros(2)), thrust, {"coefficient": 0.5})[0]
     np.testing.assert_allclose(untold, [90.0, -25.0 - 5.0])
 
 
 def test_thrust_across_the_way_is_lost_whichever_way_the_vehicle_goes() -> None:
     effect = effect_named("advance_speed_loss:across")
-    assert effect.on_thrust is not None
+    assert isinstance(effect.acts, OnThrust)
     thrust = np.tile([100.0, -25.0], (len(WHERE.time), 1))
     for speed in (2.0, -2.0):
         where = replace(WHERE, extras={SPEEDS[0]: np.full(len(WHERE.time), speed)})
-        np.testing.assert_allclose(effect.on_thrust(where, thrust, {"coefficient": 0.5})[0], [90.0, -20.0])
-        np.testing.assert_array_equal(effect.on_thrust(where, thrust, {"coefficient": 9.0})[0], [0.0, 0.0])
+        np.testing.assert_allclose(effect.acts.change(where, thrust, {"coefficient": 0.5})[0], [90.0, -20.0])
+        np.testing.assert_array_equal(effect.acts.change(where, thrust, {"coefficient": 9.0})[0], [0.0, 0.0])
 
 
 @pytest.mark.parametrize(
@@ -267,8 +267,8 @@ def test_friction_may_be_unequal_both_ways() -> None:
 
 def test_a_curve_bent_in_the_command_keeps_its_ends_and_its_dead_zone() -> None:
     effect = effect_named("thrust_curve_shape:command")
-    assert effect.on_command is not None
+    assert isinstance(effect.acts, OnCommand)
     command = np.array([[0.2, -5.0], [5.0, -0.3], [0.3 + 0.25 * 4.7, -(0.3 + 0.25 * 4.7)]])
-    found = effect.on_command(WHERE, command, {"exponent": 1.5})
+    found = effect.acts.change(WHERE, command, {"exponent": 1.5})
     bent = 0.3 + 0.125 * 4.7
     np.testing.assert_allclose(found, [[0.0, -5.0], [5.0, 0.0], [bent, -bent]])

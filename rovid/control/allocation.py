@@ -9,8 +9,8 @@ import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
-from rovid.effects.base import Actuation, neutral_commands
-from rovid.effects.base import actuation as actuation_of
+from rovid.effects.actuation import Actuation, neutral_commands
+from rovid.effects.actuation import actuation as actuation_of
 from rovid.ground.arrays import FloatArray
 from rovid.model.model import Model
 
@@ -94,7 +94,7 @@ def _half(vehicle: Vehicle, model: Model, way: float) -> tuple[FloatArray, Float
     given = []
     for command in commands:
         held = np.vstack((command, command))
-        given.append(way * model.driven(vehicle, where, held).torque[0])
+        given.append(way * model.drivetrain.driven(vehicle, where, held).torque[0])
     torque = np.maximum.accumulate(np.maximum(given, 0.0))
     # Of commands that give the same the largest, where the next torque begins; at the top the smallest.
     last = np.append(np.diff(torque) > 0.0, False)

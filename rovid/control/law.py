@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rovid.effects import TERMS
-from rovid.effects.base import TERM_STATES
+from rovid.effects.base import TERM_STATES, Instant
 from rovid.ground.arrays import FloatArray
 from rovid.model.model import Model
 
@@ -127,18 +127,23 @@ TermTorque = Callable[[float, float, float, float, FloatArray | None], tuple[flo
 
 def total_of_terms(model: Model) -> TermTorque | None:
     """(rate, angle, push, first heading, (m, 2) states) -> N m of all terms, (m, 2) rates of states; None: no term."""
-    values, kinds = model.terms()
-    acting = [TERMS[kind] for kind in kinds]
-    if not acting:
+    terms = model.terms
+    if not len(terms.kinds):
         return None
+    acting = [TERMS[kind] for kind in terms.kinds]
 
     def torque(
         rate: float, angle: float, push: float, heading: float, states: FloatArray | None
     ) -> tuple[float, FloatArray]:
-        base = model.base_from(heading)
-        own = np.zeros((len(acting), TERM_STATES)) if states is None else states.copy()
-        change = np.zeros_like(own)
-        each = [term(rate, angle, push, base, values, own, change, j) for j, term in enumerate(acting)]
-        return float(sum(each)), change
+        own = np.zeros((len(acting), TERM_STATES)) if states is None else states
+        rows = [(term, tuple(p), tuple(x)) for term, p, x in zip(acting, terms.parameters, own, strict=True)]
+        water = sum(term.water(p, x) for term, p, x in rows if term.water is not None)
+        at = Instant(rate, rate - water, angle, heading, push, 0.0, 0.0, 0.0, model.body)
+        total, change = 0.0, np.zeros_like(own)
+        for (term, p, x), row in zip(rows, change, strict=True):
+            given, changes = term.at(at, p, x)
+            row[: term.states] = changes
+            total += given
+        return total, change
 
     return torque

@@ -12,7 +12,8 @@ from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
 from rovid.control.allocation import Allocation, bare_actuation
 from rovid.control.law import Law
-from rovid.effects.base import SPEEDS, TERM_STATES, Actuation
+from rovid.effects.actuation import SPEEDS, Actuation
+from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
 from rovid.model.drive import Drive
 from rovid.model.model import Model
@@ -121,13 +122,13 @@ def run_closed(
         held = np.append(np.repeat(outside, m), outside[-1])
     disturbing = _from_outside(plant, time, held, seed)
     noise = np.random.default_rng([seed, 1]).normal(0.0, 1.0, len(wanted)) * plant.heading_noise
-    where = bare_actuation(plant.vehicle, time, plant.model.parts)
+    where = bare_actuation(plant.vehicle, time, plant.model.drivetrain.parts)
     windows = [round(length / law.period * m) for length in _WINDOWS]
     for window in (*windows, len(time)):
         course = _run(law, allocation, plant, wanted, start, time, disturbing, noise, where, window)
-        if window >= len(time) or not plant.model.acts_on_drive:
+        if window >= len(time) or plant.model.drivetrain.is_plain:
             break
-        whole = plant.model.driven(plant.vehicle, where, course.commands)
+        whole = plant.model.drivetrain.driven(plant.vehicle, where, course.commands)
         if _is_forgotten(whole, course.drive):
             break
     return course
@@ -156,9 +157,9 @@ def _run(
     from rovid.model.kernels import advance
 
     model, m, n = plant.model, ticks(law.period), len(time)
-    base, (terms, kinds) = model.base_from(start), model.terms()
-    states, work = np.zeros((len(terms), TERM_STATES)), np.zeros((3, len(terms), TERM_STATES))
-    deviates = any(effect.on_heading for effect in model.effects)
+    equation, deviates = model.equation(start), model.instrument.deviates
+    rows = len(equation.terms.kinds)
+    states, work = np.zeros((rows, TERM_STATES)), np.zeros((3, rows, TERM_STATES))
     heading, rate, asked = np.full(n, start), np.zeros(n), np.zeros(n)
     commands = np.zeros((n, len(plant.vehicle.thrusters)))
     torque, moment, beside = np.zeros(n), np.zeros(n), np.zeros((n, 1 + len(SPEEDS)))
@@ -168,7 +169,7 @@ def _run(
         at = k * m
         read = float(_at(heading, at - plant.delay / tick))
         if deviates:
-            read += float(model.deviation(np.array([read]))[0])
+            read += float(model.instrument.deviation(np.array([read]))[0])
         read += noise[k]
         state = law.start(read) if state is None else state
         ask, state = law.step(state, read, float(wanted[k]))
@@ -186,16 +187,14 @@ def _run(
                 moment[j],
                 beside[j],
                 tick,
-                base,
-                terms,
-                kinds,
+                equation,
                 states,
                 work,
                 stiffness,
             )
             heading[j + 1], rate[j + 1] = start + angle, turning
     asked[-1], torque[-1], beside[-1] = asked[-2], torque[-2], beside[-2]
-    shown = heading + model.deviation(heading) if deviates else heading
+    shown = heading + model.instrument.deviation(heading) if deviates else heading
     held = np.append(np.repeat(wanted, m), wanted[-1])
     return Course(
         time=time,
@@ -211,10 +210,10 @@ def _run(
 
 def _latest(model: Model, vehicle: Vehicle, where: Actuation, commands: FloatArray, first: int, last: int) -> Drive:
     """What the ``commands`` from the tick ``first`` to ``last`` make."""
-    if not model.acts_on_drive:
+    if model.drivetrain.is_plain:
         return Drive.held(vehicle.thrust(commands[last - 1 : last + 1]) @ where.arms)
     part = replace(where, time=where.time[first * where.parts : last * where.parts + 1])
-    return model.driven(vehicle, part, commands[first : last + 1])
+    return model.drivetrain.driven(vehicle, part, commands[first : last + 1])
 
 
 def _at(values: FloatArray, place: float) -> float:
@@ -234,7 +233,7 @@ def _from_outside(plant: Plant, time: FloatArray, held: FloatArray | float, seed
     total = np.zeros(len(time)) + held
     if plant.disturbance > 0.0:
         total += coloured(time, plant.disturbance, plant.memory, rng)
-    wave = plant.model.wave()
+    wave = plant.model.wave
     if wave.size and (plant.disturbance > 0.0 or plant.heading_noise > 0.0):
         amplitude, frequency, damping = wave
         size, memory = amplitude / math.sqrt(2.0), 1.0 / (damping * frequency)

@@ -219,7 +219,7 @@ def spread_of(
     every = []
     for model in drawn(parameters, _DRAWS, seed=0):
         moved = replace(loop, motion=linearised(model))
-        if model.acts_on_drive:
+        if not model.drivetrain.is_plain:
             amplitude = _amplitude(allocation, setting)
             moved = replace(moved, actuators=actuators(model, vehicle, allocation, setting.period, amplitude))
         every.append(moved.margins())

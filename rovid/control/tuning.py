@@ -218,7 +218,7 @@ def _decibel(logarithm: float) -> float:
 def linearised(model: Model, heading: float = 0.0) -> tuple[FloatArray, FloatArray]:
     """(n, n) and (n,): the motion about rest at ``heading`` in rad; heading, rate, and the states of the effects."""
     torque = total_of_terms(model)
-    count = 0 if torque is None else len(model.terms()[0])
+    count = len(model.terms.kinds)
     size = 2 + count * TERM_STATES
 
     def change(state: FloatArray, push: float) -> FloatArray:
@@ -247,16 +247,16 @@ def actuators(
     The describing function of whatever acts between command and torque, found by sending sines through it.
     """
     frequencies = np.geomspace(_LOWEST_PROBE, _HIGHEST_PROBE * math.pi / period, _PROBES)
-    if not model.acts_on_drive:
+    if model.drivetrain.is_plain:
         return frequencies, np.ones(_PROBES, dtype=np.complex128)
     response = np.empty(_PROBES, dtype=np.complex128)
     for at, frequency in enumerate(frequencies):
         measured = max(round(2.0 * math.pi / frequency / period), _FEWEST_SAMPLES)
         count = measured + max(measured, math.ceil(_SETTLING / period))
         time = period * np.arange(count + 1)
-        where = bare_actuation(vehicle, time, model.parts)
+        where = bare_actuation(vehicle, time, model.drivetrain.parts)
         wanted = amplitude * np.sin(frequency * time)
-        acting = model.driven(vehicle, where, allocation(wanted)).torque
+        acting = model.drivetrain.driven(vehicle, where, allocation(wanted)).torque
         part = slice(count - measured, count)
         ahead, back = np.exp(1j * frequency * time[part]), np.exp(-1j * frequency * time[part])
         basis = np.column_stack((ahead, back, np.ones(measured)))

@@ -13,7 +13,7 @@ from rovid.campaign.tables import Table
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.effects import Effect, forms_for
-from rovid.effects.base import Scales
+from rovid.effects.base import OnHeading, Scales, Wave
 from rovid.ground.arrays import FloatArray
 from rovid.ground.workers import spread
 from rovid.identify.estimate import Estimate
@@ -271,7 +271,7 @@ def explain(
 def _with_effect(rows: _Rows, plain: Model) -> tuple[Explanation, ...]:
     """Of each effect its best form beside ``plain``, the nearest effect first."""
     # Amplitudes tell nothing of waves, nor of what acts by the heading.
-    tried = [effect for effect in forms_for(rows.vehicle) if not effect.wave and effect.on_heading is None]
+    tried = [effect for effect in forms_for(rows.vehicle) if not isinstance(effect.acts, OnHeading | Wave)]
     fits = spread(lambda effect: rows.nearest(plain, effect), tried)
     best: dict[str, Explanation] = {}
     for fit in sorted(fits, key=_unlikely):

@@ -9,7 +9,8 @@ import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.effects import Effect, EffectParameter
-from rovid.effects.base import Actuation, Values, finer
+from rovid.effects.actuation import Actuation, finer
+from rovid.effects.base import OnTorque, Values
 from rovid.ground.arrays import FloatArray
 from rovid.motion.runs import Run
 
@@ -103,7 +104,7 @@ def _rate(run: Run) -> FloatArray:
 
 
 def _cause(name: str, way: str, course: Mapping[str, FloatArray], rates: Mapping[str, FloatArray]) -> Effect:
-    def on_torque(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
+    def driven(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
         signal = finer(course[where.trial], where.parts)
         rate = finer(rates[where.trial], where.parts)
         size, *other = values.values()
@@ -121,5 +122,5 @@ def _cause(name: str, way: str, course: Mapping[str, FloatArray], rates: Mapping
         equation="",
         fingerprint="residual torque that follows the signal",
         experiment="the same run with the signal held at two values",
-        on_torque=on_torque,
+        acts=OnTorque(driven),
     )

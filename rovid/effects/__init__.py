@@ -8,7 +8,8 @@ from importlib import import_module
 from rovid.campaign.axis import Axis
 from rovid.campaign.vehicle import Vehicle
 from rovid.effects import restoring, supply_sag, thruster_imbalance
-from rovid.effects.base import SPEEDS, Actuation, Effect, EffectParameter
+from rovid.effects.actuation import SPEEDS, Actuation
+from rovid.effects.base import Effect, EffectParameter, Term
 from rovid.ground.errors import ConfigError, nearest
 
 # The file of each effect, which is called as it is, in the order in which effects are listed everywhere.
@@ -46,11 +47,11 @@ CATALOGUE: tuple[Effect, ...] = tuple(effect for effect in FORMS if not effect.f
 _RESTORING = {"heave": restoring.LIFT, "roll": restoring.RIGHTING, "pitch": restoring.RIGHTING}
 # Compiled terms of the equation of motion, in the order in which their parameters stand in the kernels' arrays.
 MOTION: tuple[Effect, ...] = (
-    *(effect for effect in FORMS if effect.term is not None),
+    *(effect for effect in FORMS if isinstance(effect.acts, Term)),
     restoring.LIFT,
     restoring.RIGHTING,
 )
-TERMS = tuple(effect.term for effect in MOTION if effect.term is not None)
+TERMS = tuple(effect.acts for effect in MOTION if isinstance(effect.acts, Term))
 
 __all__ = [
     "CATALOGUE",
@@ -74,7 +75,8 @@ def restoring_of(axis: Axis) -> Effect | None:
 def forms_for(vehicle: Vehicle, channels: Collection[str] = (), trials: Sequence[str] = ()) -> tuple[Effect, ...]:
     """Every form that can be tried on ``vehicle`` with these further ``channels`` in its logs, and these ``trials``."""
     found: list[Effect] = []
-    ahead = bool(vehicle.ahead.any())
+    # The thrust ahead stands in for a speed that is not logged.
+    tells_speed = SPEEDS[0] not in channels and bool(vehicle.ahead.any())
     for effect in FORMS:
         if effect.axes and vehicle.axis.name not in effect.axes:
             continue
@@ -85,12 +87,16 @@ def forms_for(vehicle: Vehicle, channels: Collection[str] = (), trials: Sequence
             names = [t.name for t in vehicle.thrusters if t.curve is not None]
             ways = ("", thruster_imbalance.BESIDE)
             found += [thruster_imbalance.of_thruster(name + way) for name in names for way in ways if len(names) > 1]
-        elif set(effect.needs) <= set(channels) and not (effect.on_speed and (SPEEDS[0] in channels or not ahead)):
+        elif set(effect.needs) <= set(channels) and (tells_speed or not _stands_in(effect)):
             found.append(effect)
     if vehicle.thrusters and len(trials) > 1:
         # Of two nobody knows which one is the odd one.
         found += [supply_sag.of_trial(name) for name in (trials[1:] if len(trials) == 2 else trials)]
     return tuple(found)
+
+
+def _stands_in(effect: Effect) -> bool:
+    return isinstance(effect.acts, Term) and effect.acts.surge is not None
 
 
 def effect_named(name: str) -> Effect:

@@ -7,25 +7,24 @@ Im = -k*tau^2 and k*tau more linear drag.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
-from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Values, compiled
+from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled
 
 # s; water in a frame follows no faster, however large the slip, which keeps the steps of the integration stable.
 _FASTEST = 0.1
 
 
 @compiled
-def _linear(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    dx[j, 0] = (rate - x[j, 0]) / p[j, 1]
-    return -p[j, 0] * dx[j, 0]
+def _linear(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
+    change = (at.rate - x[0]) / p[1]
+    return -p[0] * change, change
 
 
 @compiled
-def _porous(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    slip = rate - x[j, 0]
-    dx[j, 0] = abs(slip) * slip / (REFERENCE_RATE * p[j, 1] + _FASTEST * abs(slip))
-    return -p[j, 0] * dx[j, 0]
+def _porous(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
+    slip = at.rate - x[0]
+    change = abs(slip) * slip / (REFERENCE_RATE * p[1] + _FASTEST * abs(slip))
+    return -p[0] * change, change
 
 
 def _fastest(values: Values) -> float:
@@ -49,10 +48,7 @@ EFFECT: Effect = Effect(
     fingerprint="inertia that falls with frequency; an exponential tail after steps",
     experiment="sines over a decade of periods",
     rivals=("thruster_lag", "oscillatory_drag", "entrained_swirl"),
-    term=_linear,
-    fastest=_fastest,
-    added_inertia=_added,
-    remembers=True,
+    acts=Term(_linear, states=1, fastest=_fastest, added_inertia=_added),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -67,6 +63,6 @@ FORMS: tuple[Effect, ...] = (
             EffectParameter(name="time_constant", unit="s", null=1.0, low=0.02, high=120.0, starts=(0.7, 4.0)),
         ),
         equation="− Im·dw/dt, τ·r0·dw/dt = |r − w|·(r − w), r0 = 0.3 rad/s: water in a frame with holes",
-        term=_porous,
+        acts=Term(_porous, states=1, fastest=_fastest, added_inertia=_added),
     ),
 )

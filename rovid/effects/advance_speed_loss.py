@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from rovid.effects.base import RACE, SPEEDS, Actuation, Effect, EffectParameter, Values, compiled
+from rovid.effects.base import (
+    SPEEDS,
+    Actuation,
+    Effect,
+    EffectParameter,
+    Instant,
+    Numbers,
+    OnThrust,
+    Term,
+    Values,
+    compiled,
+)
 from rovid.ground.arrays import FloatArray
 
 # Thrust against the stream is half as much again at most: beyond, the curve is not known.
@@ -15,21 +25,21 @@ _AGAINST = -0.5
 
 
 @compiled
-def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+def _term(at: Instant, p: Numbers) -> float:
     # Of each thruster as rotor speed times speed of advance; the rotor's speed as the root of thrust.
-    return -p[j, 0] * base[RACE] * rate
+    return -p[0] * at.race * at.rate
 
 
 @compiled
-def _open_water(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    along = rate if push >= 0.0 else -rate
+def _open_water(at: Instant, p: Numbers) -> float:
+    along = at.rate if at.push >= 0.0 else -at.rate
     # The mean of the thrusters, each at its speed over the root of its thrust.
-    advance = max(p[j, 0] * along * base[RACE] / (abs(push) + 1e-9), _AGAINST)
+    advance = max(p[0] * along * at.race / (abs(at.push) + 1e-9), _AGAINST)
     if advance <= 0.0:
-        return -push * advance
+        return -at.push * advance
     # Minerva's KT = 0.24 − 0.25 J − 0.66 J² + 0.5 J³ over its value at J = 0, with j = 1.04 J; no thrust from J = 0.53.
     advance = min(advance, 0.6)
-    return -push * min(advance * (1.0 + advance * (2.534 - 1.843 * advance)), 1.0)
+    return -at.push * min(advance * (1.0 + advance * (2.534 - 1.843 * advance)), 1.0)
 
 
 def _measured(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
@@ -56,8 +66,7 @@ EFFECT: Effect = Effect(
     fingerprint="more damping with thrust on than coasting",
     experiment="coast-downs beside holds at the same rates",
     rivals=("drag_curvature", "supply_sag"),
-    term=_term,
-    races=True,
+    acts=Term(_term, races=True),
 )
 _MEASURED = replace(
     EFFECT,
@@ -68,9 +77,7 @@ _MEASURED = replace(
     experiment="the same commands at several speeds ahead; coast-downs at speed, which know no thrust",
     rivals=("speed_dependent_damping", "supply_sag"),
     needs=SPEEDS[:1],
-    term=None,
-    races=False,
-    on_thrust=_measured,
+    acts=OnThrust(_measured),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -78,7 +85,7 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="open_water",
         equation="− T·(j + 2.5 j² − 1.8 j³), j = a·l·r·sign(T)/√|F|: a bent open-water curve",
-        term=_open_water,
+        acts=Term(_open_water, races=True),
     ),
     _MEASURED,
     replace(
@@ -88,6 +95,6 @@ FORMS: tuple[Effect, ...] = (
         fingerprint="less torque from the same command the faster the vehicle goes, ahead or astern",
         experiment="the same commands at several speeds ahead and astern, and at none",
         rivals=("supply_sag", "speed_dependent_damping"),
-        on_thrust=_across,
+        acts=OnThrust(_across),
     ),
 )

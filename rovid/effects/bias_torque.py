@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from rovid.effects.base import Effect, EffectParameter, compiled
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled
 
 
 @compiled
-def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    return p[j, 0]
+def _term(at: Instant, p: Numbers) -> float:
+    return p[0]
 
 
 EFFECT: Effect = Effect(
@@ -23,6 +21,6 @@ EFFECT: Effect = Effect(
     fingerprint="slow rotation without command; one direction faster than the other by a constant torque",
     experiment="a coast-down to rest from each direction",
     rivals=("thrust_asymmetry", "drag_asymmetry", "heading_dependent_torque"),
-    term=_term,
+    acts=Term(_term),
 )
 FORMS: tuple[Effect, ...] = (EFFECT,)

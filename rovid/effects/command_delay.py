@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.effects.base import Actuation, Effect, EffectParameter, Values
+from rovid.effects.base import Actuation, Effect, EffectParameter, OnTorque, Values
 from rovid.effects.series import delayed
 from rovid.ground.arrays import FloatArray
 
@@ -14,7 +14,7 @@ from rovid.ground.arrays import FloatArray
 _WAITS = (-0.8, -0.4, 0.0, 0.4, 0.8)
 
 
-def _on_torque(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
+def _late(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
     return delayed(where.time, torque, values["delay"])
 
 
@@ -45,8 +45,7 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque at the edges of steps, gone after the delay; none in steady motion",
     experiment="a fast pseudo-random command, 1 to 3 s a level",
     rivals=("thruster_lag", "command_hysteresis", "slew_limit"),
-    on_torque=_on_torque,
-    quick=True,
+    acts=OnTorque(_late, quick=True),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -61,7 +60,6 @@ FORMS: tuple[Effect, ...] = (
             EffectParameter(name="jitter", unit="1", null=1.0, low=0.0, high=1.0, starts=(1.0, 0.5, 0.5), step=_WINDOW),
         ),
         equation="each command waits between (1 − J)·L and (1 + J)·L",
-        on_torque=_scattered,
-        scatter=_scatter,
+        acts=OnTorque(_scattered, quick=True, scatter=_scatter),
     ),
 )

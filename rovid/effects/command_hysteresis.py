@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.effects.base import Actuation, Effect, EffectParameter, Values
+from rovid.effects.base import Actuation, Effect, EffectParameter, OnCommand, Values
 from rovid.effects.series import latched, played
 from rovid.ground.arrays import FloatArray
 
@@ -35,7 +35,7 @@ EFFECT: Effect = Effect(
     fingerprint="at one command the residual differs for rising and falling commands, however slowly they change",
     experiment="a staircase up and down, slowly",
     rivals=("command_delay", "thruster_deadband"),
-    on_command=_play,
+    acts=OnCommand(_play),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -45,6 +45,6 @@ FORMS: tuple[Effect, ...] = (
         # Commands pass the threshold one by one: there are many places to begin.
         parameters=(replace(EFFECT.parameters[0], starts=(2.0, 4.0, 6.0, 8.0, 11.0, 14.0, 18.0, 22.0, 27.0, 33.0)),),
         equation="u' = u from when |u| is b beyond the bench's dead zone until it is back in it, else 0",
-        on_command=_latch,
+        acts=OnCommand(_latch),
     ),
 )

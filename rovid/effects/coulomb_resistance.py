@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
-from rovid.effects.base import Effect, EffectParameter, compiled
-
-
-@compiled
-def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    return -p[j, 0] * math.tanh(rate / (p[j, 1] + 1e-9))
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled
 
 
 @compiled
-def _stiction(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    share = rate / (p[j, 1] + 1e-9)
+def _term(at: Instant, p: Numbers) -> float:
+    return -p[0] * math.tanh(at.rate / (p[1] + 1e-9))
+
+
+@compiled
+def _stiction(at: Instant, p: Numbers) -> float:
+    share = at.rate / (p[1] + 1e-9)
     # Half as much again near rest (Stribeck).
-    return -p[j, 0] * math.tanh(5.0 * share) * (1.0 + 0.5 * math.exp(-share * share))
+    return -p[0] * math.tanh(5.0 * share) * (1.0 + 0.5 * math.exp(-share * share))
 
 
 @compiled
-def _unequal(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    share = math.tanh(rate / (p[j, 3] + 1e-9))
-    return -p[j, 0] * share if rate >= 0.0 else -p[j, 1] * share - p[j, 2] * rate
+def _unequal(at: Instant, p: Numbers) -> float:
+    share = math.tanh(at.rate / (p[3] + 1e-9))
+    return -p[0] * share if at.rate >= 0.0 else -p[1] * share - p[2] * at.rate
 
 
 _TORQUE = EffectParameter(name="torque", unit="N m", null=0.0, low=0.0, high=1.0, starts=(0.03,), scale="torque")
@@ -39,11 +38,11 @@ EFFECT: Effect = Effect(
     fingerprint="a coast-down that stops at a finite time; torque that does not vanish with the rate",
     experiment="coast-downs to rest and the slowest possible holds",
     rivals=("drag_curvature", "thruster_deadband"),
-    term=_term,
+    acts=Term(_term),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
-    replace(EFFECT, form="stiction", equation="− c·tanh(5 r/r0)·(1 + ½·exp(−r²/r0²))", term=_stiction),
+    replace(EFFECT, form="stiction", equation="− c·tanh(5 r/r0)·(1 + ½·exp(−r²/r0²))", acts=Term(_stiction)),
     replace(
         EFFECT,
         form="unequal",
@@ -65,6 +64,6 @@ FORMS: tuple[Effect, ...] = (
         fingerprint="a torque that does not vanish with the rate, of another size each way",
         experiment="coast-downs to rest and the slowest possible holds, both ways",
         rivals=("drag_asymmetry", "bias_torque", "thrust_asymmetry"),
-        term=_unequal,
+        acts=Term(_unequal),
     ),
 )

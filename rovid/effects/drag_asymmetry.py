@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
-from rovid.effects.base import WATER, Effect, EffectParameter, compiled
-
-
-@compiled
-def _whole(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    slip = rate - base[WATER]
-    return 0.0 if slip >= 0.0 else -(p[j, 0] - 1.0) * (base[1] * abs(slip) + base[2]) * slip
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, drag
 
 
 @compiled
-def _quadratic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    slip = rate - base[WATER]
-    return 0.0 if slip >= 0.0 else -(p[j, 0] - 1.0) * base[1] * abs(slip) * slip
+def _whole(at: Instant, p: Numbers) -> float:
+    return 0.0 if at.slip >= 0.0 else -(p[0] - 1.0) * drag(at.body, at.slip)
+
+
+@compiled
+def _quadratic(at: Instant, p: Numbers) -> float:
+    return 0.0 if at.slip >= 0.0 else -(p[0] - 1.0) * at.body.quadratic_drag * abs(at.slip) * at.slip
 
 
 EFFECT: Effect = Effect(
@@ -28,9 +25,9 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque as |r|·r in one direction only, with thrust and coasting alike",
     experiment="coast-downs from both directions",
     rivals=("thrust_asymmetry", "bias_torque"),
-    term=_whole,
+    acts=Term(_whole),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
-    replace(EFFECT, form="quadratic", equation="quadratic drag alone times a where r < 0", term=_quadratic),
+    replace(EFFECT, form="quadratic", equation="quadratic drag alone times a where r < 0", acts=Term(_quadratic)),
 )

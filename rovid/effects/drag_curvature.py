@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
-from typing import Any
 
-from rovid.effects.base import REFERENCE_RATE, WATER, Effect, EffectParameter, compiled
-
-
-@compiled
-def _cubic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    slip = rate - base[WATER]
-    return -p[j, 0] * slip * slip * slip
+from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Instant, Numbers, Term, compiled
 
 
 @compiled
-def _exponent(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    slip = rate - base[WATER]
-    share = abs(slip) / REFERENCE_RATE
-    change = base[1] * REFERENCE_RATE * REFERENCE_RATE * (share * share - share ** p[j, 0])
-    return change if slip >= 0.0 else -change
+def _cubic(at: Instant, p: Numbers) -> float:
+    return -p[0] * at.slip * at.slip * at.slip
+
+
+@compiled
+def _exponent(at: Instant, p: Numbers) -> float:
+    share = abs(at.slip) / REFERENCE_RATE
+    change = at.body.quadratic_drag * REFERENCE_RATE * REFERENCE_RATE * (share * share - math.pow(share, p[0]))
+    return change if at.slip >= 0.0 else -change
 
 
 EFFECT: Effect = Effect(
@@ -40,7 +38,7 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque odd in the rate, with a zero inside the range; the same with thrust and coasting",
     experiment="holds over a decade of rates, and coast-downs",
     rivals=("coulomb_resistance", "supply_sag", "thrust_curve_shape"),
-    term=_cubic,
+    acts=Term(_cubic),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -49,6 +47,6 @@ FORMS: tuple[Effect, ...] = (
         form="exponent",
         parameters=(EffectParameter(name="exponent", unit="1", null=2.0, low=1.0, high=3.5, starts=(1.8, 2.3)),),
         equation="DQ·r0²·(|r|/r0)^e·sign(r) in place of DQ·|r|·r, r0 = 0.3 rad/s",
-        term=_exponent,
+        acts=Term(_exponent),
     ),
 )

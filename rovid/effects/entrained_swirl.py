@@ -3,32 +3,37 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
-from rovid.effects.base import REFERENCE_RATE, WATER, Effect, EffectParameter, Values, compiled
-
-
-@compiled
-def _linear(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    dx[j, 0] = (rate - x[j, 0]) / p[j, 1]
-    base[WATER] = p[j, 0] * x[j, 0]
-    slip = rate - base[WATER]
-    return (base[1] * abs(rate) + base[2]) * rate - (base[1] * abs(slip) + base[2]) * slip
+from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled, drag
 
 
 @compiled
-def _annulus(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    dx[j, 0], base[WATER] = 0.0, x[j, 0]
-    if p[j, 0] <= 0.0:
-        return 0.0
+def _linear(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
+    return drag(at.body, at.rate) - drag(at.body, at.slip), (at.rate - x[0]) / p[1]
+
+
+@compiled
+def _share(p: Numbers, x: Numbers) -> float:
+    return p[0] * x[0]
+
+
+@compiled
+def _annulus(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
+    if p[0] <= 0.0:
+        return 0.0, 0.0
     # The walls' friction that balances the drag when the hull turns at the reference rate and the water at its share.
-    water, slip = p[j, 0] * REFERENCE_RATE, (1.0 - p[j, 0]) * REFERENCE_RATE
-    friction = (base[1] * slip + base[2]) * slip / (water * water)
-    inertia = p[j, 1] * (2.0 * base[1] * slip + base[2] + 2.0 * friction * water)
-    slip = rate - x[j, 0]
-    drag = (base[1] * abs(slip) + base[2]) * slip
-    dx[j, 0] = (drag - friction * abs(x[j, 0]) * x[j, 0]) / (inertia + 1e-12)
-    return (base[1] * abs(rate) + base[2]) * rate - drag
+    water, slip = p[0] * REFERENCE_RATE, (1.0 - p[0]) * REFERENCE_RATE
+    friction = drag(at.body, slip) / (water * water)
+    slope = 2.0 * at.body.quadratic_drag * slip + at.body.linear_drag
+    inertia = p[1] * (slope + 2.0 * friction * water)
+    pulls = drag(at.body, at.rate - x[0])
+    change = (pulls - friction * abs(x[0]) * x[0]) / (inertia + 1e-12)
+    return drag(at.body, at.rate) - pulls, change
+
+
+@compiled
+def _whole(p: Numbers, x: Numbers) -> float:
+    return x[0]
 
 
 def _fastest(values: Values) -> float:
@@ -47,10 +52,7 @@ EFFECT: Effect = Effect(
     fingerprint="a rate that creeps up during long holds; drift on after a stop; a first reversal that meets more drag",
     experiment="several turns one way, rest, and the same turns back",
     rivals=("tether_torsion", "oscillatory_drag", "added_mass_memory"),
-    term=_linear,
-    moves_water=True,
-    fastest=_fastest,
-    remembers=True,
+    acts=Term(_linear, states=1, fastest=_fastest, water=_share),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -58,6 +60,6 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="annulus",
         equation="all drag of r − w in place of r, If·dw/dt = drag − C·|w|·w; s = w/r and τ as at r = 0.3 rad/s",
-        term=_annulus,
+        acts=Term(_annulus, states=1, fastest=_fastest, water=_whole),
     ),
 )

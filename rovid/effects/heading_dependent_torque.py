@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
-from rovid.effects.base import Effect, EffectParameter, compiled
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled
 from rovid.effects.harmonics import canonical
 
 
 # base[3] is the heading at the start of the trial.
 @compiled
-def _once(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    return p[j, 0] * math.sin(angle + base[3] + p[j, 1])
+def _once(at: Instant, p: Numbers) -> float:
+    return p[0] * math.sin(at.angle + at.start + p[1])
 
 
 @compiled
-def _twice(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    return p[j, 0] * math.sin(2.0 * (angle + base[3]) + p[j, 1])
+def _twice(at: Instant, p: Numbers) -> float:
+    return p[0] * math.sin(2.0 * (at.angle + at.start) + p[1])
 
 
 @compiled
-def _mixed(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    heading = angle + base[3]
-    return p[j, 0] * math.sin(heading + p[j, 1]) + p[j, 2] * math.sin(2.0 * heading + p[j, 3])
+def _mixed(at: Instant, p: Numbers) -> float:
+    heading = at.angle + at.start
+    return p[0] * math.sin(heading + p[1]) + p[2] * math.sin(2.0 * heading + p[3])
 
 
 def _pair(prefix: str, phases: tuple[float, ...]) -> tuple[EffectParameter, EffectParameter]:
@@ -47,19 +46,19 @@ EFFECT: Effect = Effect(
     fingerprint="a residual torque that repeats with every turn",
     experiment="slow full turns, both ways, from different headings",
     rivals=("bias_torque", "tether_torsion", "heading_deviation"),
-    term=_once,
+    acts=Term(_once),
     canonical=canonical,
 )
 # A tether pulls once a turn; a current on a body longer than wide (Munk moment) twice.
 FORMS: tuple[Effect, ...] = (
     EFFECT,
-    replace(EFFECT, form="two_cycles", equation="+ a·sin(2ψ + φ)", term=_twice),
+    replace(EFFECT, form="two_cycles", equation="+ a·sin(2ψ + φ)", acts=Term(_twice)),
     replace(
         EFFECT,
         form="mixed",
         # Each of the two phases may be anywhere beside the other.
         parameters=_pair("", (0.0, 1.57, 0.0, 1.57)) + _pair("second_", (0.0, 0.0, 1.57, 1.57)),
         equation="+ a·sin(ψ + φ) + a2·sin(2ψ + φ2)",
-        term=_mixed,
+        acts=Term(_mixed),
     ),
 )

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.effects.base import Effect, EffectParameter, Values
+from rovid.effects.base import Effect, EffectParameter, OnHeading, Values
 from rovid.effects.harmonics import canonical
 from rovid.ground.arrays import FloatArray
 
@@ -49,13 +49,13 @@ EFFECT: Effect = Effect(
     fingerprint="a ripple of the rate, repeated with every turn, in proportion to the rate and not to the torque",
     experiment="full turns at two rates, both ways, with a gyro in the log",
     rivals=("heading_dependent_torque",),
-    on_heading=_once,
+    acts=OnHeading(_once),
     canonical=canonical,
 )
 # The deviation of a magnetic compass: terms B to E of the handbook of compass adjustment (NGA).
 FORMS: tuple[Effect, ...] = (
     EFFECT,
-    replace(EFFECT, form="two_cycles", equation="ψ measured = ψ + a·sin(2ψ + φ)", on_heading=_twice),
+    replace(EFFECT, form="two_cycles", equation="ψ measured = ψ + a·sin(2ψ + φ)", acts=OnHeading(_twice)),
     replace(
         EFFECT,
         form="mixed",
@@ -63,6 +63,6 @@ FORMS: tuple[Effect, ...] = (
         parameters=_pair("", 0.01, (0.0, 1.57, 0.0, 1.57))
         + _pair("second_", 0.005, (0.0, 0.0, 1.57, 1.57), _MOST_SECOND),
         equation="ψ measured = ψ + a·sin(ψ + φ) + a2·sin(2ψ + φ2)",
-        on_heading=_mixed,
+        acts=OnHeading(_mixed),
     ),
 )

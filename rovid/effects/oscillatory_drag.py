@@ -4,39 +4,35 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
-from rovid.effects.base import WATER, Effect, EffectParameter, compiled
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled
+
+
+# The state is the angle swept since the last reversal, with the sign of the turn.
+@compiled
+def _reversed(rate: float, x: Numbers) -> float:
+    return 0.0 if rate * x[0] < 0.0 else x[0]
 
 
 @compiled
-def _swept(rate: float, x: Any, dx: Any, j: int) -> Any:
-    """Angle swept since the last reversal; x[j, 0] holds it with the sign of the turn."""
-    if rate * x[j, 0] < 0.0:
-        x[j, 0] = 0.0
-    dx[j, 0] = rate
-    return abs(x[j, 0])
+def _exponential(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
+    swept = abs(_reversed(at.rate, x))
+    return -p[0] * math.exp(-swept / p[1]) * at.body.quadratic_drag * abs(at.slip) * at.slip, at.rate
 
 
 @compiled
-def _exponential(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    slip = rate - base[WATER]
-    return -p[j, 0] * math.exp(-_swept(rate, x, dx, j) / p[j, 1]) * base[1] * abs(slip) * slip
+def _algebraic(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
+    swept = abs(_reversed(at.rate, x))
+    return -p[0] / (1.0 + swept / p[1]) * at.body.quadratic_drag * abs(at.slip) * at.slip, at.rate
 
 
 @compiled
-def _algebraic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    slip = rate - base[WATER]
-    return -p[j, 0] / (1.0 + _swept(rate, x, dx, j) / p[j, 1]) * base[1] * abs(slip) * slip
-
-
-@compiled
-def _fading(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    # x[j, 0] follows the direction of turning over the swept angle: opposite to it just after a reversal.
-    way = 1.0 if rate > 0.0 else -1.0
-    dx[j, 0] = abs(rate) * (way - x[j, 0]) / p[j, 1]
-    slip = rate - base[WATER]
-    return -p[j, 0] * 0.5 * (1.0 - way * x[j, 0]) * base[1] * abs(slip) * slip
+def _fading(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
+    # The state follows the direction of turning over the swept angle: opposite to it just after a reversal.
+    way = 1.0 if at.rate > 0.0 else -1.0
+    return -p[0] * 0.5 * (1.0 - way * x[0]) * at.body.quadratic_drag * abs(at.slip) * at.slip, abs(at.rate) * (
+        way - x[0]
+    ) / p[1]
 
 
 EFFECT: Effect = Effect(
@@ -50,8 +46,7 @@ EFFECT: Effect = Effect(
     fingerprint="drag in sines differs from drag in steady motion; residual after each reversal",
     experiment="sines of one peak rate at several periods",
     rivals=("added_mass_memory", "entrained_swirl"),
-    term=_exponential,
-    remembers=True,
+    acts=Term(_exponential, states=1, jumps=_reversed),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -59,12 +54,12 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="algebraic",
         equation="quadratic drag times 1 + g/(1 + θ/θ0), θ swept since the last reversal",
-        term=_algebraic,
+        acts=Term(_algebraic, states=1, jumps=_reversed),
     ),
     replace(
         EFFECT,
         form="fading",
         equation="quadratic drag times 1 + g·f, f growing at a reversal by what was swept before, then as exp(−θ/θ0)",
-        term=_fading,
+        acts=Term(_fading, states=1),
     ),
 )

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
-from rovid.effects.base import Effect, EffectParameter, compiled
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled
 from rovid.ground.arrays import FloatArray
 
 
 @compiled
-def _lift(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    return -p[j, 0]
+def _lift(at: Instant, p: Numbers) -> float:
+    return -p[0]
 
 
 # base[3] is the angle at the start of the trial.
 @compiled
-def _righting(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    return -p[j, 0] * math.sin(angle + base[3] - p[j, 1])
+def _righting(at: Instant, p: Numbers) -> float:
+    return -p[0] * math.sin(at.angle + at.start - p[1])
 
 
 # Fossen 2011, eq. 4.6: (W - B) along z, and z_G W sin(theta) about y, where buoyancy acts at the origin.
@@ -32,7 +31,7 @@ LIFT: Effect = Effect(
     equation="− B",
     fingerprint="a constant force",
     experiment="holds up and down",
-    term=_lift,
+    acts=Term(_lift),
 )
 RIGHTING: Effect = Effect(
     id="restoring",
@@ -46,7 +45,7 @@ RIGHTING: Effect = Effect(
     equation="− K·sin(θ − θ0)",
     fingerprint="a tilt in proportion to the torque",
     experiment="holds both ways and a release",
-    term=_righting,
+    acts=Term(_righting),
 )
 
 

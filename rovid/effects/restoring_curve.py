@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
-from rovid.effects.base import STIFFNESS, TRIM, Effect, EffectParameter, compiled
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled
 
 
 @compiled
-def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    tilt = angle + base[3] - base[TRIM]
-    return -base[STIFFNESS] * p[j, 0] * tilt * tilt * math.sin(tilt)
+def _term(at: Instant, p: Numbers) -> float:
+    tilt = at.angle + at.start - at.body.trim
+    return -at.body.stiffness * p[0] * tilt * tilt * math.sin(tilt)
 
 
 EFFECT: Effect = Effect(
@@ -23,6 +22,6 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque as the cube of the tilt; a period that changes as a swing dies out",
     experiment="releases from a large and from a small tilt",
     rivals=("drag_curvature", "oscillatory_drag"),
-    term=_term,
+    acts=Term(_term),
 )
 FORMS: tuple[Effect, ...] = (EFFECT,)

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
-from rovid.effects.base import Actuation, compiled
+from rovid.effects.actuation import Actuation
 from rovid.ground.arrays import FloatArray
+from rovid.ground.compiled import compiled
 
 
 def speed_of_thrust(where: Actuation, thrust: FloatArray, time_constant: float) -> FloatArray:

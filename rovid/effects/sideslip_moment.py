@@ -3,39 +3,36 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
-from rovid.effects.base import SPEEDS, SURGE, SWAY, Actuation, Effect, EffectParameter, Values, compiled
+from rovid.effects.base import SPEEDS, Actuation, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled
 from rovid.effects.series import speed_of_thrust
 from rovid.ground.arrays import FloatArray
 
 
 @compiled
-def _drift(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    return -p[j, 0] * base[SWAY]
+def _drift(at: Instant, p: Numbers) -> float:
+    return -p[0] * at.sway
 
 
 @compiled
-def _munk(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    return -p[j, 0] * base[SURGE] * base[SWAY]
+def _munk(at: Instant, p: Numbers) -> float:
+    return -p[0] * at.surge * at.sway
 
 
 @compiled
-def _both(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    return -(p[j, 0] + p[j, 1] * base[SURGE]) * base[SWAY]
+def _both(at: Instant, p: Numbers) -> float:
+    return -(p[0] + p[1] * at.surge) * at.sway
 
 
 @compiled
-def _turned(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
+def _turned(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     # A hull that turns with way on is carried outwards, and its sway fades (Fossen 2011, section 7.1).
-    dx[j, 0] = (-base[SURGE] * rate - x[j, 0]) / p[j, 1]
-    return -p[j, 0] * x[j, 0]
+    return -p[0] * x[0], (-at.surge * at.rate - x[0]) / p[1]
 
 
 @compiled
-def _carried(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    dx[j, 0] = (-base[SURGE] * rate - x[j, 0]) / p[j, 1]
-    return -p[j, 0] * base[SURGE] * x[j, 0]
+def _carried(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
+    return -p[0] * at.surge * x[0], (-at.surge * at.rate - x[0]) / p[1]
 
 
 def _fading(values: Values) -> float:
@@ -63,7 +60,7 @@ EFFECT: Effect = Effect(
     experiment="drifts sideways without turning, both ways, at rest and with speed ahead",
     rivals=("speed_dependent_damping", "supply_sag", "heading_dependent_torque", "drag_asymmetry"),
     needs=SPEEDS[1:],
-    term=_drift,
+    acts=Term(_drift),
 )
 # Munk's: (added mass across less added mass along)·u·v, which turns a hull broadside on.
 FORMS: tuple[Effect, ...] = (
@@ -75,7 +72,7 @@ FORMS: tuple[Effect, ...] = (
         equation="− m·u·v, u the logged speed ahead; m the added mass across less that along",
         fingerprint="residual torque in proportion to the product of the speeds ahead and sideways",
         needs=SPEEDS,
-        term=_munk,
+        acts=Term(_munk),
     ),
     replace(
         EFFECT,
@@ -89,10 +86,7 @@ FORMS: tuple[Effect, ...] = (
         fingerprint="residual torque that follows the rate late, in proportion to the root of the thrust ahead",
         experiment="the speeds in the log; the same turns with much thrust ahead and with none",
         needs=(),
-        term=_turned,
-        fastest=_fading,
-        remembers=True,
-        on_speed=_speed,
+        acts=Term(_turned, states=1, fastest=_fading, surge=_speed),
     ),
     replace(
         EFFECT,
@@ -105,9 +99,7 @@ FORMS: tuple[Effect, ...] = (
         fingerprint="residual torque that follows the rate late, in proportion to the square of the speed ahead",
         experiment="the same turns at several speeds ahead, and at none",
         needs=SPEEDS[:1],
-        term=_carried,
-        fastest=_fading,
-        remembers=True,
+        acts=Term(_carried, states=1, fastest=_fading),
     ),
-    replace(EFFECT, form="both", parameters=(_DRIFT, _MUNK), equation="− N·v − m·u·v", needs=SPEEDS, term=_both),
+    replace(EFFECT, form="both", parameters=(_DRIFT, _MUNK), equation="− N·v − m·u·v", needs=SPEEDS, acts=Term(_both)),
 )

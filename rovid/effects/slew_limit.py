@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.effects.base import Actuation, Effect, EffectParameter, Values
+from rovid.effects.base import Actuation, Effect, EffectParameter, OnCommand, Values
 from rovid.effects.series import slewed, soft_started
 from rovid.ground.arrays import FloatArray
 
@@ -33,10 +33,9 @@ EFFECT: Effect = Effect(
     fingerprint="steps answered by a ramp whose length goes with the size of the step; slow sines untouched",
     experiment="steps of different sizes",
     rivals=("thruster_lag", "command_delay"),
-    on_command=_both_ways,
-    quick=True,
+    acts=OnCommand(_both_ways, quick=True),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
-    replace(EFFECT, form="soft_start", equation="d|u'|/dt ≤ R; falls at once", on_command=_growth),
+    replace(EFFECT, form="soft_start", equation="d|u'|/dt ≤ R; falls at once", acts=OnCommand(_growth, quick=True)),
 )

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
-from rovid.effects.base import SPEEDS, SURGE, WATER, Actuation, Effect, EffectParameter, Values, compiled
+from rovid.effects.base import SPEEDS, Actuation, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled
 from rovid.effects.series import speed_of_thrust
 from rovid.ground.arrays import FloatArray
 
 
 @compiled
-def _linear(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    return -p[j, 0] * abs(base[SURGE]) * (rate - base[WATER])
+def _linear(at: Instant, p: Numbers) -> float:
+    return -p[0] * abs(at.surge) * at.slip
 
 
 @compiled
-def _quadratic(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    return -p[j, 0] * base[SURGE] * base[SURGE] * (rate - base[WATER])
+def _quadratic(at: Instant, p: Numbers) -> float:
+    return -p[0] * at.surge * at.surge * at.slip
 
 
 @compiled
-def _both(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    speed = abs(base[SURGE])
-    return -(p[j, 0] + p[j, 1] * speed) * speed * (rate - base[WATER])
+def _both(at: Instant, p: Numbers) -> float:
+    speed = abs(at.surge)
+    return -(p[0] + p[1] * speed) * speed * at.slip
 
 
 def _of_thrust(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
@@ -51,17 +50,17 @@ EFFECT: Effect = Effect(
     experiment="the same turns at several speeds ahead, and at none",
     rivals=("advance_speed_loss", "drag_curvature", "supply_sag"),
     needs=SPEEDS[:1],
-    term=_linear,
+    acts=Term(_linear),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
-    replace(EFFECT, form="quadratic", parameters=(_QUADRATIC,), equation="− N2·u²·r", term=_quadratic),
+    replace(EFFECT, form="quadratic", parameters=(_QUADRATIC,), equation="− N2·u²·r", acts=Term(_quadratic)),
     replace(
         EFFECT,
         form="both",
         parameters=(_LINEAR, replace(_QUADRATIC, low=-10.0)),
         equation="− (N·|u| + N2·u²)·r",
-        term=_both,
+        acts=Term(_both),
     ),
     replace(
         EFFECT,
@@ -73,6 +72,6 @@ FORMS: tuple[Effect, ...] = (
         equation="− N·|s|·r, τ·ds/dt = sign(F)·√|F| − s, F the thrust ahead: in place of a speed that is not logged",
         experiment="the speed ahead in the log; the same turns with much thrust ahead and with none",
         needs=(),
-        on_speed=_of_thrust,
+        acts=Term(_linear, surge=_of_thrust),
     ),
 )

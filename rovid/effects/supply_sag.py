@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.effects.base import Actuation, Effect, EffectParameter, Values
+from rovid.effects.base import Actuation, Effect, EffectParameter, OnThrust, Values
 from rovid.effects.series import lagged
 from rovid.ground.arrays import FloatArray
 
@@ -63,7 +63,7 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque as −T·|T|, growing during long hard runs",
     experiment="the supply's voltage in the log; one level with other thrusters loaded and idle",
     rivals=("drag_curvature", "thrust_curve_shape", "thruster_deadband", "speed_dependent_damping"),
-    on_thrust=_with_load,
+    acts=OnThrust(_with_load),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -74,7 +74,7 @@ FORMS: tuple[Effect, ...] = (
         equation="T' = T·(1 − d·t), t since the log began",
         fingerprint="residual torque as −t·T: the same command does less at the end than at the start",
         experiment="the same run first, in the middle and last; the supply's voltage in the log",
-        on_thrust=_with_time,
+        acts=OnThrust(_with_time),
     ),
     replace(
         EFFECT,
@@ -83,7 +83,7 @@ FORMS: tuple[Effect, ...] = (
         equation="T' = T·(1 − d·t), t since the first log began",
         fingerprint="residual torque as −t·T: the same command does less in the last run than in the first",
         experiment="the same run first, in the middle and last; the supply's voltage in the log",
-        on_thrust=_with_day,
+        acts=OnThrust(_with_day),
     ),
     replace(
         EFFECT,
@@ -93,8 +93,7 @@ FORMS: tuple[Effect, ...] = (
         equation="T' = T·(V/V0)^p, V0 the median voltage",
         fingerprint="residual torque in proportion to T and to the change of the logged voltage",
         needs=(_CHANNEL,),
-        on_thrust=_with_voltage,
-        anchored=True,
+        acts=OnThrust(_with_voltage, anchored=True),
     ),
 )
 
@@ -106,7 +105,7 @@ _TRIAL_GAIN = EffectParameter(name="gain", unit="1", null=1.0, low=0.3, high=2.0
 def of_trial(name: str) -> Effect:
     """The effect in the trial of this name alone, as where a battery was changed for it, or a propeller fouled."""
 
-    def on_thrust(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+    def in_trial(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
         return thrust * values["gain"] if where.whole == name else thrust
 
     return replace(
@@ -118,5 +117,5 @@ def of_trial(name: str) -> Effect:
         fingerprint="residual torque as T, in one log alone",
         experiment="that run again, and one of the others beside it; the supply's voltage in the log",
         rivals=("thrust_asymmetry", "thruster_imbalance", "bias_torque"),
-        on_thrust=on_thrust,
+        acts=OnThrust(in_trial),
     )

@@ -3,31 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
-from rovid.effects.base import Effect, EffectParameter, Values, compiled
-
-
-@compiled
-def _term(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    # The mode's equation integrated once, as rdot is not known here: the states are ∫q and q, which the rate drives.
-    dx[j, 0] = x[j, 1]
-    dx[j, 1] = rate - 2.0 * p[j, 2] * p[j, 1] * x[j, 1] - p[j, 1] * p[j, 1] * x[j, 0]
-    return -p[j, 0] * base[0] * p[j, 1] * dx[j, 1]
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, Values, compiled
 
 
 @compiled
-def _following(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    dx[j, 0] = x[j, 1]
-    dx[j, 1] = rate - 2.0 * p[j, 2] * p[j, 1] * x[j, 1] - p[j, 1] * p[j, 1] * x[j, 0]
-    return -p[j, 0] * base[0] * p[j, 1] * p[j, 1] * x[j, 1]
+def _ring(drive: float, p: Numbers, x: Numbers) -> float:
+    """Rate of change of q; the mode's equation integrated once, as rdot is not known here: the states are ∫q and q."""
+    return drive - 2.0 * p[2] * p[1] * x[1] - p[1] * p[1] * x[0]
 
 
 @compiled
-def _by_thrust(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    dx[j, 0] = x[j, 1]
-    dx[j, 1] = push / base[0] - 2.0 * p[j, 2] * p[j, 1] * x[j, 1] - p[j, 1] * p[j, 1] * x[j, 0]
-    return -p[j, 0] * base[0] * p[j, 1] * x[j, 1]
+def _term(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float, float]:
+    change = _ring(at.rate, p, x)
+    return -p[0] * at.body.inertia * p[1] * change, x[1], change
+
+
+@compiled
+def _following(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float, float]:
+    return -p[0] * at.body.inertia * p[1] * p[1] * x[1], x[1], _ring(at.rate, p, x)
+
+
+@compiled
+def _by_thrust(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float, float]:
+    return -p[0] * at.body.inertia * p[1] * x[1], x[1], _ring(at.push / at.body.inertia, p, x)
 
 
 def _fastest(values: Values) -> float:
@@ -52,10 +51,7 @@ EFFECT: Effect = Effect(
     fingerprint="a ring of one frequency that decays after each start and stop, whatever the rate",
     experiment="stops at full speed, left alone until the water is still; the same at depth",
     rivals=("wave_torque", "added_mass_memory"),
-    term=_term,
-    fastest=_fastest,
-    remembers=True,
-    carried=True,
+    acts=Term(_term, states=2, fastest=_fastest, rings=True),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -63,14 +59,13 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="following",
         equation="− g·I·ω²·q, q as above: water that follows the vehicle and pulls by its own acceleration",
-        term=_following,
+        acts=Term(_following, states=2, fastest=_fastest, rings=True),
     ),
     replace(
         EFFECT,
         form="thrust",
         equation="− g·I·ω·dq/dt, d²q/dt² + 2ζω·dq/dt + ω²·q = T/I: set off by the jets",
-        term=_by_thrust,
         # Known thrust sets it off.
-        carried=False,
+        acts=Term(_by_thrust, states=2, fastest=_fastest),
     ),
 )

@@ -4,35 +4,34 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from rovid.effects.base import Effect, EffectParameter, compiled
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled
 from rovid.ground.arrays import FloatArray
 
 
 @compiled
-def _linear(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    return -p[j, 0] * angle
+def _linear(at: Instant, p: Numbers) -> float:
+    return -p[0] * at.angle
 
 
 @compiled
-def _stiffening(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    share = angle / p[j, 1]
-    return -p[j, 0] * angle * (1.0 + share * share)
+def _stiffening(at: Instant, p: Numbers) -> float:
+    share = at.angle / p[1]
+    return -p[0] * at.angle * (1.0 + share * share)
 
 
 @compiled
-def _wound(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    return -p[j, 0] * (angle + p[j, 1])
+def _wound(at: Instant, p: Numbers) -> float:
+    return -p[0] * (at.angle + p[1])
 
 
 @compiled
-def _rest(rate: float, angle: float, push: float, base: Any, p: Any, x: Any, dx: Any, j: int) -> Any:
-    # base[3] is the heading at the start of the trial. How many turns there are in the tether then is not logged.
-    start = base[3] - p[j, 1]
-    return -p[j, 0] * (angle + start - 2.0 * math.pi * math.floor(start / (2.0 * math.pi) + 0.5))
+def _rest(at: Instant, p: Numbers) -> float:
+    # at.start is the heading at the start of the trial. How many turns there are in the tether then is not logged.
+    start = at.start - p[1]
+    return -p[0] * (at.angle + start - 2.0 * math.pi * math.floor(start / (2.0 * math.pi) + 0.5))
 
 
 def _within_a_turn(numbers: FloatArray) -> FloatArray:
@@ -53,7 +52,7 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque in proportion to the turns made; recoil after a stop",
     experiment="six turns one way, rest, six turns back",
     rivals=("entrained_swirl", "bias_torque"),
-    term=_linear,
+    acts=Term(_linear),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -65,7 +64,7 @@ FORMS: tuple[Effect, ...] = (
             EffectParameter(name="angle", unit="rad", null=10.0, low=0.5, high=200.0, starts=(6.0, 25.0)),
         ),
         equation="− k·x·(1 + (x/x0)²), x turned since the start of the trial",
-        term=_stiffening,
+        acts=Term(_stiffening),
     ),
     replace(
         EFFECT,
@@ -77,7 +76,7 @@ FORMS: tuple[Effect, ...] = (
             ),
         ),
         equation="− k·(ψ − ψ0), within half a turn of ψ0 at the start of the trial",
-        term=_rest,
+        acts=Term(_rest),
         canonical=_within_a_turn,
     ),
     replace(
@@ -88,6 +87,6 @@ FORMS: tuple[Effect, ...] = (
             EffectParameter(name="wound", unit="rad", null=0.0, low=-40.0, high=40.0, starts=(3.0, -3.0)),
         ),
         equation="− k·(w + ψ − ψ at the start of the trial), wound by w before each trial",
-        term=_wound,
+        acts=Term(_wound),
     ),
 )

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.effects.base import Actuation, Effect, EffectParameter, Values
+from rovid.effects.base import Actuation, Effect, EffectParameter, OnThrust, Values
 from rovid.ground.arrays import FloatArray
 
 
@@ -27,7 +27,7 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque in proportion to thrust, in reverse only; a symmetric sine has a mean rate",
     experiment="holds both ways at several levels, and a coast-down from each",
     rivals=("bias_torque", "drag_asymmetry"),
-    on_thrust=_constant,
+    acts=OnThrust(_constant),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -35,6 +35,6 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="growing",
         equation="F' = F·(1 − (1 − g)·|F|/F0) where F < 0, F0 a tenth of full thrust",
-        on_thrust=_growing,
+        acts=OnThrust(_growing),
     ),
 )

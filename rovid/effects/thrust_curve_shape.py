@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.effects.base import Actuation, Effect, EffectParameter, Values
+from rovid.effects.base import Actuation, Effect, EffectParameter, OnCommand, OnThrust, Values
 from rovid.ground.arrays import FloatArray
 
 
@@ -37,8 +37,7 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque odd in the thrust, of one sign at small and the other at large thrust",
     experiment="coast-downs, which know no thrust, beside holds at many levels",
     rivals=("thruster_deadband", "supply_sag", "drag_curvature"),
-    on_thrust=_power,
-    anchored=True,
+    acts=OnThrust(_power, anchored=True),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -47,14 +46,13 @@ FORMS: tuple[Effect, ...] = (
         form="saturating",
         parameters=(EffectParameter(name="loss", unit="1", null=0.0, low=-0.5, high=5.0, starts=(0.1,)),),
         equation="F' = F·(1 + a)/(1 + a·|F|/F0), F0 a tenth of the bench's largest thrust",
-        on_thrust=_saturating,
+        acts=OnThrust(_saturating, anchored=True),
     ),
     replace(
         EFFECT,
         form="command",
         equation="u' = U·(|u|/U)^e·sign(u), u the command beyond the bench's dead zone and U the largest of its sign",
         fingerprint="residual torque odd in the command, of the same shape both ways though the bench thrusts differ",
-        on_thrust=None,
-        on_command=_in_command,
+        acts=OnCommand(_in_command, anchored=True),
     ),
 )

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.effects.base import Actuation, Effect, EffectParameter, Values
+from rovid.effects.base import Actuation, Effect, EffectParameter, OnCommand, Values
 from rovid.ground.arrays import FloatArray
 
 
@@ -38,7 +38,7 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque odd in the command, largest in share at small ones; flat where a sine crosses zero",
     experiment="a low-speed staircase through neutral, both ways",
     rivals=("coulomb_resistance", "thrust_curve_shape", "supply_sag"),
-    on_command=_shift,
+    acts=OnCommand(_shift),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -51,6 +51,6 @@ FORMS: tuple[Effect, ...] = (
             EffectParameter(name="edge", unit="1", null=0.02, low=0.02, high=0.5, starts=(0.1,), step=0.1),
         ),
         equation="u' = u where |u| is b or more beyond the bench's dead zone, else 0: thrust sets in within e·b",
-        on_command=_jump,
+        acts=OnCommand(_jump),
     ),
 )

@@ -6,8 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.effects.base import Actuation, Effect, EffectParameter, Values
+from rovid.effects.base import Actuation, Effect, EffectParameter, OnThrust, Values
 from rovid.ground.arrays import FloatArray
+
+
+def _each(_: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+    """Before a thruster is named."""
+    return values["gain"] * thrust
+
 
 EFFECT: Effect = Effect(
     id="thruster_imbalance",
@@ -19,6 +25,7 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque in proportion to one thruster's share of the thrust",
     experiment="each thruster alone, at the same levels",
     rivals=("thrust_asymmetry", "supply_sag"),
+    acts=OnThrust(_each),
     each_thruster=True,
 )
 FORMS: tuple[Effect, ...] = (EFFECT,)
@@ -31,11 +38,11 @@ def of_thruster(name: str) -> Effect:
     """The effect on the thruster of this name; with ``BESIDE`` after it, only while another one pushes."""
     thruster, beside = name.removesuffix(BESIDE), name.endswith(BESIDE)
 
-    def on_thrust(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+    def weakened(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
         changed, at = thrust.copy(), where.names.index(thruster)
         others = np.any(np.delete(thrust, at, axis=1) != 0.0, axis=1)
         changed[:, at] *= np.where(others, values["gain"], 1.0) if beside else values["gain"]
         return changed
 
     equation = "F' = g·F of the named thruster while another one pushes" if beside else EFFECT.equation
-    return replace(EFFECT, form=name, equation=equation, on_thrust=on_thrust)
+    return replace(EFFECT, form=name, equation=equation, acts=OnThrust(weakened))

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.effects.base import Actuation, Effect, EffectParameter, Values
+from rovid.effects.base import Actuation, Effect, EffectParameter, OnCommand, OnThrust, OnTorque, Values
 from rovid.effects.series import lagged, rotor_lagged
 from rovid.ground.arrays import FloatArray
 
@@ -44,8 +44,7 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque at the edges of steps and ahead of the peaks of a sine, none in steady motion",
     experiment="a fast pseudo-random command, 1 to 3 s a level",
     rivals=("command_delay", "added_mass_memory", "slew_limit"),
-    on_torque=_of_torque,
-    quick=True,
+    acts=OnTorque(_of_torque, quick=True),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -53,30 +52,26 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="command",
         equation="τ·du'/dt + u' = u, ahead of the thrust curve",
-        on_torque=None,
-        on_command=_of_command,
+        acts=OnCommand(_of_command, quick=True),
     ),
     replace(
         EFFECT,
         form="spin",
         equation="τ·dn/dt + n = sign(F)·√|F|, F' = n·|n|: the rotor's speed, as a motor's controller has it follow",
-        on_torque=None,
-        on_thrust=_of_spin,
+        acts=OnThrust(_of_spin, quick=True),
     ),
     # A rotor behind a motor or a controller of its own: no thrust at once, as of one lag.
     replace(
         EFFECT,
         form="double",
         equation="τ²·d²u'/dt² + 2τ·du'/dt + u' = u, ahead of the thrust curve",
-        on_torque=None,
-        on_command=_doubled,
+        acts=OnCommand(_doubled, quick=True),
     ),
     # Yoerger, Cooke and Slotine 1990: n' = β·u − α·n|n|, F = C·n|n|.
     replace(
         EFFECT,
         form="rotor",
         equation="2τ·√F0·dn/dt + n|n| = F, F' = n|n|: τ at a tenth of full thrust F0, longer at less",
-        on_torque=None,
-        on_thrust=_of_rotor,
+        acts=OnThrust(_of_rotor, quick=True),
     ),
 )

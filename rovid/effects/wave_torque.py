@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rovid.effects.base import Effect, EffectParameter
+from rovid.effects.base import Effect, EffectParameter, Wave
 
 # A narrow band shows only near its frequency.
 _FREQUENCIES = (0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.42, 0.6, 0.85, 1.2, 1.7, 2.4, 3.4, 4.8, 6.8)
@@ -22,6 +22,6 @@ EFFECT: Effect = Effect(
     fingerprint="a peak in the spectrum of the residual, not coherent with the command, present at rest too",
     experiment="a record at rest without command; the same run deeper",
     rivals=("tank_seiche",),
-    wave=True,
+    acts=Wave(),
 )
 FORMS: tuple[Effect, ...] = (EFFECT,)

@@ -10,7 +10,7 @@ import numpy as np
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Thruster, Vehicle
 from rovid.effects import Effect
-from rovid.effects.base import actuation, neutral_commands
+from rovid.effects.actuation import actuation, neutral_commands
 from rovid.effects.thruster_imbalance import BESIDE
 from rovid.ground.arrays import FloatArray, IntArray
 from rovid.ground.quoting import identifiers, xml_comment
@@ -198,7 +198,7 @@ def _steady_thrust(subject: Subject, held: list[Effect], index: int, command: Fl
     where = actuation(vehicle, trial)
     values = tuple(map(float, subject.values_of(held)))
     model = replace(subject.model, effects=tuple(held), effect_values=values)
-    thrust = model.thrust(vehicle, where, commands)
+    thrust = model.drivetrain.thrust(vehicle, where, commands)
     return np.asarray(thrust[:, index])
 
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.campaign.trial import Trial
-from rovid.effects.base import Actuation, actuation
+from rovid.effects.actuation import Actuation, actuation
 from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves
 from rovid.export.manoeuvre import march, thrust_torque
 from rovid.ground.arrays import FloatArray

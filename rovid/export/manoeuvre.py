@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from rovid.campaign.trial import Trial
-from rovid.effects.base import neutral_commands
+from rovid.effects.actuation import neutral_commands
 from rovid.export.base import Curve, Subject
 from rovid.ground.arrays import FloatArray
 from rovid.model.model import Model

@@ -71,7 +71,7 @@ class Coordinates:
         period = min(run.trial.period for run in self.records.runs)
         fastest = math.pi / max(self.records.interval, period)
         for at, effect, parameter in self.of_effects():
-            if (effect.wave or effect.carried) and parameter.name == "frequency":
+            if effect.oscillates and parameter.name == "frequency":
                 self.high[at] = max(min(self.high[at], fastest), self.low[at])
 
     @cached_property

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from rovid.campaign.vehicle import Vehicle
-from rovid.effects.base import Actuation, actuation
+from rovid.effects.actuation import Actuation, actuation
 from rovid.ground.arrays import IntArray
 from rovid.model.drive import MOST_PARTS, Drive
 from rovid.model.model import Model
@@ -45,25 +45,25 @@ class Driving:
 
     def at_instants(self, model: Model) -> list[Drive]:
         """At all instants of each run's log."""
-        if self.vehicle is None or not model.acts_on_drive:
+        if self.vehicle is None or model.drivetrain.is_plain:
             return self._held
         return [model.drive(self.vehicle, run.trial) for run in self.runs]
 
     def between_steps(self, model: Model) -> list[Drive]:
         """Of each run, from each of its steps to the next."""
-        if self.vehicle is None or not model.acts_on_drive:
+        if self.vehicle is None or model.drivetrain.is_plain:
             return self._held_between
         steps: list[IntArray | None] = [None] * len(self.runs)
         if self.steps is not None:
             steps = [*self.steps]
         drives = []
         for run, where, at in zip(self.runs, self._where(self.vehicle, model), steps, strict=True):
-            drives.append(model.driven(self.vehicle, where, run.trial.commands, at))
+            drives.append(model.drivetrain.driven(self.vehicle, where, run.trial.commands, at))
         return drives
 
     def _where(self, vehicle: Vehicle, model: Model) -> list[Actuation]:
         """What the effects between command and torque know of each run, cut as finely as ``model`` asks for."""
-        parts = min(self._parts, model.parts)
+        parts = min(self._parts, model.drivetrain.parts)
         if parts not in self._actuations:
             self._actuations[parts] = [actuation(vehicle, run.trial, parts) for run in self.runs]
         return self._actuations[parts]

@@ -139,7 +139,7 @@ class Fitted:
         vehicle, runs = self.records.vehicle, self.records.runs
         if vehicle is None:
             return 0.0
-        return self.model.scale_doubt(vehicle, [run.trial for run in runs])
+        return self.model.drivetrain.scale_doubt(vehicle, [run.trial for run in runs])
 
     @property
     def at_limit(self) -> bool:

@@ -10,6 +10,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from rovid.effects.base import Term
 from rovid.ground.arrays import FloatArray, IntArray
 from rovid.identify.coordinates import DISTURBANCE, NOISE, Coordinates
 from rovid.identify.courses import GRID, HORIZONS
@@ -59,7 +60,7 @@ class HorizonMisfit(Misfit):
         grid = GRID * self.records.time_constant
         low, high = coordinates.bounds
         for at, effect, parameter in coordinates.of_effects():
-            if not effect.fastest:
+            if not (isinstance(effect.acts, Term) and effect.acts.fastest):
                 continue
             if parameter.name == "time_constant":
                 low[at] = min(max(low[at], grid), high[at])

@@ -20,6 +20,7 @@ from rovid.ground.arrays import FloatArray, IntArray
 from rovid.identify.courses import HORIZONS, MOST_RESTARTS, RESTARTS, Course, Grid, course_of, means_on, motion_of
 from rovid.identify.records import Records
 from rovid.model.drive import Drive
+from rovid.model.integration import along
 from rovid.model.model import Model
 from rovid.motion.rates import on_grid
 
@@ -125,9 +126,9 @@ def predictions(records: HorizonRecords, model: Model, drives: Sequence[Drive]) 
         return np.empty(0)
     followed = [_followed(course, model, drive) for course, drive in zip(courses, drives, strict=True)]
     torque, beside, rate, turned, states, slope = (np.concatenate(series) for series in zip(*followed, strict=True))
-    base = np.array([model.base(course.run.trial) for course in courses])[grid.run]
+    start = np.array([model.equation_in(course.run.trial).start for course in courses])[grid.run]
     here = (torque, beside, rate, np.nan_to_num(turned), states)
-    moved = predict(grid.period, *here, grid.restarts, grid.reach, base, *model.terms())
+    moved = predict(grid.period, *here, grid.restarts, grid.reach, start, model.body, model.terms)
     ahead = moved[grid.number, grid.ends - grid.starts]
     measured = turned[grid.ends] - turned[grid.starts]
     # What is predicted is the position as it is measured, whatever that deviates by.
@@ -151,22 +152,22 @@ class _Followed(NamedTuple):
 def _followed(course: Course, model: Model, drive: Drive) -> _Followed:
     trial, time = course.run.trial, course.time
     turned, moving, rate, slope = course.turned, course.moving, course.rate, np.ones(len(time))
-    if model.deviates:
-        true, slopes = model.true_angle(trial, trial.position, np.arange(len(trial.time)))
+    if model.instrument.deviates:
+        true, slopes = model.instrument.true_angle(trial, trial.position, np.arange(len(trial.time)))
         off = on_grid(trial, true - trial.position, course.run.rates.time)
         every = round(course.period / course.run.rates.kernel.period)
         slope = np.interp(time, trial.time, slopes)
         rate = course.rate / slope
         turned, moving = motion_of(time, course.angle + off[::every], rate)
     torque, beside = course.torque, np.zeros((len(time), drive.beside.shape[1]))
-    if model.acts_on_drive:
+    if not model.drivetrain.is_plain:
         torque = means_on(trial.time, drive.torque, time, course.held, course.since)
     for column, series in zip(beside.T, drive.beside.T, strict=True):
         if series.any():
             column[:] = means_on(trial.time, series, time, course.held, course.since)
     states = np.zeros((len(time), 0, TERM_STATES))
-    if model.remembers:
-        _, states = model.along(trial, course.period, (moving, turned, torque), beside)
+    if model.terms.remembering:
+        _, states = along(model.equation_in(trial), course.period, (moving, turned, torque), beside)
     return _Followed(torque, beside, rate, turned, states, slope)
 
 

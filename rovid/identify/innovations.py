@@ -56,8 +56,7 @@ class InnovationMisfit(Misfit):
         from rovid.model.kernels import innovations, innovations_wide
 
         records, model = self.records, self.coordinates.model(x)
-        terms, active = model.terms()
-        wave, wide = model.wave(), any(effect.wave or effect.carried for effect in model.effects)
+        is_wide = any(effect.oscillates for effect in model.effects)
         sizes = np.exp(x[DISTURBANCE:COMMON])
         gyro_noise = sizes[2] if records.integrated else records.gyro_noise
         noise = np.array([*sizes, gyro_noise])
@@ -66,12 +65,12 @@ class InnovationMisfit(Misfit):
         for readings, drive, initial_rate in parts:
             trial = readings.run.trial
             start = np.array([initial_rate, _RATE_ERROR * records.rate])
-            true, slope = model.true_angle(trial, readings.angle, readings.at)
+            true, slope = model.instrument.true_angle(trial, readings.angle, readings.at)
             driven = (readings.time, drive.torque, drive.beside, drive.moment, drive.scatter)
             gyro = readings.gyro_rate
-            motion = (model.base(trial), terms, active, noise)
-            if wide:
-                error, variance = innovations_wide(*driven, true, gyro, *motion, wave, start)
+            motion = (model.equation_in(trial), noise)
+            if is_wide:
+                error, variance = innovations_wide(*driven, true, gyro, *motion, model.wave, start)
             else:
                 error, variance = innovations(*driven, true, gyro, *motion, start)
             known, known_rates = readings.known, readings.known_rates

@@ -197,7 +197,7 @@ class Misfit(ABC):
 
     def drives(self, model: Model) -> list[Drive]:
         """What drives each run after the effects between command and torque, held between the instants."""
-        key = model.drive_values
+        key = model.drivetrain.values
         drives = self._drives.pop(key, None) or self.records.drives_between(model)
         # The slopes along all other parameters ask for the same again, and so does the next step.
         self._drives[key] = drives

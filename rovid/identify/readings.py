@@ -10,6 +10,7 @@ import numpy as np
 
 from rovid.ground.arrays import FloatArray, IntArray
 from rovid.identify.records import Records
+from rovid.model.integration import initial_rate
 from rovid.motion.rates import body_position
 from rovid.motion.runs import Run
 
@@ -113,7 +114,7 @@ class Readings(Records):
     @cached_property
     def initial_rates(self) -> list[float]:
         """Rate of each run at its first instant, rad/s."""
-        return [self.start.initial_rate(run.trial) for run in self.runs]
+        return [initial_rate(run.trial, self.start.swing) for run in self.runs]
 
     @cached_property
     def gyro_noise(self) -> float:

@@ -252,7 +252,7 @@ def peak_bias(trials: Sequence[SineTrial], model: Model) -> float:
         time = np.arange(_SETTLED * _PHASES + 1) * trial.period / _PHASES
         torque = np.tile(wave.over_one_period(wave.torque), _SETTLED)
         torque = np.append(torque, torque[0])
-        rate, _ = simulate(time, torque, model.inertia, model.quadratic_drag, model.linear_drag, 0.0)
+        rate, _ = simulate(time, torque, model.body, 0.0)
         spectrum = np.fft.rfft(rate[-_PHASES - 1 : -1])[: len(wave.rate)] / _PHASES
         spectrum[1:] *= 2.0
         steady = Wave(frequency=wave.frequency, torque=wave.torque, rate=spectrum, seconds=wave.seconds)

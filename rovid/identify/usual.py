@@ -9,7 +9,8 @@ import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
-from rovid.effects.base import SPEEDS, Scales, neutral_commands, race
+from rovid.effects.actuation import SPEEDS, neutral_commands, race
+from rovid.effects.base import Scales
 from rovid.ground.arrays import FloatArray
 from rovid.motion.runs import Run
 

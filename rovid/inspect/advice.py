@@ -12,7 +12,7 @@ from rovid.campaign.axis import Axis
 from rovid.campaign.trial import Campaign, Trial
 from rovid.campaign.vehicle import ThrustCurve, Vehicle
 from rovid.effects import restoring_of
-from rovid.effects.base import neutral_commands
+from rovid.effects.actuation import neutral_commands
 from rovid.effects.restoring import columns
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import RovidError

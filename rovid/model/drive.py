@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from rovid.effects.base import SPEEDS
+from rovid.effects.actuation import SPEEDS
 from rovid.ground.arrays import FloatArray, IntArray
 
 # Into how many the interval between two samples is cut for an effect that acts within it.

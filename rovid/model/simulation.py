@@ -10,6 +10,7 @@ import numpy as np
 from rovid.campaign.vehicle import Vehicle
 from rovid.ground.arrays import FloatArray
 from rovid.model.drive import Drive
+from rovid.model.integration import along, integrated
 from rovid.model.model import Model
 from rovid.motion.rates import body_position, on_grid
 from rovid.motion.runs import Run
@@ -113,19 +114,21 @@ def _simulate(run: Run, model: Model, drive: Drive) -> TrialSimulation:
 def _position_errors(run: Run, model: Model, drive: Drive) -> dict[float, float | None]:
     rates, trial = run.rates, run.trial
     # About the body's own axis: the position itself, but for what a logged tilt and the heading's deviation add to it.
-    true, gain = model.true_angle(trial, body_position(trial), np.arange(len(trial.time)))
+    true, gain = model.instrument.true_angle(trial, body_position(trial), np.arange(len(trial.time)))
     angle, gain = (on_grid(trial, values, rates.time) for values in (true, gain))
     at_grid = np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1
     torque, beside = drive.torque[at_grid], drive.beside[at_grid]
     rate, turned = rates.rate / gain, angle - angle[np.isfinite(angle)][0]
     # The filter has no rate at the ends of a trial, where the water already moves.
     course = np.where(np.isfinite(rate), rate, np.gradient(turned, rates.kernel.period))
-    _, states = model.along(trial, rates.kernel.period, (course, turned, torque), beside)
+    equation = model.equation_in(trial)
+    _, states = along(equation, rates.kernel.period, (course, turned, torque), beside)
 
     def turned_by(at: int, end: int) -> float:
         part = slice(at, end + 1)
         held, begin = Drive.held(torque[part], beside[part]), (float(rate[at]), float(turned[at]))
-        return model.turned(trial, rates.time[part], held, begin, states[at])
+        _, reached = integrated(equation, rates.time[part], held, begin, states[at])
+        return float(reached[-1] - begin[1])
 
     found: dict[float, float | None] = {}
     for horizon in HORIZONS:

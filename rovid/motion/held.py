@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rovid.effects.base import compiled
 from rovid.ground.arrays import FloatArray
+from rovid.ground.compiled import compiled
 
 
 @compiled

@@ -10,7 +10,7 @@ import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
-from rovid.effects.base import actuation
+from rovid.effects.actuation import actuation
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
 from rovid.model.model import Model

@@ -12,6 +12,7 @@ from scipy import signal
 from rovid.campaign.trial import Campaign
 from rovid.campaign.vehicle import Vehicle
 from rovid.ground.arrays import FloatArray, IntArray
+from rovid.model.integration import along
 from rovid.model.model import Model
 from rovid.motion.rates import finite_stretches
 from rovid.motion.runs import Run, Runs, prepare
@@ -81,11 +82,11 @@ def left_by_all(runs: Runs, model: Model, vehicle: Vehicle) -> list[Residual]:
 
 def _as_turned(runs: Runs, model: Model, vehicle: Vehicle) -> Sequence[Run]:
     """The runs with the headings that ``model`` takes for the true ones, behind the same filter."""
-    if not any(effect.on_heading for effect in model.effects):
+    if not model.instrument.deviates:
         return runs.items
     turned = []
     for trial in (run.trial for run in runs.items):
-        heading = model.true_angle(trial, trial.position, np.arange(len(trial.time)))[0]
+        heading = model.instrument.true_angle(trial, trial.position, np.arange(len(trial.time)))[0]
         turned.append(replace(trial, position=heading))
     return prepare(Campaign(trials=tuple(turned), sources=()), vehicle, cutoff=runs.cutoff).items
 
@@ -93,8 +94,8 @@ def _as_turned(runs: Runs, model: Model, vehicle: Vehicle) -> Sequence[Run]:
 def _terms_torque(item: Residual, model: Model) -> FloatArray:
     """(m,) torque in N m of the terms in the equation of motion, along the measured rate and angle."""
     trial, rates = item.run.trial, item.run.rates
-    turned = rates.position - model.base(trial)[3]
-    return model.along(trial, rates.kernel.period, (rates.rate, turned, item.drive), item.beside)[0]
+    turned = rates.position - model.equation_in(trial).start
+    return along(model.equation_in(trial), rates.kernel.period, (rates.rate, turned, item.drive), item.beside)[0]
 
 
 def all_left(items: Sequence[Residual]) -> FloatArray:

@@ -1,0 +1,13 @@
+"""How functions are compiled: for the machine at first use, and kept on disk."""
+
+from __future__ import annotations
+
+import numba
+
+from rovid.ground.caches import keeps_compiled
+
+# Several may run at once; a division by zero gives infinity, as numpy's does.
+compiled = numba.njit(cache=keeps_compiled(), error_model="numpy", nogil=True)
+# What is called several times in each step of a loop. Numba hands over an array as seven numbers or more, and such a
+# call costs more than what is done in it.
+inlined = numba.njit(error_model="numpy", nogil=True, inline="always")

@@ -1,0 +1,31 @@
+"""The effects of a model, each with its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, TypeVar
+
+from rovid.effects import Effect
+from rovid.effects.base import Values
+from rovid.ground.arrays import FloatArray
+
+Act = TypeVar("Act")
+
+
+class Acting(NamedTuple):
+    """An effect, and its (p,) parameters in their order."""
+
+    effect: Effect
+    numbers: FloatArray
+
+    @property
+    def values(self) -> Values:
+        """Its parameters by name."""
+        return self.effect.values(self.numbers)
+
+
+def that_act(every: Sequence[Acting], where: type[Act]) -> Iterator[tuple[Act, Values]]:
+    """What those do that act ``where``, one of `rovid.effects.acts`, and their parameters."""
+    for one in every:
+        if isinstance(one.effect.acts, where):
+            yield one.effect.acts, one.values

@@ -1,0 +1,95 @@
+"""The motion by an equation: from a start on; and what its terms do along a measured course."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rovid.campaign.trial import Trial
+from rovid.effects.actuation import bridged
+from rovid.effects.base import TERM_STATES
+from rovid.ground.arrays import FloatArray
+from rovid.model.drive import Drive
+from rovid.model.equation import Equation
+from rovid.motion.rates import body_position, on_grid, uniform_grid
+
+_START_SECONDS = 2.0
+_START_SAMPLES = 5
+_START_SWING = 0.5  # rad of the phase of a swing about its level
+
+
+def integrated(
+    equation: Equation, time: FloatArray, drive: Drive, begin: tuple[float, float], states: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """(n,) rate in rad/s and angle in rad at the instants ``time`` in s, under ``drive``.
+
+    ``begin`` is the rate and the angle since the start of the trial at the first of them; ``states`` of the terms there
+    are (m, TERM_STATES), at rest if not given.
+    """
+    from rovid.model import kernels
+
+    count = len(equation.terms.kinds)
+    if count > 0 or drive.moment.any():
+        states = np.zeros((count, TERM_STATES)) if states is None else states
+        series = drive.torque, drive.moment, drive.beside
+        rate, angle = kernels.simulate_effects(time, *series, equation, begin, states)
+        return rate, angle
+    rate, angle = kernels.simulate(time, drive.torque, equation.body, begin[0])
+    return rate, angle + begin[1]
+
+
+def along(
+    equation: Equation, period: float, course: Sequence[FloatArray], beside: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(n,) torque in N m of all terms and their (n, m, TERM_STATES) states, on a measured ``course``.
+
+    That is (n,) rate, angle since the start of the trial and thrusters' torque, a ``period`` in s apart; ``beside``
+    is theirs as in `Drive`. What is not known of them is bridged by straight lines.
+    """
+    from rovid.model.kernels import effects_along
+
+    known, told = (np.column_stack([bridged(values) for values in series]) for series in (course, beside.T))
+    torque, states = effects_along(period, known, told, equation)
+    return torque, states
+
+
+def initial_rate(trial: Trial, swing: float = 0.0) -> float:
+    """Rate at the first sample: the gyro's, or the slope of the first positions.
+
+    The slope is taken over two seconds at most, and only until the first command changes: a fast vehicle is elsewhere
+    soon after. One that swings at ``swing`` rad/s is so after a fraction of a radian.
+    """
+    changed = np.flatnonzero(np.any(trial.commands != trial.commands[0], axis=1))
+    steady = trial.time[changed[0]] - trial.time[0] if changed.size else _START_SECONDS
+    most = _START_SWING / swing if swing > 0.0 else _START_SECONDS
+    known = np.flatnonzero(trial.measured)
+    early = known[trial.time[known] <= trial.time[0] + min(steady, most, _START_SECONDS)]
+    early = early if len(early) >= _START_SAMPLES else known[:_START_SAMPLES]
+    time = trial.time[early] - trial.time[0]
+    if trial.rate is not None and (read := np.isfinite(trial.rate[early])).any():
+        if swing > 0.0 and read.sum() > 1:
+            return float(np.polynomial.polynomial.polyfit(time[read], trial.rate[early][read], 1)[0])
+        return float(np.mean(trial.rate[early][read][:_START_SAMPLES]))
+    angle = body_position(trial)[early]
+    if len(time) < _START_SAMPLES:
+        return 0.0
+    bent = len(time) > _START_SAMPLES or swing > 0.0
+    return float(np.polynomial.polynomial.polyfit(time, angle - angle[0], 2 if bent else 1)[1])
+
+
+def euler_heading(trial: Trial, rate: FloatArray) -> FloatArray:
+    """(n,) rad turned in heading since the first instant by a body's (n,) ``rate``; tilts are logged."""
+    assert trial.roll is not None and trial.pitch is not None  # noqa: S101, PT018 - narrowed by the caller
+    grid = uniform_grid(trial)
+    roll, pitch = (_tilt(trial, values, grid) for values in (trial.roll, trial.pitch))
+    pitch_rate = np.gradient(pitch, trial.time)
+    slope = (rate + pitch_rate * np.sin(roll)) / (np.cos(roll) * np.cos(pitch))
+    steps = 0.5 * (slope[1:] + slope[:-1]) * np.diff(trial.time)
+    return np.concatenate(([0.0], np.cumsum(steps)))
+
+
+def _tilt(trial: Trial, values: FloatArray, grid: FloatArray) -> FloatArray:
+    known = on_grid(trial, values, grid)
+    finite = np.isfinite(known)
+    return np.interp(trial.time, grid[finite], known[finite]) if finite.any() else np.zeros(len(trial.time))

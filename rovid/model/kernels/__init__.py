@@ -1,0 +1,20 @@
+"""Compiled loops over samples. Nothing here knows of files, units or effects' names."""
+
+from rovid.model.kernels.caches import forget_stale, is_compiled
+from rovid.model.kernels.filter import innovations
+from rovid.model.kernels.free_run import advance, simulate, simulate_effects
+from rovid.model.kernels.prediction import effects_along, predict
+from rovid.model.kernels.wide_filter import innovations_wide
+
+__all__ = [
+    "advance",
+    "effects_along",
+    "innovations",
+    "innovations_wide",
+    "is_compiled",
+    "predict",
+    "simulate",
+    "simulate_effects",
+]
+
+forget_stale()

@@ -1,0 +1,155 @@
+"""The motion from its first instant on, undisturbed by what is measured."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from rovid.effects.base import TERM_STATES, Body
+from rovid.ground.arrays import FloatArray
+from rovid.ground.compiled import compiled
+from rovid.model.kernels.step import bare_step, damping_of, step, steps_of
+
+# A step of this share of the shortest time constant leaves fourth-order Runge-Kutta exact to about 1e-6.
+_STEP_SHARE = 0.2
+_MAX_SUBSTEPS = 1000
+_SETTLED = 1e-9
+
+
+@compiled
+def simulate(time: FloatArray, torque: FloatArray, body: Body, initial_rate: float) -> tuple[FloatArray, FloatArray]:
+    """Integrate ``inertia*rdot + quadratic*|r|*r + linear*r = torque`` and ``angle_dot = r``.
+
+    Parameters
+    ----------
+    time
+        (n,) s, increasing.
+    torque
+        (n,) N m, held from each instant to the next.
+    initial_rate
+        rad/s at the first instant; the angle starts at 0.
+
+    Returns
+    -------
+    rate, angle
+        (n,) rad/s and (n,) rad. Classical fourth-order Runge-Kutta, sub-stepped so that a step is a small
+        share of the local time constant ``inertia / (2*quadratic*|r| + linear)``.
+    """
+    n = len(time)
+    rate = np.empty(n)
+    angle = np.empty(n)
+    rate[0] = initial_rate
+    angle[0] = 0.0
+    quadratic, linear = body.quadratic_drag, body.linear_drag
+    for k in range(n - 1):
+        r = rate[k]
+        a = angle[k]
+        # The rate heads for the one that balances the torque: the faster of the two sets the time constant.
+        balance = math.sqrt(abs(torque[k]) / quadratic) if quadratic > 0.0 else 0.0
+        if linear > 0.0:
+            balance = min(balance, abs(torque[k]) / linear) if quadratic > 0.0 else 0.0
+        left = time[k + 1] - time[k]
+        while left > 0.0:
+            stiffness = damping_of(max(abs(r), balance), body)
+            wanted = left * stiffness / _STEP_SHARE
+            # A gap in the log can be longer than so many steps: they are taken again until the rate has settled.
+            long = wanted > _MAX_SUBSTEPS
+            steps = 1 if not wanted > 1.0 else int(min(wanted, _MAX_SUBSTEPS - 1.0)) + 1
+            h = _STEP_SHARE / stiffness if long else left / steps
+            before = r
+            for _ in range(steps):
+                r, a, _ = bare_step(r, a, torque[k], body, h)
+            left = left - steps * h if long else 0.0
+            if not abs(r - before) > _SETTLED * abs(r):
+                a += r * left
+                left = 0.0
+        rate[k + 1] = r
+        angle[k + 1] = a
+    return rate, angle
+
+
+@compiled
+def advance(
+    r: float,
+    a: float,
+    push: float,
+    other: float,
+    moment: float,
+    beside: Any,
+    interval: float,
+    equation: Any,
+    state: Any,
+    work: Any,
+    stiffness: float,
+) -> Any:
+    """One interval of ``simulate_effects``, for a loop that is closed outside.
+
+    Parameters
+    ----------
+    push, other
+        N m of the thrusters, on which effects depend, and of what else there is.
+    beside
+        (3,) what else effects are told of the interval, see `rovid.model.drive.Drive`.
+    state, work
+        (m, TERM_STATES) states of the effects, moved on; (3, m, TERM_STATES) room.
+    stiffness
+        1/s, as the interval before returned it; 0 at the start.
+
+    Returns
+    -------
+    rate, angle, stiffness
+        At the interval's end.
+    """
+    steps = steps_of(r, push + other, stiffness, interval, equation)
+    h = interval / steps
+    body, stiffness = equation.body, equation.terms.fastest
+    told = beside[0], beside[1], beside[2]
+    for _ in range(steps):
+        r, a, damping = step(r, a, push, other, told, equation, state, work, h)
+        stiffness = max(stiffness, damping)
+    # What came late in the interval has turned the vehicle less, and drag has taken less of it.
+    a += moment / body.inertia
+    r -= damping_of(r, body) * moment / body.inertia
+    return r, a, stiffness
+
+
+@compiled
+def simulate_effects(
+    time: FloatArray,
+    torque: FloatArray,
+    moment: FloatArray,
+    beside: FloatArray,
+    equation: Any,
+    begin: tuple[float, float],
+    states: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """As ``simulate``, with effects in the equation of motion.
+
+    Parameters
+    ----------
+    torque
+        (n,) N m; each value the mean until the next instant.
+    moment, beside
+        (n,) N m s^2 and (n, 3), see `rovid.model.drive.Drive`.
+    equation
+        `rovid.model.equation.Equation`.
+    begin
+        Rate in rad/s and angle in rad, since the start of the trial, at the first instant.
+    states
+        (m, TERM_STATES) of the effects there.
+    """
+    n = len(time)
+    rate, angle = np.empty(n), np.empty(n)
+    r, a = begin
+    rate[0], angle[0] = r, a
+    state, work = states.copy(), np.zeros((3, len(equation.terms.kinds), TERM_STATES))
+    stiffness = 0.0
+    for k in range(n - 1):
+        interval = time[k + 1] - time[k]
+        r, a, stiffness = advance(
+            r, a, torque[k], 0.0, moment[k], beside[k], interval, equation, state, work, stiffness
+        )
+        rate[k + 1], angle[k + 1] = r, a
+    return rate, angle
