@@ -58,7 +58,15 @@ def test_the_filter_is_that_of_the_textbook(*, has_gyro: bool, is_late: bool) ->
     if not has_gyro:
         readings[:, 1] = np.nan
     wanted, wanted_variance = in_matrices(time, drive, readings)
-    series = (time, drive.torque, drive.beside, drive.moment, drive.scatter, *readings.T)
+    series = (
+        time,
+        drive.torque,
+        drive.beside,
+        drive.moment,
+        drive.scatter,
+        readings[:, 0].copy(),
+        readings[:, 1].copy(),
+    )
     found, variance = innovations(*series, MODEL.equation(0.0), np.array([SIGMA, TAU, WHITE, GYRO]), BEGIN)
     known = np.isfinite(wanted)
     assert (np.isfinite(found) == known).all()
