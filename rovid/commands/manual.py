@@ -23,7 +23,7 @@ class Page:
     text
         What it reads, what it writes, when to use it; paragraphs.
     examples
-        (what for, command line); see ``tests/test_help.py``, which runs them.
+        (what for, command line); see ``tests/commands/test_manual.py``, which runs them.
     see
         Related commands and pages.
     """

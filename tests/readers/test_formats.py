@@ -20,7 +20,7 @@ from tests.conftest import ROOT, Rovid
 from tests.readers.logs import campaign, kinds, toml
 from tests.readers.recordings import CHANGES, HEADING, RECORDINGS, TIME
 from tests.readers.test_fuzz import EDITS, FUZZ, Edits, edited, survive
-from tests.test_bad_input import assert_one_message
+from tests.whole.test_bad_input import assert_one_message
 
 FORMATS = pytest.mark.parametrize("suffix", RECORDINGS)
 

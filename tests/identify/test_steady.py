@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +11,9 @@ from rovid.campaign.tables import read_table
 from rovid.ground.errors import DataError
 from rovid.identify.steady import fit_drag
 from rovid.identify.steady_points import SteadyPoint, long_run_variance, points_from_table
+from tests.conftest import SAMPLES
 
-PAPER = Path(__file__).parent.parent / "sample_logs" / "rosub_paper" / "table3.csv"
+PAPER = SAMPLES / "rosub_paper" / "table3.csv"
 
 TURNS = (-0.2, -0.1, -0.06, 0.06, 0.1, 0.2)
 

@@ -18,6 +18,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 from scipy.signal import butter, sosfiltfilt
 
+from tests.conftest import ROOT, SAMPLES
 from tools.programme import CAMPAIGN, LEAD, Hold, Run
 from tools.simulate import MICRO, SUBSTEP, Held, disturbance_torque, simulate
 from tools.t200_curve import thrust_curve
@@ -32,8 +33,6 @@ from tools.truth import (
     Truth,
 )
 
-ROOT = Path(__file__).resolve().parents[1]
-SAMPLES = ROOT / "sample_logs"
 TANK = SAMPLES / "rosub_tank"
 DIVE = SAMPLES / "bluerov2_pier59"
 SEED = 1  # named in rosub_tank/README.md

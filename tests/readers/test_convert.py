@@ -21,7 +21,7 @@ from rovid.campaign.trial import Trial
 from rovid.readers import read_log
 from tests.conftest import SAMPLES, Rovid
 from tests.readers.logs import campaign, csv_text, dive, mcap_bytes, standard, toml
-from tests.test_bad_input import assert_one_message
+from tests.whole.test_bad_input import assert_one_message
 
 TARGETS = pytest.mark.parametrize("suffix", [".csv", ".mcap", ".parquet"])
 LOGS = {

@@ -14,7 +14,7 @@ from rovid.diagnose.parts import parts_of, recorded
 from rovid.ground.arrays import FloatArray
 from tests import synthetic
 from tests.conftest import SAMPLES, Rovid
-from tests.test_bad_input import TOML, assert_one_message
+from tests.whole.test_bad_input import TOML, assert_one_message
 from tools.programme import Hold, Run, Sine
 from tools.trial_day import write_trial_day
 

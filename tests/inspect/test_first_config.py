@@ -15,7 +15,7 @@ from mcap.writer import Writer
 from tests.conftest import Rovid
 from tests.readers.logs import HEADING, campaign, csv_text, dive, finished, standard, toml
 from tests.readers.recordings import RECORDINGS, bag, said
-from tests.test_bad_input import assert_one_message
+from tests.whole.test_bad_input import assert_one_message
 
 Payload = tuple[str, str, tuple[str, bytes] | None, Sequence[bytes]]  # topic, encoding, schema's encoding and text
 

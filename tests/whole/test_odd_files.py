@@ -12,7 +12,7 @@ import pytest
 
 from tests.conftest import Rovid
 from tests.readers.recordings import iso, sentence
-from tests.test_bad_input import TOML, assert_one_message, good_log
+from tests.whole.test_bad_input import TOML, assert_one_message, good_log
 
 
 @pytest.fixture(autouse=True)

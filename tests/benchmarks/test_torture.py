@@ -18,8 +18,8 @@ from benchmarks.torture.mutations import mutated
 from benchmarks.torture.pool import Batch, tried
 from benchmarks.torture.samples import FORMATS, samples
 from benchmarks.torture.state import State
+from tests.conftest import ROOT
 
-ROOT = Path(__file__).parent.parent
 GOOD = '{"logs": []}'
 
 

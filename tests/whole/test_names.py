@@ -40,7 +40,7 @@ from rovid.readers.mcap_writer import Topic, mcap_bytes
 from rovid.report.page import _environment
 from rovid.report.plots import canvas
 from tests.conftest import Rovid
-from tests.test_bad_input import assert_one_message, folder  # noqa: F401 - a fixture
+from tests.whole.test_bad_input import assert_one_message, folder  # noqa: F401 - a fixture
 
 # What a terminal must never get from a name.
 STEERING = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")

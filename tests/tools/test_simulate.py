@@ -14,6 +14,7 @@ import pytest
 from mcap.reader import make_reader
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 
+from tests.conftest import SAMPLES
 from tools.cases import CONTRACT_FORMS, SIZES, Case, all_cases, groups, truth_of
 from tools.channels import EXTRA, column
 from tools.hidden import DRIVERS, EFFECTS, FORMS, OUTSIDE, Hidden
@@ -36,7 +37,6 @@ from tools.truth import (
     Truth,
 )
 
-SAMPLES = Path(__file__).resolve().parents[1] / "sample_logs"
 DIVE = Source(folder=SAMPLES / "bluerov2_pier59")
 # What brings a vehicle back is nothing that there is in yaw.
 LAWS = [(effect, form) for effect, forms in FORMS.items() if effect != "restoring_curve" for form in forms]

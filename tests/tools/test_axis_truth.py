@@ -18,6 +18,7 @@ from scipy.optimize import brentq
 
 from rovid.campaign.axis import AXES
 from rovid.campaign.config import load_config
+from tests.conftest import SAMPLES
 from tools.axis_day import course, hide, main, measured, meter_of, with_hidden, write_axis_day
 from tools.axis_programme import axis_campaign, commanded
 from tools.axis_truth import (
@@ -38,8 +39,6 @@ from tools.programme import LEAD, Hold, Piece, Run, Sine
 from tools.simulate import MICRO, Held, Motion
 from tools.truth import Axis, Disturbance, Dynamics, FloatArray, Truth
 
-ROOT = Path(__file__).resolve().parents[1]
-SAMPLES = ROOT / "sample_logs"
 TRUTHS = list(AXIS_VEHICLES.values())
 STRAIGHT = [truth for truth in TRUTHS if truth.axis != "pitch"]
 PITCHING = [truth for truth in TRUTHS if truth.axis == "pitch"]

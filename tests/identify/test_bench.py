@@ -14,8 +14,8 @@ from rovid.ground.numbers import plus_minus
 from rovid.identify.bench import bench_readings, fit_bench
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia_table import fit_inertia_table
+from tests.conftest import SAMPLES
 
-SAMPLES = Path(__file__).parent.parent / "sample_logs"
 PAPER_SINES = SAMPLES / "rosub_paper" / "sine_trials.csv"
 
 
