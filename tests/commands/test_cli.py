@@ -1,4 +1,4 @@
-"""The command line's contract: help, documents, exit codes, and what the parameter file remembers."""
+"""The command line's contract: help, documents and exit codes."""
 
 from __future__ import annotations
 
@@ -15,23 +15,9 @@ import pytest
 from rovid import __version__
 from rovid.commands import cli
 from tests.conftest import SAMPLES, Rovid, run_rovid
-from tools.programme import Hold, Run, Sine
-from tools.trial_day import write_trial_day
 
-SMALL_DAY = (
-    Run(name="holds up", pieces=(Hold(1.04, 60.0), Hold(1.55, 60.0), Hold(1.94, 60.0))),
-    Run(name="holds dówn", pieces=(Hold(-1.29, 60.0), Hold(-1.97, 60.0))),
-    Run(name="sine", pieces=(Sine(2.0, 2.51, 20.0, 5),)),
-)
 COMMANDS = [command.name or command.callback.__name__.replace("_", "-") for command in cli.app.registered_commands]  # type: ignore[union-attr]
 PARAMETER = {"value", "standard_error", "unit"}
-
-
-@pytest.fixture(scope="module")
-def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("a day") / "søme logs"
-    write_trial_day(folder, seed=3, formats="csv", campaign=SMALL_DAY)
-    return folder
 
 
 def assert_parameters(found: dict[str, Any], names: set[str]) -> None:
@@ -101,38 +87,12 @@ def test_check_document(day: Path, rovid: Rovid) -> None:
     assert document["unreadable"] == []
 
 
-def test_later_commands_remember_the_logs_wherever_they_run(
-    day: Path, rovid: Rovid, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert rovid("fit-drag", day, "-p", "süb dir/p.toml").code == 0
-    inertia = rovid("fit-inertia", "-p", "süb dir/p.toml", "--json").document
-    monkeypatch.chdir(tmp_path / "süb dir")
-    assert rovid("simulate", "-p", "p.toml", "--json").document["overall"]["yaw_rate_r2"] > 0.99
-    assert inertia["chosen"] == "orbit_integral"
-
-
-def test_a_folder_moved_with_its_parameter_file_still_works(day: Path, rovid: Rovid, tmp_path: Path) -> None:
-    shutil.copytree(day, tmp_path / "here" / "logs")
-    assert rovid("fit-drag", "here/logs", "-p", "here/p.toml").code == 0
-    (tmp_path / "here").rename(tmp_path / "there")
-    assert rovid("fit-inertia", "-p", "there/p.toml").code == 0
-
-
 @pytest.mark.parametrize("first", [[], ["fit-drag"]], ids=["without steady drag", "with steady drag"])
 def test_a_command_run_twice_says_the_same(first: list[str], day: Path, rovid: Rovid) -> None:
     for command in first:
         assert rovid(command, day).code == 0
     once, twice = (rovid("fit-inertia", day, "--json").document for _ in range(2))
     assert once == twice
-
-
-def test_logs_may_be_given_one_by_one_and_twice(day: Path, rovid: Rovid) -> None:
-    whole = rovid("fit-drag", day, "--json").document["parameters"]
-    single = rovid("fit-drag", day / "holds up.csv", day / "holds dówn.csv", day / "sine.csv", "--json").document
-    assert single["parameters"] == whole
-    twice = rovid("fit-drag", day, day / "holds up.csv", "--json").document
-    assert twice["parameters"] == whole
-    assert any("same file" in text for text in twice["warnings"])
 
 
 def wrong_sign(day: Path, folder: Path) -> Path:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import json
 import os
-import re
 import shutil
 import signal
 import stat
@@ -24,9 +22,9 @@ from rovid.ground.errors import ConfigError, OutputError
 from rovid.ground.files import Claim, Output
 from rovid.ground.files import journal as journal_module
 from rovid.ground.files.form import C_SOURCE, CURVE, LOG, PAGE, PARAMETERS, PLAN, RECORDING, Form, export_form, png_form
-from rovid.parameters.reading import read_parameters
-from tests.conftest import ROOT, run_rovid
+from tests.conftest import ROOT
 
+pytestmark = pytest.mark.usefixtures("here")
 SCHEMA = 'schema = "rovid-parameters/1"\n'
 FORMS = [PARAMETERS, PAGE, PLAN, CURVE, RECORDING, C_SOURCE, LOG, png_form("plan"), export_form("json")]
 POSIX = pytest.mark.skipif(os.name != "posix", reason="modes and signals are POSIX")
@@ -44,15 +42,6 @@ def message(claim: Claim, output: Output, content: str) -> str:
 
 def saved_in(said: str) -> Path:
     return Path(said.rsplit(" is in ", 1)[1].rstrip("."))
-
-
-@pytest.fixture(autouse=True)
-def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "here").mkdir()
-    monkeypatch.chdir(tmp_path / "here")
-
-
-# What stands there
 
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: form.words)
@@ -140,9 +129,6 @@ def test_what_came_to_stand_there_meanwhile_stays(tmp_path: Path) -> None:
     assert saved.read_text() == SCHEMA
 
 
-# How it is written
-
-
 @POSIX
 def test_modes_and_links_stay(tmp_path: Path) -> None:
     real, link = tmp_path / "real", tmp_path / "link"
@@ -192,9 +178,6 @@ def test_file_and_folder_are_on_the_disk_before_it_ends(tmp_path: Path, monkeypa
     output = Output(tmp_path / "x", PLAN)
     Claim([output]).write({output: "x"})
     assert said == ["file", "rename", "folder"]
-
-
-# When it cannot be written
 
 
 def test_a_claim_leaves_nothing(tmp_path: Path) -> None:
@@ -280,8 +263,6 @@ def test_a_folder_that_is_not_ours_is_found_before_the_work(tmp_path: Path) -> N
     assert "cannot be written (Permission denied)" in done.stdout, done.stderr
 
 
-# Killed
-
 SET = """
     import os, signal, sys
     from pathlib import Path
@@ -317,19 +298,6 @@ def run_code(code: str, *arguments: object, before: tuple[str, ...] = ()) -> sub
         capture_output=True,
         text=True,
         check=False,
-        env=os.environ | {"PYTHONPATH": path},
-    )
-
-
-def started(code: str, *arguments: object) -> subprocess.Popen[str]:
-    import filelock
-
-    path = os.pathsep.join([str(ROOT), str(Path(filelock.__file__).parent.parent)])
-    return subprocess.Popen(
-        [sys.executable, "-c", textwrap.dedent(code), *map(str, arguments)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
         env=os.environ | {"PYTHONPATH": path},
     )
 
@@ -419,394 +387,3 @@ def test_an_interrupt_waits_for_the_renames(tmp_path: Path, monkeypatch: pytest.
         signal.signal(signal.SIGINT, before)
     assert [output.path.read_text() for output in outputs] == [SCHEMA, SCHEMA]
     assert leavings(tmp_path) == []
-
-
-# Through the commands
-
-
-@pytest.fixture(scope="module")
-def day(csv_day: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three logs of the day, with parameters of theirs beside the folder."""
-    folder = tmp_path_factory.mktemp("outputs")
-    (folder / "L").mkdir()
-    names = sorted(path.name for path in csv_day.glob("*.csv") if "hold" in path.name)[:6]
-    for name in ("rovid.toml", "thrust_curve.csv", *names):
-        shutil.copy(csv_day / name, folder / "L")
-    for path in csv_day.glob("sine*.csv"):
-        shutil.copy(path, folder / "L")
-    done = run_rovid("fit-drag", folder / "L", "-p", folder / "parameters.toml")
-    assert done.code == 0, done.err
-    done = run_rovid("fit-inertia", "-p", folder / "parameters.toml")
-    assert done.code == 0, done.err
-    return folder
-
-
-@pytest.fixture
-def mine(day: Path, tmp_path: Path) -> Iterator[Path]:
-    """A copy of the day; at the end all that was there is there as it was."""
-    folder = tmp_path / "day"
-    shutil.copytree(day, folder)
-    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    yield folder
-    changed = [path.name for path, content in before.items() if not path.exists() or path.read_bytes() != content]
-    assert changed == []
-
-
-@pytest.mark.parametrize("force", [(), ("--force",)], ids=["plain", "forced"])
-@pytest.mark.parametrize(
-    "command",
-    [
-        "convert L/hold_01.csv -o L/hold_03.csv",
-        "fit-thruster L/thrust_curve.csv -o L/thrust_curve.csv",
-        "export json -p parameters.toml -o L/rovid.toml",
-        "export json -p parameters.toml -o L/hold_01.csv",
-        "export json -p parameters.toml -o L/thrust_curve.csv",
-        "export json -p parameters.toml -o parameters.toml",
-        "control -p parameters.toml --c parameters.toml",
-        "control -p parameters.toml --c L/hold_02.csv",
-        "control -p parameters.toml --python L/rovid.toml",
-        "plan -p parameters.toml -o L/hold_01.csv",
-        "fit-drag L -p L/hold_01.csv",
-        "fit L -p L/rovid.toml",
-        "diagnose L -p L/thrust_curve.csv",
-        "simulate L/hold_01.csv -p parameters.toml --mcap L/rovid.toml",
-    ],
-)
-def test_no_command_writes_over_the_campaign(
-    command: str, force: tuple[str, ...], mine: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.chdir(mine)
-    done = run_rovid(*command.split(), *force)
-    assert done.code == 2, done
-    assert "Traceback" not in done.err
-    assert done.err.count("\n") == 1
-    assert leavings(tmp_path) == []
-
-
-def test_a_repeated_command_replaces_what_it_wrote(mine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(mine)
-    for command in (
-        "convert L/hold_01.csv -o hold.csv",
-        "convert L/hold_01.csv -o hold.mcap",
-        "convert L/hold_01.csv -o hold.parquet",
-        "fit-thruster L/thrust_curve.csv",
-        "export json -p parameters.toml",
-        "export gz-sim -p parameters.toml",
-        "export uuv -p parameters.toml",
-        "export uuv -p parameters.toml -o uuv.yaml",
-        "export vrx -p parameters.toml",
-        "export stonefish -p parameters.toml",
-        "export mujoco -p parameters.toml",
-        "export ros2 -p parameters.toml",
-        "export matlab -p parameters.toml",
-        "export python-vehicle-simulator -p parameters.toml",
-        "control -p parameters.toml --c c.c --python p.py",
-        "simulate L/hold_01.csv -p parameters.toml --mcap simulated.mcap",
-    ):
-        for _ in range(2):
-            done = run_rovid(*command.split())
-            assert done.code == 0, (command, done.err)
-    assert leavings(mine) == []
-
-
-def test_a_foreign_file_is_kept_unless_forced(mine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(mine)
-    (mine / "notes.txt").write_text("mine\n")
-    done = run_rovid("export", "json", "-p", "parameters.toml", "-o", "notes.txt")
-    assert done.code == 2
-    assert "--force" in done.err
-    assert (mine / "notes.txt").read_text() == "mine\n"
-    assert run_rovid("export", "json", "-p", "parameters.toml", "-o", "notes.txt", "--force").code == 0
-    assert json.loads((mine / "notes.txt").read_text())["schema"] == "rovid-model/1"
-
-
-def test_what_another_wrote_during_a_fit_is_kept(day: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from rovid.study import Study
-
-    path = tmp_path / "parameters.toml"
-    real = Study.drag
-
-    def meanwhile(self: Study) -> object:
-        shutil.copy(day / "parameters.toml", path)
-        return real(self)
-
-    monkeypatch.setattr(Study, "drag", meanwhile)
-    assert run_rovid("fit-drag", day / "L", "-p", path).code == 0
-    assert "inertia" in read_parameters(path).entries
-
-
-def test_a_report_takes_its_stale_plots_away_and_leaves_the_rest(day: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "report"
-    parameters = tmp_path / "parameters.toml"
-    shutil.copy(day / "parameters.toml", parameters)
-    # One log is quickly drawn.
-    logs = day / "L" / "hold_01.csv"
-    command = ("report", logs, "-p", parameters, "-o", folder, "--no-diagnosis", "--no-control", "--no-export")
-    assert run_rovid(*command).code == 0
-    plots = folder / "plots"
-    next(plots.glob("trial_*.png")).rename(plots / "trial_99_gone.png")
-    (plots / "photo.png").write_bytes(b"mine")
-    assert run_rovid(*command).code == 0
-    assert not (plots / "trial_99_gone.png").exists()
-    assert (plots / "photo.png").read_bytes() == b"mine"
-    (plots / "trial_98_mine.png").write_bytes(b"mine")
-    before = (folder / "index.html").stat()
-    done = run_rovid(*command)
-    assert done.code == 2
-    assert "trial_98_mine.png" in done.err
-    assert (folder / "index.html").stat() == before
-    assert leavings(folder) == []
-
-
-WITHOUT_WORK = """
-    import json, sys
-    from rovid.study import Study
-    from tests.conftest import run_rovid
-
-    def work(*_, **__):
-        sys.exit(77)
-
-    for name in ("drag", "inertia", "likelihood", "diagnosis"):
-        setattr(Study, name, work)
-    print(json.dumps([vars(run_rovid(*command.split())) for command in sys.argv[1:]]))
-"""
-
-
-@NOBODY
-def test_where_nothing_can_be_written_no_command_begins_its_work(day: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with public_folder() as public:
-        folder, temporary = public / "day", public / "tmp"
-        shutil.copytree(day, folder)
-        (public / "free.toml").write_bytes((folder / "parameters.toml").read_bytes().replace(b'"L"', b'"day/L"'))
-        for place in (folder, folder / "L"):
-            place.chmod(0o555)
-        for place in (public, temporary):
-            place.mkdir(exist_ok=True)
-            place.chmod(0o777)
-        (public / "free.toml").chmod(0o666)
-        monkeypatch.chdir(public)
-        monkeypatch.setenv("TMPDIR", str(temporary))  # for caches of nobody's
-        commands = [
-            "fit-drag day/L -p day/new.toml",
-            "fit-inertia day/L -p day/new.toml",
-            "fit day/L -p day/new.toml",
-            "fit -p day/parameters.toml",
-            "diagnose day/L -p day/new.toml",
-            "diagnose -p day/parameters.toml",
-            "report day/L -p day/new.toml -o page",
-            "report -p day/parameters.toml -o page",
-            "report -p free.toml -o day/page",
-        ]
-        free = ["fit -p free.toml", "diagnose -p free.toml", "report -p free.toml -o page"]
-        done = run_code(WITHOUT_WORK, *free, *commands, before=AS_NOBODY)
-        assert done.returncode == 0, done.stderr
-        ends = json.loads(done.stdout)
-        assert [end["code"] for end in ends[: len(free)]] == [77, 77, 77], "this is where their work begins"
-        for command, said in zip(commands, ends[len(free) :], strict=True):
-            assert said["code"] == 2, (command, said)
-            assert re.search(r"day/\S+: (cannot be written \(Permission denied\)|is write-protected)", said["err"])
-            assert said["err"].count("\n") == 1
-            assert said["out"] == ""
-        assert not (public / "page").exists()
-
-
-# Two at once
-
-UPDATE = """
-    import sys
-    from dataclasses import replace
-    from pathlib import Path
-    from rovid.ground.files import Claim
-    from rovid.parameters.parameters import Entry, Parameters
-    from rovid.parameters.reading import read_parameters
-    from rovid.parameters.update import update
-
-    path, name = Path(sys.argv[1]), sys.argv[2]
-    before = read_parameters(path) if path.exists() else Parameters(path=path)
-    claim = Claim([before.output])
-    print("ready", flush=True)
-    sys.stdin.readline()
-    entry = Entry(value=1.0, standard_error=0.1, unit="", method="")
-    for at in range(20):
-        key = f"bias_torque.{name}{at}"
-        update(before, claim, lambda now: replace(now, entries=dict(now.entries) | {key: entry}))
-"""
-
-
-def test_no_result_of_two_processes_is_lost(tmp_path: Path) -> None:
-    path = tmp_path / "parameters.toml"
-    both = [started(UPDATE, path, name) for name in ("a", "b")]
-    for process in both:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
-    for process in both:
-        process.communicate("go\n", timeout=120)
-        assert process.returncode == 0
-    assert len(read_parameters(path).entries) == 40
-    assert [item.name for item in tmp_path.iterdir() if item.name != "here"] == ["parameters.toml"]
-
-
-@pytest.mark.slow
-def test_a_hundred_pairs_of_fits_lose_nothing(day: Path, tmp_path: Path) -> None:
-    code = "import sys; from rovid.commands.cli import main; sys.argv[0] = 'rovid'; main()"
-    for pair in range(100):
-        path = tmp_path / f"{pair}.toml"
-        both = [started(code, command, day / "L", "-p", path) for command in ("fit-drag", "fit-inertia")]
-        for process in both:
-            process.communicate(timeout=600)
-            assert process.returncode == 0
-        assert {"inertia", "quadratic_drag"} <= set(read_parameters(path).entries)
-    assert leavings(tmp_path) == []
-
-
-# Each writing command, killed at each of its renames
-
-COMMAND = """
-    import os, signal, sys
-    from pathlib import Path
-    from rovid.commands.cli import main
-
-    at, calls, real = int(sys.argv[1]), 0, os.replace
-
-    def counted(source, target):
-        global calls
-        calls += Path(source).name.startswith(".rovid-")
-        if calls == at:
-            os.kill(os.getpid(), signal.SIGKILL)
-        real(source, target)
-
-    os.replace = counted
-    sys.argv = ["rovid", *sys.argv[2:]]
-    main()
-"""
-
-
-@POSIX
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("command", "outputs"),
-    [
-        ("fit-drag L -p parameters.toml", ["parameters.toml"]),
-        ("fit-inertia L -p parameters.toml", ["parameters.toml"]),
-        ("fit L -p parameters.toml", ["parameters.toml"]),
-        ("diagnose L -p parameters.toml", ["parameters.toml"]),
-        ("convert L/hold_01.csv -o log.csv", ["log.csv"]),
-        ("convert L/hold_01.csv -o log.mcap", ["log.mcap"]),
-        ("convert L/hold_01.csv -o log.parquet", ["log.parquet"]),
-        ("fit-thruster L/thrust_curve.csv -o curve.csv", ["curve.csv"]),
-        ("export json -p parameters.toml", ["rovid.json"]),
-        ("control -p parameters.toml --c c.c --python p.py", ["c.c", "p.py"]),
-        ("plan -p parameters.toml", ["plan.csv", "plan.png"]),
-        ("simulate -p parameters.toml --mcap out", ["out"]),
-        ("init L --force", ["L/rovid.toml", "L/thrust_guess.csv"]),
-        ("report -p parameters.toml --no-diagnosis --no-control --no-export", ["report"]),
-    ],
-)
-def test_a_command_killed_at_each_rename(
-    command: str, outputs: list[str], day: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = tmp_path / "day"
-    shutil.copytree(day, folder)
-    monkeypatch.chdir(folder)
-    if command.startswith("init"):
-        (folder / "L" / "thrust_curve.csv").unlink()
-
-    def content() -> dict[Path, bytes]:
-        places = [folder / name for name in outputs]
-        files = [file for place in places for file in ([place] if place.is_file() else place.rglob("[!.]*"))]
-        return {file: file.read_bytes() for file in files if file.is_file()}
-
-    first = run_rovid(*command.split())
-    assert first.code == 0, first.err
-    # With its mark, and unlike what will be written; what is converted is a log, which is never replaced.
-    replaced = not command.startswith("convert")
-    new = content()
-    old = {path: text + b"\n" for path, text in new.items()} if replaced else {}
-    at = 0
-    while True:
-        at += 1
-        for path in new.keys() - old.keys():
-            path.unlink(missing_ok=True)
-        for path, text in old.items():
-            path.write_bytes(text)
-        done = run_code(COMMAND, at, *command.split())
-        if done.returncode == 0:
-            break
-        assert done.returncode == -signal.SIGKILL, done.stderr
-        now = content()
-        changed = [now.get(path) != old.get(path) for path in new]
-        assert now.keys() == (new.keys() if all(changed) else old.keys())
-        assert all(changed) or not any(changed)
-        following = run_rovid(*command.split())
-        assert following.code == 0, following.err
-        assert content().keys() == new.keys()
-        assert leavings(folder) == []
-    assert at == 1 + len(new)
-
-
-# Any machine
-
-
-@contextlib.contextmanager
-def read_only_install() -> Iterator[tuple[Path, dict[str, str]]]:
-    """A package that its user may not write, and the environment of one without a home; an empty temporary folder."""
-    import filelock
-
-    with public_folder() as folder:
-        shutil.copytree(ROOT / "rovid", folder / "rovid", ignore=shutil.ignore_patterns("__pycache__"))
-        temporary = folder / "tmp"
-        temporary.mkdir()
-        temporary.chmod(0o1777)
-        path = os.pathsep.join([str(folder), str(Path(filelock.__file__).parent.parent)])
-        keep = {name: value for name, value in os.environ.items() if not name.startswith(("XDG_", "NUMBA_", "MPL"))}
-        yield folder, keep | {"PYTHONPATH": path, "HOME": "/nonexistent", "TMPDIR": str(temporary)}
-
-
-USE = """
-    import rovid.model.kernels
-    import rovid.report.plots.canvas
-    from rovid.model.kernels import is_compiled, simulate
-    import numpy as np
-    assert rovid.model.kernels.__file__.startswith({folder!r})
-    if {run}:
-        simulate(np.arange(3.0), np.zeros(3), 1.0, 1.0, 1.0, 0.0)
-    print(is_compiled())
-"""
-
-
-def used(folder: Path, environment: dict[str, str], *, run: bool) -> subprocess.CompletedProcess[str]:
-    code = textwrap.dedent(USE.format(folder=str(folder), run=run))
-    return subprocess.run(
-        [*AS_NOBODY, sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=environment,
-        cwd=folder,
-    )
-
-
-@NOBODY
-def test_without_a_home_a_private_folder_keeps_what_is_compiled() -> None:
-    with read_only_install() as (folder, environment):
-        first = used(folder, environment, run=True)
-        assert first.stdout == "True\n"
-        assert first.stderr.count("Note: compiled code and fonts are kept in") == 1
-        assert first.stderr.count("\n") == 1
-        private = folder / "tmp" / "rovid-cache-65534"
-        assert stat.S_IMODE(private.stat().st_mode) == 0o700
-        assert used(folder, environment, run=False).stderr == ""
-
-
-@NOBODY
-def test_a_folder_that_somebody_else_made_is_not_trusted() -> None:
-    with read_only_install() as (folder, environment):
-        planted = folder / "tmp" / "rovid-cache-65534"
-        planted.mkdir()
-        planted.chmod(0o777)
-        done = used(folder, environment | {"MPLCONFIGDIR": str(folder / "tmp")}, run=False)
-        assert done.stdout == "False\n"
-        assert "cannot be kept anywhere" in done.stderr
-        assert done.stderr.count("\n") == 1
-        assert list(planted.iterdir()) == []
-        assert not (folder / "None").exists()

@@ -1,49 +1,17 @@
-"""Bench curves, tables of sine trials, estimates and printed numbers."""
+"""Bench curves."""
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rovid.campaign.tables import Table, read_table
+from rovid.campaign.tables import read_table
 from rovid.ground.errors import DataError, LogError
-from rovid.ground.numbers import plus_minus
 from rovid.identify.bench import bench_readings, fit_bench
-from rovid.identify.estimate import Estimate
-from rovid.identify.inertia_table import fit_inertia_table
 from tests.conftest import SAMPLES
-
-PAPER_SINES = SAMPLES / "rosub_paper" / "sine_trials.csv"
-
-
-def table(text: str, folder: Path, **options: tuple[str, ...]) -> Table:
-    path = folder / "table.csv"
-    path.write_text(text)
-    return read_table(path, **options)
-
-
-def test_paper_sines_by_peak_and_by_harmonic_balance() -> None:
-    fit = fit_inertia_table(read_table(PAPER_SINES), drag=None, rigid_body=2348.9)
-    assert [round(value) for _, value, _ in fit.methods["harmonic_balance"].runs] == [4472, 7479]
-    assert fit.methods["peak"].value == pytest.approx(5057.0, abs=0.5)
-    assert fit.methods["harmonic_balance"].consistent is False
-    assert any("No single inertia fits" in text for text in fit.estimate.warnings)
-    assert fit.added_inertia == pytest.approx(fit.estimate.value("inertia") - 2348.9)
-
-
-def test_sine_table_without_drag_says_what_to_do(tmp_path: Path) -> None:
-    rows = table("period_s,torque_amplitude_Nm,peak_yaw_rate_rad_s\n40,100,0.12\n", tmp_path)
-    with pytest.raises(DataError, match="fit-drag"):
-        fit_inertia_table(rows, drag=None, rigid_body=None)
-
-
-def test_drag_above_torque_is_refused(tmp_path: Path) -> None:
-    text = "period_s,torque_amplitude_Nm,peak_yaw_rate_rad_s,quadratic_drag,linear_drag\n40,10,0.2,3532,132\n"
-    with pytest.raises(DataError, match=r"table\.csv:2: the drag"):
-        fit_inertia_table(table(text, tmp_path), drag=None, rigid_body=None)
+from tests.tables import table
 
 
 def true_thrust(command: np.ndarray) -> np.ndarray:
@@ -118,44 +86,3 @@ def test_bad_bench_is_told(text: str, message: str, tmp_path: Path) -> None:
 def test_two_commands_make_no_curve() -> None:
     with pytest.raises(DataError, match="three commands"):
         fit_bench(np.array([0.0, 1.0]), np.array([0.0, 1.0]))
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("a;b\n1,5;2\n", [1.5]),
-        ("a\tb\n1.5\t2\n", [1.5]),
-        ("\ufeffa,b\n1.5,2\n", [1.5]),
-        ("# note\na,b\n\n1.5,2\n", [1.5]),
-    ],
-)
-def test_tables_of_every_dialect(text: str, expected: list[float], tmp_path: Path) -> None:
-    assert table(text, tmp_path).numbers("a").tolist() == expected
-
-
-@pytest.mark.parametrize(
-    ("value", "error", "expected"),
-    [
-        (3610.38, 315.4, "3610 ± 315"),
-        (103.138, 61.29, "103 ± 61"),
-        (5056.93, 0.155, "5056.930 ± 0.155"),
-        (0.1234567, 0.00456, "0.1235 ± 0.0046"),
-        (123456.0, 45678.0, "123000 ± 46000"),
-        (2.5, math.nan, "2.5"),
-    ],
-)
-def test_values_are_rounded_to_their_uncertainty(value: float, error: float, expected: str) -> None:
-    assert plus_minus(value, error) == expected
-
-
-def test_interval_uses_students_t() -> None:
-    estimate = Estimate(
-        names=("inertia",),
-        values=np.array([10.0]),
-        covariance=np.array([[4.0]]),
-        degrees_of_freedom=3.0,
-        method="m",
-        samples=5,
-    )
-    # t of 0.975 at 3 degrees of freedom is 3.182.
-    assert estimate.interval("inertia") == pytest.approx((10 - 6.365, 10 + 6.365), abs=1e-3)

@@ -5,31 +5,18 @@ from __future__ import annotations
 import math
 import secrets
 from collections.abc import Callable
-from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.linalg import expm
 from scipy.stats import chi2
 
-from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
-from rovid.effects import MOTION, effect_named
-from rovid.ground.arrays import FloatArray
-from rovid.identify.certainty import covariance
 from rovid.identify.estimate import Estimate
-from rovid.identify.free_run import fit_free_run
-from rovid.identify.innovations import Likelihood
 from rovid.identify.likelihood import LIMITS, fit_likelihood
-from rovid.identify.records import Records
-from rovid.identify.whiteness import innovations_are_white
-from rovid.model.kernels import effects_along, innovations, innovations_wide, simulate
-from rovid.model.model import Model
+from rovid.model.kernels import simulate
 from rovid.motion.rates import rates_of
 from rovid.motion.runs import Run
-from rovid.study import open_study
 from tests.conftest import SAMPLES, Rovid
 from tests.synthetic import clock, gauss_markov, trial
 from tools.programme import CAMPAIGN
@@ -41,7 +28,6 @@ SHORT = [run for run in CAMPAIGN if run.name in {"hold_03", "hold_05", "sine_20s
 # Standard errors. Each run draws new days: of the thirty numbers here one lies beyond 3.5 by chance in 70 runs, beyond
 # this in 5000. That the errors mean what they say is measured by benchmarks/uncertainty.py.
 FARTHEST = 4.5
-NO_EFFECTS = Model(inertia=1.0, quadratic_drag=1.0, linear_drag=1.0).terms()
 TRUTH = {
     "inertia": ROSUB.dynamics.inertia,
     "quadratic_drag": ROSUB.dynamics.quadratic_drag,
@@ -83,92 +69,6 @@ def test_tables_have_no_likelihood(rovid: Rovid) -> None:
     done = rovid("fit", SAMPLES / "rosub_paper")
     assert done.code == 2
     assert "no time series" in done.err
-
-
-@pytest.mark.parametrize("name", ["coloured", "spiky"])
-def test_what_is_not_white_is_seen(name: str) -> None:
-    rng = np.random.default_rng()
-    white = rng.normal(size=20_000)
-    series = {
-        "coloured": white[1:] + 0.1 * white[:-1],
-        "spiky": np.where(rng.random(20_000) < 0.005, 20.0, 1.0) * white,
-    }[name]
-    assert not innovations_are_white([series])
-
-
-def test_white_is_seldom_called_coloured() -> None:
-    rng = np.random.default_rng()
-    trials = rng.normal(size=(200, 25, 200))
-    # One in a thousand expected: more than three of 200 happens once in 15 000 runs.
-    assert sum(not innovations_are_white(list(series)) for series in trials) <= 3
-
-
-def random_run(count: int) -> tuple[FloatArray, FloatArray]:
-    """Irregular instants and a torque held between them."""
-    rng = np.random.default_rng()
-    return np.cumsum(rng.uniform(0.01, 0.4, count)), rng.normal(0.0, 100.0, count)
-
-
-def test_without_disturbance_innovations_are_the_output_error() -> None:
-    time, torque = random_run(400)
-    rate, angle = simulate(time, torque, 5057.0, 3532.0, 132.0, 0.02)
-    measured = angle + np.random.default_rng().normal(0.0, 1e-3, len(time))
-    measured[0] = 0.0
-    missing, nothing = np.full(len(time), np.nan), np.zeros(len(time))
-    error, variance = innovations(
-        time,
-        torque,
-        np.zeros((len(time), 3)),
-        nothing,
-        nothing,
-        measured,
-        missing,
-        np.array([5057.0, 3532.0, 132.0, *np.zeros(8)]),
-        *NO_EFFECTS,
-        np.array([1e-6, 4.0, 1e-3, 1.0]),
-        np.array([0.02, 1e-9]),
-    )
-    # What the filter learns from the first heading alone, a few parts in a hundred of the noise, is left.
-    assert np.max(np.abs(error[1:, 0] - (measured - angle)[1:])) < 1.1e-3
-    assert variance[-1, 0] == pytest.approx(1e-6, rel=0.05)
-    assert np.isfinite(rate).all()
-
-
-def test_filter_variance_against_a_fine_grid() -> None:
-    # The same filter fed every instant and every hundredth part of it, where nothing is measured.
-    time, torque = random_run(200)
-    fine = np.unique(np.concatenate([np.linspace(a, b, 100, endpoint=False) for a, b in pairwise(time)] + [time[-1:]]))
-    at = np.searchsorted(fine, time)
-    held = torque[np.clip(np.searchsorted(time, fine, side="right") - 1, 0, len(time) - 1)]
-    _, angle = simulate(time, torque, 2.5, 1.5, 5.0, 0.0)
-    model = (np.array([2.5, 1.5, 5.0, *np.zeros(8)]), *NO_EFFECTS)
-    noise, start = np.array([5.0, 1.0, 1e-3, 1.0]), np.array([0.0, 0.1])
-    none, never = np.zeros(len(time)), np.zeros(len(fine))
-    sparse = np.full(len(fine), np.nan)
-    sparse[at] = angle
-    coarse, coarse_variance = innovations(
-        time, torque, np.zeros((len(time), 3)), none, none, angle, np.full(len(time), np.nan), *model, noise, start
-    )
-    exact, exact_variance = innovations(
-        fine, held, np.zeros((len(fine), 3)), never, never, sparse, np.full(len(fine), np.nan), *model, noise, start
-    )
-    # Sub-steps of a twentieth of the shortest time constant leave the second-order transition a few percent off.
-    assert coarse_variance[1:, 0] == pytest.approx(exact_variance[at, 0][1:], rel=0.05)
-    assert coarse[1:, 0] == pytest.approx(exact[at, 0][1:], abs=0.05 * float(np.sqrt(exact_variance[at, 0].max())))
-
-
-def test_an_open_impulse_widens_what_the_filter_expects() -> None:
-    time = np.arange(0.0, 4.0, 0.5)
-    none, scatter = np.zeros(len(time)), np.where(time == 2.0, 3.0**2, 0.0)
-    angle = np.where(time == 0.0, 0.0, np.nan)
-    angle[time == 2.5] = 0.0
-    model = (np.array([2.0, *np.zeros(10)]), *NO_EFFECTS)
-    noise, start = np.array([1e-6, 4.0, 1e-3, 1.0]), np.array([0.0, 1e-6])
-    _, variance = innovations(
-        time, none, np.zeros((len(time), 3)), none, scatter, angle, none + np.nan, *model, noise, start
-    )
-    # A kick at any instant of the half second, (3 / 2) rad/s in all, has a third of the angle's square.
-    assert variance[time == 2.5, 0] == pytest.approx((3.0 / 2.0 * 0.5) ** 2 / 3.0, rel=1e-3)
 
 
 def advanced_commands(day: Path, samples: int = 6) -> None:
@@ -286,26 +186,6 @@ def test_a_bent_curve_leaves_the_scale_of_all_thrust_open(holds_at: float, tmp_p
     assert any("at which thrust" in warning for warning in fit["warnings"])
 
 
-def test_how_open_the_scale_is() -> None:
-    """Of a curve that bends by a power e, |e - 1| times the logarithm of the thrust over that of no change."""
-    one = Thruster(
-        name="one", arm=0.5, curve=ThrustCurve(command=np.array([-10.0, 10.0]), thrust=np.array([-1e3, 1e3]))
-    )
-    idle = replace(one, name="idle", arm=0.0)
-    vehicle = Vehicle(name="", thrusters=(one, idle))
-    time = np.array([0.0, 3.0, 4.0])  # 3 s of 200 N and 1 s of 600 N, and a tenth of the largest is 100 N
-    commands = np.array([[2.0, 9.0], [-6.0, 9.0], [0.0, 9.0]])
-    run = replace(trial(time, np.zeros(3)), commands=commands)
-    bare = Model(inertia=1.0, quadratic_drag=1.0, linear_drag=1.0)
-    model = replace(bare, effects=(effect_named("thrust_curve_shape"),), effect_values=(0.7,))
-    squares = 0.3**2 * np.log([2.0, 6.0]) ** 2
-    expected = math.sqrt(squares @ [200.0 * 3.0, 600.0 * 1.0] / 1200.0)
-    assert model.scale_doubt(vehicle, [run]) == pytest.approx(expected)
-    assert bare.scale_doubt(vehicle, [run]) == 0.0
-    lagging = replace(bare, effects=(effect_named("thruster_lag"),), effect_values=(0.7,))
-    assert lagging.scale_doubt(vehicle, [run]) == 0.0
-
-
 def test_an_open_scale_is_of_forces_alone_and_has_no_sign() -> None:
     names = ("inertia", "quadratic_drag", "thrust_curve_shape.exponent", "bias_torque.torque")
     sure = Estimate(
@@ -329,28 +209,6 @@ def test_an_open_scale_is_of_forces_alone_and_has_no_sign() -> None:
     assert np.array_equal(openly.covariance, sure.covariance)
 
 
-@pytest.mark.parametrize(("jump", "every"), [(0.05, 5000), (3.0, 100)])
-def test_jumps_of_innovations_make_no_certainty(jump: float, every: int, tmp_path: Path) -> None:
-    write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
-    runs = open_study([tmp_path / "day"]).runs
-    assert runs is not None
-    likelihood = Likelihood(Records(runs.items, None, fit_free_run(runs.items)), LIMITS[0])
-    top, _ = likelihood.climb(likelihood.first())
-
-    class Jumping(Likelihood):
-        """Innovations move by a part of their error where the inertia is above the best."""
-
-        def innovations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-            error, variance = super().innovations(x)
-            return error + jump * (x[0] > top[0]) * np.sqrt(variance) * (np.arange(len(error)) % every == 0), variance
-
-    smooth, jumping = (
-        np.sqrt(np.diag(covariance(kind(likelihood.records, LIMITS[0]), top, sandwich=False)))
-        for kind in (Likelihood, Jumping)
-    )
-    assert jumping == pytest.approx(smooth, rel=0.02)
-
-
 def test_the_disturbance_is_let_go_once_the_cause_is_in(tmp_path: Path, rovid: Rovid) -> None:
     write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
     advanced_commands(tmp_path / "day", 32)
@@ -361,18 +219,6 @@ def test_the_disturbance_is_let_go_once_the_cause_is_in(tmp_path: Path, rovid: R
     assert plain["at_limit"]
     assert plain["limit_share_of_torque"] < delayed["limit_share_of_torque"] == max(LIMITS)
     assert not delayed["at_limit"]
-
-
-def test_a_model_that_misses_much_is_fitted_to_the_end(tmp_path: Path) -> None:
-    write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
-    advanced_commands(tmp_path / "day", 32)
-    runs = open_study([tmp_path / "day"]).runs
-    assert runs is not None
-    likelihood = Likelihood(Records(runs.items, None, fit_free_run(runs.items)), LIMITS[-2])
-    _, soon = likelihood.climb(likelihood.first(), iterations=25)
-    _, late = likelihood.climb(likelihood.first(), iterations=300, tolerance=1e-6)
-    # By scoring alone it would still be thousands away.
-    assert soon - late < 1.0
 
 
 def test_an_effect_that_is_not_there_is_told_from_nothing(tmp_path: Path, rovid: Rovid) -> None:
@@ -420,62 +266,3 @@ def test_a_gyro_that_is_not_logged_is_asked_for(rovid: Rovid) -> None:
     done = rovid("fit", SAMPLES / "rosub_tank", "--gyro")
     assert done.code == 2
     assert "Map yaw_rate" in done.err
-
-
-@pytest.mark.parametrize("gain", [0.1, 0.3])
-@pytest.mark.parametrize("frequency", [1.3, 2.5, 4.0])
-@pytest.mark.parametrize("blind", [False, True])
-def test_the_filter_knows_how_well_it_knows_a_tank(frequency: float, gain: float, blind: bool) -> None:
-    inertia, drag, damping, white, sigma, tau = 500.0, 60.0, 0.03, 5e-4, 3.0, 4.0
-    rng = np.random.default_rng(seed := secrets.randbelow(10**6))
-    print(f"seed {seed}")
-    time = np.arange(0.0, 120.0, 0.2)
-    torque = 60.0 * np.sign(np.sin(2.0 * np.pi * time / 23.0))
-    # Angle, rate, disturbance, q integrated, q.
-    a, noise = np.zeros((5, 5)), np.zeros((5, 5))
-    swing, leak = frequency**2, 2.0 * damping * frequency
-    a[0, 1], a[2, 2], a[3, 4], a[4] = 1.0, -1.0 / tau, 1.0, (0.0, 1.0, 0.0, -swing, -leak)
-    a[1] = np.array([0.0, -drag / inertia, 1.0 / inertia, 0.0, 0.0]) - gain * frequency * a[4]
-    noise[2, 2] = 2.0 * sigma**2 / tau
-    both = expm(np.block([[-a, noise], [np.zeros((5, 5)), a.T]]) * 0.2)
-    step = both[5:, 5:].T
-    grown, push = step @ both[:5, 5:], np.array([[0.0], [1.0 / inertia], [0.0], [0.0], [0.0]])
-    pushed = expm(np.block([[a, push], [np.zeros((1, 6))]]) * 0.2)[:5, 5]
-    truth = np.zeros(5)
-    angle = np.zeros(len(time))
-    for k in range(1, len(time)):
-        truth = step @ truth + pushed * torque[k - 1] + rng.multivariate_normal(np.zeros(5), grown, method="svd")
-        angle[k] = truth[0] + rng.normal(0.0, white)
-    if blind:
-        angle[200:300] = np.nan
-    state, p = np.zeros(5), np.diag([white**2, 1e-8, sigma**2, 0.0, 0.0])
-    wanted = np.full((len(time), 2), np.nan)
-    for k, reading in enumerate(angle):
-        if k > 0:
-            state, p = step @ state + pushed * torque[k - 1], step @ p @ step.T + grown
-        if np.isfinite(reading):
-            wanted[k] = reading - state[0], p[0, 0] + white**2
-            use = p[:, 0] / wanted[k, 1]
-            state, p = state + use * wanted[k, 0], p - np.outer(use, p[0])
-
-    effect = effect_named("tank_seiche")
-    terms, kinds = np.array([[gain, frequency, damping, 0.0]]), np.array([MOTION.index(effect)])
-    base, nothing = np.array([inertia, 0.0, drag, 0.0, frequency, *np.zeros(6)]), np.zeros(len(time))
-    series = (time, torque, np.zeros((len(time), 3)), nothing, nothing, angle, np.full(len(time), np.nan))
-    numbers = np.array([sigma, tau, white, 1.0])
-    error, variance = innovations_wide(*series, base, terms, kinds, numbers, np.zeros(0), np.array([0.0, 1e-4]))
-    known = np.isfinite(wanted[:, 0])
-    assert variance[known, 0] == pytest.approx(wanted[known, 1], rel=0.005)
-    assert (error[known, 0] - wanted[known, 0]) / np.sqrt(wanted[known, 1]) == pytest.approx(0.0, abs=0.02)
-
-
-def test_a_tank_rings_out_along_a_course() -> None:
-    frequency, damping, period = 5.0, 0.01, 0.1
-    time = np.arange(0.0, 100.0, period)
-    rate = np.where(time < 5.0, 0.2 * np.sin(0.2 * np.pi * time), 0.0)
-    course, beside = np.column_stack([rate, nothing := np.zeros(len(time)), nothing]), np.zeros((len(time), 3))
-    terms, kinds = np.array([[0.2, frequency, damping, 0.0]]), np.array([MOTION.index(effect_named("tank_seiche"))])
-    base = np.array([500.0, 0.0, 60.0, 0.0, frequency, *np.zeros(6)])
-    torque, _ = effects_along(period, course, beside, base, terms, kinds)
-    first, last = (np.abs(torque[(time > at) & (time < at + 10.0)]).max() for at in (6.0, 86.0))
-    assert last / first == pytest.approx(math.exp(-damping * frequency * 80.0), rel=0.3)

@@ -9,7 +9,6 @@ import pytest
 
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
-from rovid.identify.free_run import fit_free_run
 from rovid.identify.regression import fit_regression
 from rovid.model.model import Model
 from rovid.motion.runs import Run
@@ -139,15 +138,3 @@ def test_thrust_of_the_wrong_sign_is_told() -> None:
     wrong = Run(trial=good.trial, torque=-good.torque, rates=good.rates, drive=-good.drive)
     with pytest.raises(DataError, match="signs of yaw_arm"):
         fit_regression([wrong])
-
-
-def test_a_delay_that_turns_both_drags_negative_leaves_a_start() -> None:
-    time = clock(240.0)
-    model = replace(ROSUB, inertia=200.0, quadratic_drag=10.0, linear_drag=100.0)
-    torque = 100.0 * np.sign(np.sin(2.0 * np.pi * time / 4.0))
-    log = run(time, np.roll(torque, 8), model)
-    told = replace(log, torque=torque, drive=log.rates.held(log.trial, torque))
-    assert fit_regression([told]).estimate.values[1:].tolist() == [0.0, 0.0]
-    fitted = fit_free_run([told])
-    assert np.isfinite(fitted.values).all()
-    assert fitted.inertia > 0.0

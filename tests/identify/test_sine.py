@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rovid.identify.estimate import Estimate
-from rovid.identify.inertia import fit_inertia
 from rovid.identify.sine import SineTrial, harmonic_balance, orbit_integral, peak_bias, peak_method, sine_trials
 from rovid.model.model import Model
 from rovid.motion.runs import Run
@@ -121,20 +119,3 @@ def test_a_delay_makes_the_orbit_integral_change_with_the_period_and_that_is_sai
     assert reading.consistent is False
     values = [value for _, value, _ in reading.runs]
     assert values[1] > 1.02 * values[0]  # the drag that comes late shows as inertia, most where inertia is small
-
-
-def test_drag_error_widens_the_balance_but_not_the_orbit() -> None:
-    runs = [sine(200.0, 20.0, 6), sine(200.0, 40.0, 6)]
-    errors = []
-    for size in (0.0, 300.0):
-        drag = Estimate(
-            names=("quadratic_drag", "linear_drag"),
-            values=np.array([ROSUB.quadratic_drag, ROSUB.linear_drag]),
-            covariance=np.diag([size**2, 0.0]),
-            method="steady turns",
-            samples=9,
-        )
-        methods = fit_inertia(runs, drag=drag, rigid_body=None).methods
-        errors.append([methods[name].standard_error for name in ("orbit_integral", "harmonic_balance")])
-    assert errors[0][0] == errors[1][0]
-    assert errors[1][1] > errors[0][1]

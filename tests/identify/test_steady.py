@@ -1,3 +1,5 @@
+"""Drag from steady turns."""
+
 from __future__ import annotations
 
 import math
@@ -10,11 +12,10 @@ from rovid.campaign.axis import AXES
 from rovid.campaign.tables import read_table
 from rovid.ground.errors import DataError
 from rovid.identify.steady import fit_drag
-from rovid.identify.steady_points import SteadyPoint, long_run_variance, points_from_table
+from rovid.identify.steady_points import SteadyPoint, points_from_table
 from tests.conftest import SAMPLES
 
 PAPER = SAMPLES / "rosub_paper" / "table3.csv"
-
 TURNS = (-0.2, -0.1, -0.06, 0.06, 0.1, 0.2)
 
 
@@ -152,21 +153,6 @@ def test_no_steady_turn_says_what_to_run() -> None:
         fit_drag([])
     with pytest.raises(DataError, match="still changing"):
         fit_drag([point(0.1, 50.0, error=1e-3, steady=False)])
-
-
-@pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])
-def test_long_run_variance_of_an_autoregression(memory: float) -> None:
-    rng = np.random.default_rng()
-    estimates = []
-    for _ in range(200):
-        noise = rng.normal(size=400)
-        values = np.empty(400)
-        values[0] = noise[0] / np.sqrt(1 - memory**2)
-        for k in range(1, 400):
-            values[k] = memory * values[k - 1] + noise[k]
-        estimates.append(long_run_variance(values - values.mean()))
-    expected = 1.0 / (1.0 - memory) ** 2
-    assert np.mean(estimates) == pytest.approx(expected, rel=0.15)  # first-order bias at n = 400 is a few percent
 
 
 def at_rest(rate: float, torque: float) -> SteadyPoint:

@@ -13,7 +13,7 @@ from rovid.effects import effect_named
 from rovid.ground.arrays import FloatArray
 from rovid.model.drive import Drive
 from rovid.model.kernels import simulate
-from rovid.model.model import Model, initial_rate
+from rovid.model.model import Model
 from rovid.model.simulation import compare, overall, simulate_runs
 from rovid.motion.rates import body_position, rates_of
 from rovid.motion.runs import Run
@@ -152,23 +152,6 @@ def test_overall_is_over_all_samples_of_all_trials() -> None:
     total = overall(results)
     assert total.samples == known.sum()
     assert total.r2 == pytest.approx(1.0 - np.sum(error[known] ** 2) / np.sum((y[known] - y[known].mean()) ** 2))
-
-
-@pytest.mark.parametrize("source", ["heading", "gyro"])
-def test_first_rate_is_that_of_the_first_sample(source: str) -> None:
-    time = clock(10.0)
-    heading = 0.2 * time + 0.03 * time**2
-    gyro = 0.2 + 0.06 * time
-    log = trial(time, np.zeros(len(time)), heading, rate=gyro if source == "gyro" else None)
-    # The gyro's first five samples are averaged: 0.1 s of 0.06 rad/s^2 on.
-    assert initial_rate(log) == pytest.approx(0.2, abs=1e-9 if source == "heading" else 0.0061)
-
-
-def test_first_rate_is_the_first_that_was_read() -> None:
-    time = clock(20.0)
-    gyro = np.where(time < 0.8, np.nan, 0.3)
-    late = trial(time, np.zeros(len(time)), 0.3 * time, rate=gyro)
-    assert initial_rate(late) == pytest.approx(0.3)
 
 
 def test_a_gyro_that_falls_silent_leaves_the_rate_of_the_heading() -> None:

@@ -16,11 +16,9 @@ import pytest
 
 from rovid.campaign.vehicle import ThrustCurve, Thruster
 from rovid.control.design import Control
-from rovid.control.measures import limit_cycle
-from rovid.export import EXPORTERS, Exported, Loss
-from rovid.export.manoeuvre import Mismatch
-from rovid.parameters.parameters import Entry, Parameters
-from rovid.report import build, exports
+from rovid.export import EXPORTERS
+from rovid.parameters.parameters import Parameters
+from rovid.report import build
 from rovid.report.album import Album, make_album
 from rovid.report.controller import gains_grid, runs_grid
 from rovid.report.courses import courses_of
@@ -30,10 +28,9 @@ from rovid.report.plots import canvas
 from rovid.report.plots.closed_loop import closed_loop
 from rovid.report.table import Grid
 from rovid.report.text import number
-from rovid.study import Study
 from tests.conftest import SAMPLES, Rovid, run_rovid
+from tests.report.conftest import silent, study_of
 
-BIAS = Entry(value=1.0, standard_error=0.05, unit="N m", method="maximum likelihood")
 REPORT = ("report", "--no-diagnosis")
 # Of a run in the JSON, and the form in which the page shows it.
 SHOWN = {
@@ -43,31 +40,6 @@ SHOWN = {
     "overshoot_deg": ".1f",
     "steady_error_deg": ".2f",
 }
-
-
-def silent(_: str) -> None:
-    """What `build` is given where nobody watches."""
-
-
-def study_of(day: Evidence) -> Study:
-    return Study(paths=(), vehicle=day.vehicle, campaign=day.campaign, runs=day.runs)
-
-
-def designed(day: Evidence, **entries: Entry) -> Control:
-    stored = replace(day.parameters, entries={**day.parameters.entries, **entries})
-    control, refusal = build.designed_control(study_of(day), stored, silent)
-    assert control is not None, refusal
-    return control
-
-
-@pytest.fixture(scope="module")
-def control(day: Evidence) -> Control:
-    return designed(day)
-
-
-@pytest.fixture(scope="module")
-def pushed(day: Evidence) -> Control:
-    return designed(day, **{"bias_torque.torque": BIAS})
 
 
 def cells(grid: Grid, title: str) -> list[str]:
@@ -185,19 +157,6 @@ def test_what_has_no_bound_is_said_in_words(control: Control) -> None:
     assert cells(grid, "value")[at] == "without limit"
 
 
-def test_the_courses_are_those_of_the_runs(day: Evidence, pushed: Control) -> None:
-    courses = courses_of(pushed)
-    for name, ways in courses.items():
-        run = next(run for run in pushed.runs if run.name == name and run.effects_known)
-        course = ways["aid of drag and effects"]
-        assert limit_cycle(course.time, np.degrees(course.heading)) == run.measures.limit_cycle
-        step = np.degrees(course.wanted[0] - course.heading[0])
-        # Without disturbance it ends where it shall; what the aid does not know of leaves its size over kp.
-        ends = {way: np.degrees(each.wanted[-1] - each.heading[-1]) for way, each in ways.items()}
-        assert ends["aid of drag and effects"] == pytest.approx(0.0, abs=1e-3 * step)
-        assert ends["aid of drag alone"] == pytest.approx(-np.degrees(BIAS.value / pushed.law.kp), rel=0.02)
-
-
 def test_the_plot_shows_every_way_with_units(day: Evidence, control: Control, pushed: Control) -> None:
     for each, ways in ((control, 2), (pushed, 3)):
         figure = closed_loop(courses_of(each), each.bandwidth)
@@ -217,22 +176,3 @@ def test_a_page_with_effects_says_what_holds_against_them(day: Evidence, pushed:
     assert "Effects: bias_torque." in text
     (picture,) = make_album(replace(evidence, simulations=(), runs=None, inertia=None, drag=None)).closed_loop
     assert "90 to 200 deg" in picture.alt
-
-
-def test_each_reason_is_given_once() -> None:
-    size = Mismatch(percent_of_range=7.6, rms=0.01)
-    lag = Loss(what="thruster_lag:rotor", why="there is none", percent_of_range=7.6)
-    wave = Loss(what="wave_torque", why="its phase is not known", percent_of_range=math.nan)
-    made = {
-        name: Exported(content="", mismatch=size, held=size, losses=losses, warnings=())
-        for name, losses in {"gz-sim": (lag, wave), "vrx": (lag,), "json": ()}.items()
-    }
-    assert cells(exports.formats_grid(made), "not held, % of range") == [
-        "thruster lag (rotor) 7.6; wave torque –",
-        "thruster lag (rotor) 7.6",
-        "–",
-    ]
-    assert exports.reasons(made) == [
-        ("gz-sim, vrx", "thruster lag (rotor)", "there is none"),
-        ("gz-sim", "wave torque", "its phase is not known"),
-    ]

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
-import math
 import os
 import re
 import sys
@@ -27,52 +25,13 @@ from rovid.effects import effect_named
 from rovid.export import EXPORTERS, export
 from rovid.export.base import Subject, Target
 from rovid.export.uuv import export_yaml
-from rovid.ground.errors import ConfigError, RovidError, nearest, shown, visible
-from rovid.ground.numbers import to_json
-from rovid.ground.quoting import csv_line, identifiers, toml_text, words, xml_attribute, xml_comment
-from rovid.ground.screen import Screen, led
 from rovid.model.model import Model
 from rovid.parameters.parameters import Entry
-from rovid.plan.design import Plan, command_text
-from rovid.plan.programme import Planned
-from rovid.plan.worth import Worth
-from rovid.readers.mcap_writer import Topic, mcap_bytes
 from rovid.report.page import _environment
 from rovid.report.plots import canvas
 from tests.conftest import Rovid
+from tests.hostile import NAMES, STEERING
 from tests.whole.test_bad_input import assert_one_message, folder  # noqa: F401 - a fixture
-
-# What a terminal must never get from a name.
-STEERING = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
-# All of them can stand in rovid.toml; the last few are called as parts of a target's file are.
-NAMES = (
-    "\x1b[31mred\x1b[0m",
-    "\x1b]0;title\x07",
-    "\x9b2J",
-    "\0",
-    "\x7f\x08\r\n\t",
-    "\u202etxt.exe",
-    "\ufffe",
-    "😀 ü 前",
-    "[red]bold[/red] :smile:",
-    '=HYPERLINK("http://x","y")',
-    "+1;=2,@3",
-    "'single' \"double\" `",
-    '"""',
-    "-->--]]>&<a/>",
-    "</script><!--",
-    "${1+1} $(arg x)",
-    "\\",
-    "\\x1b",
-    "{0}%s\\n#",
-    "a b",
-    "a_b",
-    "a_b_2",
-    "1",
-    "base",
-    "bias_torque",
-    "x" * 200,
-)
 
 
 def subject(names: tuple[str, ...] = NAMES) -> Subject:
@@ -158,51 +117,6 @@ def test_the_yaml_of_uuv_holds_numbers_alone() -> None:
     assert yaml.safe_load(str(export_yaml(subject()).content))["mass"] == 1.0
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_each_format_gives_a_name_back_or_shows_it(name: str) -> None:
-    quoted = toml_text(name)
-    assert tomllib.loads(f"a = {quoted}")["a"] == yaml.safe_load(quoted) == name
-    assert json.loads(to_json({name: [name]})) == {name: [name]}
-    assert not STEERING.search(quoted + to_json({name: name}))
-    element = ET.fromstring(f"<!--{xml_comment(name)} --><a b={xml_attribute(name)}/>")
-    assert (element.get("b") or "").replace("$ ", "$") == visible(name)
-    [cells] = csv.reader(io.StringIO(csv_line(["time_s", name])))
-    assert cells[0] == "time_s"
-    assert cells[1].replace("'", "") == visible(name).replace("'", "")
-    for part in re.split("[;,]", cells[1]):
-        assert part[:1] not in set("=+-@\t\r"), part
-
-
-def test_a_name_of_bytes_that_are_no_text_is_written_as_an_escape() -> None:
-    name = os.fsdecode(b"hold_\xff.csv")
-    assert json.loads(to_json({name: name})) == {"hold_\\udcff.csv": "hold_\\udcff.csv"}
-    to_json({name: name}).encode()
-    assert tomllib.loads(f"a = {toml_text(name)}")["a"] == "hold_\\udcff.csv"
-
-
-def test_identifiers_are_identifiers_and_no_two_alike() -> None:
-    for made in (identifiers(NAMES, taken=("base",)), words(NAMES, taken=("base",))):
-        assert len(set(made)) == len(NAMES)
-        assert "base" not in made
-        assert max(map(len, made)) <= 63
-    assert all(name.isidentifier() and name.isascii() for name in identifiers(NAMES))
-    # What is an identifier stays one, whoever else would come to it.
-    assert identifiers(["a b", "a_b", "a?b", "a_b_2"]) == ["a_b", "a_b_3", "a_b_4", "a_b_2"]
-
-
-def test_a_recording_keeps_the_commands_of_thrusters_with_names_alike() -> None:
-    fields = dict(zip(words(NAMES), np.ones((len(NAMES), 3)), strict=True))
-    assert len(fields) == len(NAMES)
-    assert mcap_bytes([Topic(name="/commands", time=np.arange(3.0), fields=fields, units=dict.fromkeys(fields, ""))])
-
-
-def test_a_plan_starts_no_formula() -> None:
-    run = Planned(name="", time=np.array([0.0, 1.0]), commands=np.zeros((2, 2)))
-    worth = Worth(run=run, gain=1.0, rates=np.zeros((1, 2)))
-    found = Plan(beliefs=(), narrow="", runs=(worth,), thrusters=("=1+1", "fore"), noise_rate=0.0)
-    assert command_text(found).splitlines()[0] == '"time_s",\'=1+1,fore'
-
-
 @pytest.mark.parametrize("name", [*NAMES, os.fsdecode(b"\xff")])
 def test_page_and_plots_hold_any_name(name: str) -> None:
     template = _environment().from_string("<p title='{{ name }}'>{{ name }}</p><script>{{ name|tojson }}</script>")
@@ -214,42 +128,6 @@ def test_page_and_plots_hold_any_name(name: str) -> None:
     figure.suptitle(name)
     assert canvas.png(figure).startswith(b"\x89PNG")
     ET.fromstring(canvas.svg(figure))
-
-
-@pytest.mark.parametrize("name", [*NAMES, os.fsdecode(b"\xff"), "y" * 100_000])
-def test_nothing_that_is_printed_steers_a_terminal(name: str) -> None:
-    from rovid.show.terminal import show_warnings, table
-
-    out = io.StringIO()
-    screen = Screen(file=out, force_terminal=True, color_system=None, width=4000, legacy_windows=False)
-    rows = table(name, name, "b")
-    rows.add_row(name, led("lead", name, "red"))
-    screen.print(rows)
-    screen.print(name)
-    show_warnings(screen, [name])
-    text = re.sub("\x1b\\[\\d*(;\\d+)*m", "", out.getvalue()) if "\x1b[31m" not in name else out.getvalue()
-    assert not STEERING.search(text)
-    assert shown(name, 2000)[:100] in text, "as it is: neither markup nor an emoji"
-    assert len(text) < 40_000
-
-
-def test_what_is_shown_is_short_visible_and_keeps_its_ends() -> None:
-    assert shown("Übung 走行\u3000می\u200cخواهم.csv") == "Übung 走行\u3000می\u200cخواهم.csv"
-    assert shown("a\x1b[1m\nb\u202e\udcff") == r"a\x1b[1m\nb\u202e\udcff"
-    for text in ("x" * 100_000, "\x1b" * 100_000, "ab\x1b" * 90):
-        assert len(shown("<" + text + ">")) <= 200
-        assert f"({len(text) + 2} characters)" in shown("<" + text + ">")
-        assert shown("<" + text + ">")[0] + shown("<" + text + ">")[-1] == "<>"
-
-
-def test_no_message_is_long_or_steers() -> None:
-    long = "\x1b[31m" + "z" * 100_000
-    error = str(RovidError(f"has {long!r} and {long}.", where=long, mend=long))
-    assert len(error) <= 2000
-    assert not STEERING.search(error)
-    assert str(RovidError("m." * 10, where="w", mend="x")) == f"w: {'m.' * 10} x"
-    assert len(nearest(long, [long, long + "a", *(f"{long}{k}" for k in range(20))])) < 1000
-    assert nearest("x", ["\x1b" * 9_000]).count("\\x1b") < 60
 
 
 def change(old: str, new: str) -> Callable[[Path], object]:
@@ -383,9 +261,3 @@ def test_a_name_too_long_for_a_file_is_no_file(rovid: Rovid) -> None:
     for command in (["check", "n" * 300], ["init", "n" * 300]):
         assert_one_message(rovid(*command), "cannot be read (File name too long)")
     assert_one_message(rovid("simulate", "-p", "n" * 300), "there is no such")
-
-
-def test_an_unknown_key_costs_no_more_for_being_long() -> None:
-    with pytest.raises(ConfigError):
-        effect_named("e" * 1_000_000)
-    assert math.isfinite(len(nearest("e" * 1_000_000, ["e" * 1_000_000 + str(k) for k in range(50)])))
