@@ -175,7 +175,7 @@ def _position_errors(evidence: Evidence) -> Iterator[tuple[float, float]]:
     """Each horizon in s that is reached, and the typical error at it in deg or m."""
     for horizon in HORIZONS:
         error = grids.typical_position_error(evidence.simulations, horizon)
-        if error:
+        if error is not None:
             yield horizon, error
 
 
