@@ -9,7 +9,6 @@ import pytest
 from rovid.effects import effect_named
 from rovid.ground.errors import ConfigError, RovidError, nearest, shown
 from tests.hostile import STEERING
-from tests.whole.test_bad_input import assert_one_message, folder  # noqa: F401 - a fixture
 
 
 def test_what_is_shown_is_short_visible_and_keeps_its_ends() -> None:

@@ -17,7 +17,6 @@ from rovid.ground.errors import visible
 from rovid.ground.numbers import to_json
 from rovid.ground.quoting import csv_line, identifiers, toml_text, words, xml_attribute, xml_comment
 from tests.hostile import NAMES, STEERING
-from tests.whole.test_bad_input import assert_one_message, folder  # noqa: F401 - a fixture
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -50,3 +49,18 @@ def test_identifiers_are_identifiers_and_no_two_alike() -> None:
     assert all(name.isidentifier() and name.isascii() for name in identifiers(NAMES))
     # What is an identifier stays one, whoever else would come to it.
     assert identifiers(["a b", "a_b", "a?b", "a_b_2"]) == ["a_b", "a_b_3", "a_b_4", "a_b_2"]
+
+
+def test_many_names_alike_take_no_longer_each_than_few() -> None:
+    # Were each compared with all that came before, this would take minutes.
+    made = words(["a"] * 50_000 + ["a_3"], taken=("a_2",))
+    assert made[:3] == ["a", "a_4", "a_5"]
+    assert made[-1] == "a_3"
+    assert len(set(made)) == len(made)
+
+
+def test_a_long_name_is_cut_and_still_its_own() -> None:
+    long = "x" * 70
+    cut, other, third = identifiers([long, long + "y", "x" * 61 + "_2"])
+    assert (cut, other) == ("x" * 63, "x" * 61 + "_3")
+    assert third == "x" * 61 + "_2"

@@ -7,7 +7,6 @@ import numpy as np
 from rovid.plan.design import Plan, command_text
 from rovid.plan.programme import Planned
 from rovid.plan.worth import Worth
-from tests.whole.test_bad_input import assert_one_message, folder  # noqa: F401 - a fixture
 
 
 def test_a_plan_starts_no_formula() -> None:

@@ -7,7 +7,6 @@ import numpy as np
 from rovid.ground.quoting import words
 from rovid.readers.mcap_writer import Topic, mcap_bytes
 from tests.hostile import NAMES
-from tests.whole.test_bad_input import assert_one_message, folder  # noqa: F401 - a fixture
 
 
 def test_a_recording_keeps_the_commands_of_thrusters_with_names_alike() -> None:

@@ -11,7 +11,6 @@ import pytest
 from rovid.ground.errors import shown
 from rovid.ground.screen import Screen, led
 from tests.hostile import NAMES, STEERING
-from tests.whole.test_bad_input import assert_one_message, folder  # noqa: F401 - a fixture
 
 
 @pytest.mark.parametrize("name", [*NAMES, os.fsdecode(b"\xff"), "y" * 100_000])
