@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from rovid.campaign.vehicle import ThrustCurve
 from rovid.ground.arrays import FloatArray
-from rovid.ground.errors import LogError, nearest
+from rovid.ground.errors import ConfigError, LogError, nearest
 from rovid.ground.places import refuse_odd, require, search
 from rovid.ground.toml import LARGEST
 
@@ -228,3 +229,31 @@ def curve_text(command: FloatArray, thrust: FloatArray) -> str:
     rows = [f"{c:.10g},{t:.7g}" for c, t in zip(command, thrust, strict=True)]
     first, second = CURVE_COLUMNS
     return "\n".join([f'"{first}",{second}', *rows]) + "\n"
+
+
+def read_curve(path: Path) -> ThrustCurve:
+    """Thrust curve from a CSV with the columns command and thrust_N.
+
+    Raises
+    ------
+    RovidError
+        The file is missing, has other columns, text in a number, fewer than two points or a repeated command.
+    """
+    refuse_odd(path)
+    if not path.is_file():
+        raise ConfigError(
+            "there is no such thrust curve.",
+            where=path,
+            mend="Make one from bench readings with `rovid fit-thruster BENCH.csv -o " + path.name + "`.",
+        )
+    table = read_table(path)
+    command, thrust = map(table.numbers, CURVE_COLUMNS)
+    order = np.argsort(command, kind="stable")
+    command, thrust = command[order], thrust[order]
+    if len(command) < 2 or np.any(np.diff(command) <= 0):
+        raise ConfigError(
+            f"has {len(command)} points, some at one command; two or more different commands were expected.",
+            where=path,
+            mend="`rovid fit-thruster` turns repeated bench readings into a curve.",
+        )
+    return ThrustCurve(command=command, thrust=thrust)

@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.campaign.config import find_config, load_config, read_curve
-from rovid.ground.errors import ConfigError, RovidError
+from rovid.campaign.axis import AXES
+from rovid.campaign.config import find_config, load_config
+from rovid.ground.errors import ConfigError
+from tests.conftest import SAMPLES
 
 GOOD = """
 [vehicle]
@@ -99,31 +101,6 @@ def test_mistakes_are_told_with_their_place(old: str, new: str, words: str, tmp_
     assert str(tmp_path) in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("curve", "words"),
-    [
-        ("command,thrust_N\n", "no rows"),
-        ("command,thrust_N\n1,2\n", "1 points"),
-        ("command,thrust_N\n1,2\n1,3\n", "at one command"),
-        ("command,thrust\n1,2\n2,3\n", "Nearest: 'thrust'"),
-        ("command,thrust_N\n1,2\n2,many\n", ":3: thrust_N is 'many'"),
-        ("command,thrust_N\n1,2\n2,inf\n", ":3: thrust_N is 'inf'"),
-        ("", "is empty"),
-    ],
-)
-def test_curves_that_are_none(curve: str, words: str, tmp_path: Path) -> None:
-    path = tmp_path / "curve.csv"
-    path.write_text(curve)
-    with pytest.raises(RovidError, match=re.escape(words)):
-        read_curve(path)
-
-
-def test_a_curve_may_stand_in_any_order(tmp_path: Path) -> None:
-    path = tmp_path / "curve.csv"
-    path.write_text("thrust_N;command\n200;5\n-100,5;-5\n0;0\n")
-    assert read_curve(path).thrust.tolist() == [-100.5, 0.0, 200.0]
-
-
 def test_the_nearest_file_at_or_above_the_logs_is_taken(tmp_path: Path) -> None:
     written(tmp_path)
     deep = tmp_path / "a" / "b"
@@ -138,3 +115,13 @@ def test_the_nearest_file_at_or_above_the_logs_is_taken(tmp_path: Path) -> None:
 def test_missing_logs_and_a_missing_file_are_told_apart(name: str, words: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=words):
         find_config([tmp_path / name])
+
+
+@pytest.mark.parametrize(
+    ("sample", "axis"), [("surge_tank", "surge"), ("pitch_tank", "pitch"), ("kvlcc2_roll_decay", "roll")]
+)
+def test_logs_of_another_axis_ask_for_it_by_name(sample: str, axis: str) -> None:
+    path = SAMPLES / sample / "rovid.toml"
+    with pytest.raises(ConfigError, match=f"has no heading.* give --axis {axis}, or"):
+        load_config(path)
+    assert load_config(path, AXES[axis]).axis.name == axis
