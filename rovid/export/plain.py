@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from rovid.export.base import Subject, Target
 from rovid.export.manoeuvre import rovid_rate
+from rovid.export.subject import Subject
+from rovid.export.target import Target
 from rovid.ground.arrays import FloatArray
 from rovid.ground.files.form import export_mark
 from rovid.ground.numbers import to_json

@@ -12,10 +12,12 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import nnls
 
-from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves, numbers
+from rovid.export.curves import Curve, curve_comment, curve_keys, curves, numbers
 from rovid.export.gz_sim import side_of
 from rovid.export.manoeuvre import march, thrust_torque
 from rovid.export.rotor import BEHIND, first_order, input_notes, inputs_of
+from rovid.export.subject import Subject
+from rovid.export.target import Target
 from rovid.ground.arrays import FloatArray
 from rovid.ground.files.form import export_mark
 from rovid.ground.quoting import xml_attribute

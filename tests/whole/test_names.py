@@ -23,7 +23,8 @@ from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.commands import cli
 from rovid.effects import effect_named
 from rovid.export import EXPORTERS, export
-from rovid.export.base import Subject, Target
+from rovid.export.subject import Subject
+from rovid.export.target import Target
 from rovid.export.uuv import export_yaml
 from rovid.model.model import Model
 from rovid.parameters.parameters import Entry

@@ -1,21 +1,19 @@
-"""What an export is made of: the subject, what a target makes of it, and the curves of its thrusters."""
+"""The thrusters' curves with the effects that a curve can hold."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rovid.campaign.trial import Trial
-from rovid.campaign.vehicle import Thruster, Vehicle
+from rovid.campaign.vehicle import Thruster
 from rovid.effects import Effect
 from rovid.effects.base import actuation, neutral_commands
 from rovid.effects.thruster_imbalance import BESIDE
+from rovid.export.subject import Subject
 from rovid.ground.arrays import FloatArray, IntArray
 from rovid.ground.quoting import identifiers, xml_comment
-from rovid.model.model import Model
-from rovid.parameters.parameters import Entry
 
 # Effects without a memory, between the command and the thrust of one thruster: a thrust curve holds them.
 CURVE_EFFECTS = ("thruster_deadband", "thrust_asymmetry", "thrust_curve_shape", "thruster_imbalance")
@@ -23,101 +21,6 @@ _CURVE_POINTS = 2001
 _CURVE_TOLERANCE = 1e-5  # of the largest thrust; far below what shows in the rate
 # Names that targets use for parts of their own; a thruster's link is called by its name and "_link".
 _TAKEN = ("base", "base_link", "bias_torque", "yaw")
-_SDF_MASS = 1.0  # kg, where none is known: a mass of zero is refused, and yaw does not ask for it
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Subject:
-    """What is exported.
-
-    Attributes
-    ----------
-    entries
-        The parameter file's, with unit and standard error.
-    largest_rate
-        rad/s; the yaw rates that the parameters rest on.
-    commands
-        (k, 2) smallest and largest command in use of each of the vehicle's thrusters.
-    reference
-        Median of each further channel of the logs.
-    notes
-        What was not known of the vehicle and its trials.
-    """
-
-    model: Model
-    vehicle: Vehicle
-    entries: Mapping[str, Entry]
-    largest_rate: float
-    commands: FloatArray
-    reference: Mapping[str, float]
-    notes: tuple[str, ...] = ()
-
-    @property
-    def effects(self) -> dict[str, dict[str, float]]:
-        """Parameters of each effect of the model by its key."""
-        found = {}
-        for effect in self.model.effects:
-            names = [parameter.name for parameter in effect.parameters]
-            found[effect.key] = {name: self.entries[f"{effect.key}.{name}"].value for name in names}
-        return found
-
-    @property
-    def mass(self) -> float:
-        """Mass in kg; a stand-in where the vehicle's is not known."""
-        return self.vehicle.mass or _SDF_MASS
-
-    @property
-    def rigid_inertia(self) -> float:
-        """Inertia in kg m^2 of the body without the water; all where that is not known, or not below the whole."""
-        rigid = self.vehicle.rigid_body_inertia
-        if rigid is None or rigid > self.model.inertia:
-            return self.model.inertia
-        return rigid
-
-    @property
-    def added_inertia(self) -> float:
-        """Inertia in kg m^2 of the water that turns with the body."""
-        return self.model.inertia - self.rigid_inertia
-
-    def holding(self, keys: frozenset[str]) -> Model:
-        """The model with these effects alone."""
-        kept = tuple(effect for effect in self.model.effects if effect.key in keys)
-        return replace(self.model, effects=kept, effect_values=self.values_of(kept))
-
-    def values_of(self, effects: Sequence[Effect]) -> tuple[float, ...]:
-        """Parameters of these ``effects`` of the model, one after the other."""
-        values = self.effects
-        return tuple(value for effect in effects for value in values[effect.key].values())
-
-
-# A target's own equation of motion, stepped as the target steps it: (n, k) commands and the time in s that each is
-# held -> (n,) yaw rate in rad/s at the start of each, from rest, positive as rovid's.
-Plant = Callable[[FloatArray, float], FloatArray]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Target:
-    """What one simulator makes of the subject.
-
-    Attributes
-    ----------
-    content
-        The file.
-    plant
-        The equation that the file's numbers are put into over there.
-    holds
-        Keys of the effects that are in the file and act there.
-    misses
-        (what, why) of the base model that the equation cannot hold.
-    notes
-        What was assumed, and what the reader has to know.
-    """
-
-    content: str | bytes
-    plant: Plant
-    holds: frozenset[str]
-    misses: tuple[tuple[str, str], ...] = ()
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
