@@ -117,7 +117,7 @@ def still_day(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_tools_never_import_rovid() -> None:
-    for path in (ROOT / "tools").glob("*.py"):
+    for path in (ROOT / "tools").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
