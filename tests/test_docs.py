@@ -88,6 +88,8 @@ class Block:
         return steps
 
     def commands(self) -> list[list[str]]:
+        if self.language not in SHELL:
+            return []
         return [words for command, _ in self.steps() if (words := shlex.split(command, comments=True))]
 
 

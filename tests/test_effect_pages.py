@@ -87,7 +87,7 @@ def test_no_page_or_picture_is_of_an_effect_that_is_gone(made: dict[str, str]) -
         ("hold = ", "held = ", r"\[thruster_deadband\] has no hold\. "),
         ("hold = ", "volt = 2.0\nhold = ", r"\[thruster_deadband\] has volt\. Nearest: 'volts'"),
         ("{ deadband =", "{ width =", r"\[thruster_deadband\]: values are of width; the parameters are deadband\."),
-        ('against = "command"', 'against = "rates"', r"against is 'rates'\. Nearest: 'rate'"),
+        ('against = "command"', 'against = "rates"', r"\[thruster_deadband\]: against is 'rates'\. Nearest: 'rate'"),
     ],
 )
 def test_what_is_missing_in_the_notes_is_said_in_a_sentence(
