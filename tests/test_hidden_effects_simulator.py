@@ -14,6 +14,7 @@ import pytest
 from mcap.reader import make_reader
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 
+from rovid.effects import CATALOGUE
 from tools.cases import CONTRACT_FORMS, SIZES, Case, all_cases, groups, truth_of
 from tools.channels import EXTRA, column
 from tools.hidden import DRIVERS, EFFECTS, FORMS, OUTSIDE, Hidden
@@ -627,7 +628,7 @@ def test_mistakes_in_what_is_hidden_are_refused() -> None:
 
 
 def test_the_names_are_the_contracts() -> None:
-    assert len(EFFECTS) == 25
+    assert set(EFFECTS) <= {effect.id for effect in CATALOGUE}
     assert all(len(FORMS[effect]) >= 2 for effect in EFFECTS)
     assert all(set(forms) <= set(FORMS[effect]) for effect, forms in CONTRACT_FORMS.items())
     assert set(DRIVERS) == set(FORMS[OUTSIDE])
