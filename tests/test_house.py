@@ -36,7 +36,7 @@ TESTS = Path(__file__).parent
 HEAVY = ("numpy", "pandas", "scipy", "numba", "matplotlib", "mcap", "rich.table")
 # Folders of one file a thing, and the test that goes through all of them, so that a new one is tested by being there.
 TOGETHER = {
-    "effects": "effects/test_catalogue.py",
+    "effects": "effects/test_effects.py",
     "export": "export/test_formats.py",
     "commands": "commands/test_manual.py",
     "ground/files": "ground/test_files.py",
@@ -45,6 +45,7 @@ TOGETHER = {
 # Modules without a test of their own, and why.
 WITHOUT = {
     "ground/arrays.py": "names of types",
+    "campaign/formats.py": "a list",
     "report/evidence.py": "a record",
     "diagnose/record.py": "records",
     # What a diagnosis says follows from all of its steps; it is held against truth by `whole/test_causes.py`.

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rovid.campaign.axis import AXES, YAW, Axis, described
+from rovid.campaign.formats import KINDS
 from rovid.campaign.tables import read_curve
 from rovid.campaign.vehicle import Thruster, Vehicle
 from rovid.ground.errors import NAME_LENGTH, ConfigError, nearest
@@ -51,8 +52,6 @@ _VEHICLE_KEYS = ("name", *_VEHICLE_NUMBERS)
 _ARMS = tuple(axis.arm for axis in AXES.values())
 _THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside")
 _NOT_SOURCES = ("unit", "sign")
-# Keys of a signal that say where it stands: the formats of `rovid.readers`.
-FORMATS = ("csv", "mcap", "parquet", "bag", "bin", "tlog", "nmea", "ulg")
 
 _ATTITUDE = {"heading": "yaw", "roll": "roll", "pitch": "pitch"}
 # Format -> signal -> (source, unit): what every log of the format calls by one name, so that [signals] need not.
@@ -351,7 +350,7 @@ class _Reader:
         entry = {"csv": value} if isinstance(value, str) else value
         if not isinstance(entry, dict) or not entry:
             raise self.complain(place, f'is {value!r}; {{ csv = "<column>", mcap = "<topic.field>" }} was expected.')
-        self.known(entry, (*FORMATS, *_NOT_SOURCES), place)
+        self.known(entry, (*KINDS, *_NOT_SOURCES), place)
         for key, text in entry.items():
             if key != "sign" and not isinstance(text, str):
                 raise self.complain(f"{place} {key}", f"is {text!r}; text was expected.")

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rovid.campaign.formats import FORMATS
 from rovid.campaign.vehicle import ThrustCurve
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import ConfigError, LogError, nearest
@@ -20,8 +21,6 @@ from rovid.ground.toml import LARGEST
 _FINEST = 1e-3
 # Bytes: a day of bench readings, and no log.
 _SIZE = 64_000_000
-# What makes a folder one of logs and not of tables; a CSV may be either.
-LOG_SUFFIXES = (".mcap", ".parquet", ".bag", ".db3", ".bin", ".tlog", ".nmea", ".ulg")
 _LOOKED_AT = 50  # rows, of which one has to hold a number
 CURVE_COLUMNS = ("command", "thrust_N")
 STEADY_COLUMNS = ("yaw_rate_rad_s", "torque_Nm")
@@ -212,8 +211,9 @@ def find_table(paths: Sequence[Path], columns: Sequence[str]) -> Path | None:
 
 
 def _is_log(path: Path) -> bool:
+    """Whether it makes a folder one of logs and not of tables; a CSV may be either."""
     suffix = path.suffix.lower()
-    return suffix in LOG_SUFFIXES or (suffix == ".csv" and not _is_table(path))
+    return suffix in FORMATS and not (suffix == ".csv" and _is_table(path))
 
 
 def _is_table(path: Path) -> bool:

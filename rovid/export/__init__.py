@@ -1,11 +1,19 @@
-"""The parameters in a simulator's own format, checked by re-simulation: one file a target.
+"""The parameters in a simulator's own format, checked by re-simulation: one file a target, one line here."""
 
-Another target is one such file and one line in `rovid.export.formats`.
-"""
+from __future__ import annotations
 
-from rovid.export.exported import Exported, Loss, export
-from rovid.export.formats import EXPORTERS, exporter
-from rovid.export.subject import Subject, subject_of
-from rovid.export.target import Target
+from collections.abc import Mapping
 
-__all__ = ["EXPORTERS", "Exported", "Loss", "Subject", "Target", "export", "exporter", "subject_of"]
+# Format -> file written where none is given, in the order in which formats are listed everywhere. The exporter is the
+# file of the format's name, with underscores; nothing here may be slow to import, for the Tab key does.
+FORMATS: Mapping[str, str] = {
+    "gz-sim": "gz_sim.sdf",
+    "uuv": "uuv.xacro",
+    "vrx": "vrx.sdf",
+    "stonefish": "stonefish.scn",
+    "mujoco": "mujoco.xml",
+    "ros2": "ros2.yaml",
+    "matlab": "rovid.mat",
+    "json": "rovid.json",
+    "python-vehicle-simulator": "rovid_vehicle.py",
+}

@@ -15,7 +15,7 @@ from rovid.campaign.axis import AXES, YAW
 from rovid.commands import completion
 from rovid.commands.cli import MANUAL
 from rovid.effects import CATALOGUE
-from rovid.export import EXPORTERS
+from rovid.export import FORMATS
 from rovid.identify.bench import THRUST_UNITS
 from rovid.model.names import base_names
 from tests.conftest import run_rovid
@@ -60,7 +60,7 @@ def test_commands_and_options(offered: Offered) -> None:
         (["plan", "--between", "thruster_lag", "--between", "command_d"], ["command_delay"]),
         *(([name, "--axis", ""], list(AXES)) for name in MANUAL if "--axis AXIS" in run_rovid(name, "--help").out),
         (["fit", "--axis", "s"], ["surge", "sway"]),
-        (["export", ""], list(EXPORTERS)),
+        (["export", ""], list(FORMATS)),
         (["export", "m"], ["mujoco", "matlab"]),
         (["fit-thruster", "--unit", ""], list(THRUST_UNITS)),
         (["plan", "--narrow", ""], list(base_names(YAW))),

@@ -15,7 +15,7 @@ from rovid.campaign.axis import axis_named
 from rovid.commands import cli
 from rovid.commands.cli import MANUAL
 from rovid.effects import effect_named
-from rovid.export import EXPORTERS
+from rovid.export import FORMATS
 from tests.conftest import ROOT, SAMPLES, Rovid, run_rovid
 
 GROUP = typer.main.get_command(cli.app)
@@ -84,7 +84,7 @@ def test_an_example_is_a_command_line(command: str, line: str) -> None:
         effect_named(effect)
     if given.get("axis"):
         axis_named(given["axis"])
-    assert given.get("format", "json") in EXPORTERS
+    assert given.get("format", "json") in FORMATS
 
 
 def test_quick_examples_run(rovid: Rovid, tmp_path: Path) -> None:

@@ -13,6 +13,8 @@ run too, with the names of those before it. A comment ahead of a block says wher
     From here to the end of the page it is run by ``make test-slow`` alone.
 ``<!-- test: written to FILE -->``
     The block is a file, not a command: the reader writes it, and so does the test.
+``<!-- test: added to FILE -->``, ``<!-- test: added to NAME in FILE -->``
+    The block goes to the end of a file, or of a list in it; see test_developing.py.
 """
 
 from __future__ import annotations
@@ -86,6 +88,8 @@ class Block:
         return steps
 
     def commands(self) -> list[list[str]]:
+        if self.language not in SHELL:
+            return []
         return [words for command, _ in self.steps() if (words := shlex.split(command, comments=True))]
 
 
@@ -155,7 +159,9 @@ def run(page: Path, chosen: list[Block], request: pytest.FixtureRequest) -> None
     names: dict[str, object] = {}
     for block in chosen:
         if block.remark.startswith("written to "):
-            Path(block.remark.removeprefix("written to ")).write_text(block.text, encoding="utf-8")
+            path = Path(block.remark.removeprefix("written to "))
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(block.text, encoding="utf-8")
         elif block.language == "python":
             with contextlib.redirect_stdout(io.StringIO()):
                 exec(compile(block.text, block.place, "exec"), names)  # noqa: S102 - the page's own example
@@ -235,7 +241,9 @@ def test_slow_commands_of_a_page(page: Path, request: pytest.FixtureRequest) -> 
 
 def test_what_is_not_run_in_its_page_says_why_or_where_it_is() -> None:
     for block in (block for page in PAGES for block in blocks(page)):
-        assert re.fullmatch(r"|(not run|slow); .{10,}|as in \S+\.md|written to \S+", block.remark), block.place
+        assert re.fullmatch(
+            r"|(not run|slow); .{10,}|as in \S+\.md|written to \S+|added to (\w+ in )?\S+", block.remark
+        ), block.place
         if block.remark.startswith("as in "):
             there = DOCS / block.remark.removeprefix("as in ")
             rest = iter(words for other in to_run(there) for words in other.commands())

@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from docs.make_effects import FOLDER, INDEX, forms_of, notes, pages, runs_with
+from docs import make_effects
+from docs.make_effects import FOLDER, INDEX, NOTES, forms_of, notes, pages, runs_with
 from rovid.effects import CATALOGUE, Effect
+from rovid.ground.errors import ConfigError
 from tests.conftest import ROOT
 
 LARGEST_PICTURE = 40_000  # bytes
@@ -75,6 +77,27 @@ def test_no_page_or_picture_is_of_an_effect_that_is_gone(made: dict[str, str]) -
     assert {path.name for path in FOLDER.glob("*.md")} == set(made)
     assert {path.stem for path in FOLDER.glob("*.png")} == known
     assert set(notes()) == known
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[tank_seiche]", "[tank_seich]", r"has no entry \[tank_seiche\], which is to hold text, sizes, values, hold,"),
+        ("[tank_seiche]", "[another]\n[tank_seiche]", r"\[another\] is the id of no effect. There are: "),
+        ("hold = ", "held = ", r"\[thruster_deadband\] has no hold\. "),
+        ("hold = ", "volt = 2.0\nhold = ", r"\[thruster_deadband\] has volt\. Nearest: 'volts'"),
+        ("{ deadband =", "{ width =", r"\[thruster_deadband\]: values are of width; the parameters are deadband\."),
+        ('against = "command"', 'against = "rates"', r"\[thruster_deadband\]: against is 'rates'\. Nearest: 'rate'"),
+    ],
+)
+def test_what_is_missing_in_the_notes_is_said_in_a_sentence(
+    old: str, new: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / NOTES.name).write_text(NOTES.read_text(encoding="utf-8").replace(old, new, 1), encoding="utf-8")
+    monkeypatch.setattr(make_effects, "NOTES", tmp_path / NOTES.name)
+    with pytest.raises(ConfigError, match=f"^notes.toml: {message}") as refused:
+        notes()
+    assert "\n" not in str(refused.value)
 
 
 def test_readme_links_to_the_pages() -> None:

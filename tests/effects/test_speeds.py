@@ -17,7 +17,7 @@ from rovid.ground.arrays import FloatArray
 from rovid.model.drive import Drive
 from rovid.model.model import Model
 from tests.conftest import Rovid
-from tests.effects.test_catalogue import WHERE
+from tests.effects.test_effects import WHERE
 from tests.synthetic import trial
 
 # A boat of 60 kg with two thrusters aft.
@@ -214,7 +214,7 @@ def test_terms_are_told_the_mean_speed_of_each_interval() -> None:
     ],
 )
 def test_speeds_give_torque(key: str, values: tuple[float, ...], torque: float) -> None:
-    from tests.effects.test_catalogue import term
+    from tests.effects.test_effects import term
 
     assert term(effect_named(key), np.array(values), 0.2, 0.0, np.zeros(2))[0] == pytest.approx(torque)
 
@@ -249,7 +249,7 @@ def test_thrust_across_the_way_is_lost_whichever_way_the_vehicle_goes() -> None:
     ],
 )
 def test_sideslip_by_the_way_of_the_hull_fades(key: str, values: tuple[float, ...], expected: float) -> None:
-    from tests.effects.test_catalogue import term
+    from tests.effects.test_effects import term
 
     # With the speed of 0.8 that the helper has, at a rate of 0.2.
     torque, change = term(effect_named(key), np.array(values), 0.2, 0.0, np.array([0.3, 0.0]))
@@ -258,7 +258,7 @@ def test_sideslip_by_the_way_of_the_hull_fades(key: str, values: tuple[float, ..
 
 
 def test_friction_may_be_unequal_both_ways() -> None:
-    from tests.effects.test_catalogue import term
+    from tests.effects.test_effects import term
 
     effect, values = effect_named("coulomb_resistance:unequal"), np.array([2.0, 3.0, 10.0, 0.01])
     assert term(effect, values, 0.5, 0.0, np.zeros(2))[0] == pytest.approx(-2.0)

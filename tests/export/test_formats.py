@@ -20,7 +20,7 @@ from scipy.io import loadmat
 from rovid.campaign.config import load_config
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
-from rovid.export import EXPORTERS
+from rovid.export import FORMATS
 from rovid.ground.arrays import FloatArray
 from rovid.parameters.reading import read_parameters
 from tests.conftest import SAMPLES, Rovid, run_rovid
@@ -511,7 +511,7 @@ def test_a_parameter_file_alone_is_exported_with_what_was_assumed(fitted: Path, 
     alone = tmp_path / "alone.toml"
     document = tomllib.loads(fitted.read_text()) | {"logs": ["gone"]}
     alone.write_text(tomli_w.dumps(document))
-    for name in EXPORTERS:
+    for name in FORMATS:
         document, _ = exported(name, alone, tmp_path)
         assert any("is assumed" in text for text in document["warnings"])
         if name != "stonefish":

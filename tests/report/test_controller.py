@@ -16,7 +16,7 @@ import pytest
 
 from rovid.campaign.vehicle import ThrustCurve, Thruster
 from rovid.control.design import Control
-from rovid.export import EXPORTERS
+from rovid.export import FORMATS
 from rovid.parameters.parameters import Parameters
 from rovid.report import build
 from rovid.report.album import Album, make_album
@@ -93,7 +93,7 @@ def test_the_controller_on_the_page_is_that_of_rovid_control(folder: Path) -> No
 def test_a_format_on_the_page_is_that_of_rovid_export(folder: Path, tmp_path: Path, name: str) -> None:
     done = run_rovid("export", name, "-p", folder / "parameters.toml", "-o", tmp_path / "file", "--json")
     table = rows((folder / "index.html").read_text(), "Yaw rate of each format")
-    assert [row[0] for row in table] == list(EXPORTERS)
+    assert [row[0] for row in table] == list(FORMATS)
     row = next(row for row in table if row[0] == name)
     for cell, key in ((row[2], "mismatch"), (row[4], "mismatch_of_what_is_held")):
         assert cell == f"{done.document[key]['yaw_rate_percent_of_range']:.2g}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from rovid.export import Exported, Loss
+from rovid.export.exporting import Exported, Loss
 from rovid.export.manoeuvre import Mismatch
 from rovid.report import exports
 from tests.report.test_controller import cells

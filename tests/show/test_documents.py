@@ -9,7 +9,7 @@ import numpy as np
 
 from rovid.campaign.axis import AXES, YAW
 from rovid.campaign.trial import Remark
-from rovid.export import Exported, Loss
+from rovid.export.exporting import Exported, Loss
 from rovid.export.manoeuvre import Mismatch
 from rovid.inspect.advice import Advice
 from rovid.model.simulation import simulate_runs

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rovid.effects import CATALOGUE
 from tests.tools.motions import LAWS, hiding
 from tests.tools.test_simulate import excited
 from tools.cases import CONTRACT_FORMS, SIZES, all_cases, groups, truth_of
@@ -30,7 +31,7 @@ def test_mistakes_in_what_is_hidden_are_refused() -> None:
 
 
 def test_the_names_are_the_contracts() -> None:
-    assert len(EFFECTS) == 25
+    assert set(EFFECTS) <= {effect.id for effect in CATALOGUE}
     assert all(len(FORMS[effect]) >= 2 for effect in EFFECTS)
     assert all(set(forms) <= set(FORMS[effect]) for effect, forms in CONTRACT_FORMS.items())
     assert set(DRIVERS) == set(FORMS[OUTSIDE])

@@ -22,7 +22,8 @@ from scipy.io import loadmat
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.commands import cli
 from rovid.effects import effect_named
-from rovid.export import EXPORTERS, export
+from rovid.export import FORMATS
+from rovid.export.exporting import export, exporter_of
 from rovid.export.subject import Subject
 from rovid.export.target import Target
 from rovid.export.uuv import export_yaml
@@ -104,14 +105,14 @@ READ: dict[str, Callable[[str], None] | Callable[[bytes], None]] = {
 }
 
 
-@pytest.mark.parametrize("name", EXPORTERS)
+@pytest.mark.parametrize("name", FORMATS)
 def test_every_export_of_any_name_is_read_by_its_parser(name: str) -> None:
-    made: Target = EXPORTERS[name][0](subject())
+    made: Target = exporter_of(name)(subject())
     READ[name](made.content)  # type: ignore[arg-type]  # each takes what its format is
 
 
 def test_the_python_export_still_runs_with_any_name() -> None:
-    assert export(EXPORTERS["python-vehicle-simulator"][0], subject(NAMES[:16])).mismatch.percent_of_range < 0.1
+    assert export(exporter_of("python-vehicle-simulator"), subject(NAMES[:16])).mismatch.percent_of_range < 0.1
 
 
 def test_the_yaml_of_uuv_holds_numbers_alone() -> None:

@@ -1,18 +1,27 @@
-"""The subject in a target's format, held against rovid's own motion: what agrees, and what is lost."""
+"""Makes an export: the subject in a target's format, held against rovid's own motion."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import cast
 
 from rovid.effects import Effect
+from rovid.export import FORMATS, uuv
 from rovid.export.manoeuvre import PERIOD, Mismatch, compare, manoeuvre, rovid_rate
 from rovid.export.subject import Subject
 from rovid.export.target import Target
 from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import ConfigError, nearest
+from rovid.ground.files import Output
+from rovid.ground.files.form import export_form
 
 _VISIBLE = 0.1  # % of range; the promise for what a target holds
+
+Exporter = Callable[[Subject], Target]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +50,29 @@ class Exported:
     warnings: tuple[str, ...]
 
 
-def export(function: Callable[[Subject], Target], subject: Subject) -> Exported:
+def exporter_of(name: str) -> Exporter:
+    """The exporter of one of `rovid.export.FORMATS`."""
+    module = import_module(f"rovid.export.{name.replace('-', '_')}")
+    return cast("Exporter", module.export)
+
+
+def exporter(name: str, path: Path | None) -> tuple[Exporter, Output]:
+    """The exporter of this format and the file to write.
+
+    Raises
+    ------
+    ConfigError
+        There is no such format.
+    """
+    if name not in FORMATS:
+        raise ConfigError(f"is {name!r}. {nearest(name, FORMATS)}", where="FORMAT")
+    target = path or Path(FORMATS[name])
+    if name == "uuv" and target.suffix in {".yaml", ".yml"}:
+        return uuv.export_yaml, Output(target, export_form("uuv as yaml"))
+    return exporter_of(name), Output(target, export_form(name))
+
+
+def export(function: Exporter, subject: Subject) -> Exported:
     """Write the subject in a target's format and simulate the target's own equation against rovid's."""
     target = function(subject)
     commands = manoeuvre(subject)
