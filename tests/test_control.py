@@ -17,10 +17,10 @@ from scipy.integrate import solve_ivp
 
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.control.allocation import allocate
-from rovid.control.design import choose_bandwidth, law_for, loop_of, run_manoeuvre, unaided
 from rovid.control.generate import c_source, python_source
 from rovid.control.law import Law, holds, wrapped
 from rovid.control.loop import Course, Plant, run_closed
+from rovid.control.loop_design import choose_bandwidth, law_for, loop_of, run_manoeuvre, unaided
 from rovid.control.measures import limit_cycle
 from rovid.control.setting import Manoeuvre, Setting, manoeuvres, paper_runs
 from rovid.control.tuning import Loop, actuators, damping_ratio, drawn, gains, linearised

@@ -33,8 +33,8 @@ from rovid.ground.quoting import csv_line, identifiers, toml_text, words, xml_at
 from rovid.ground.screen import Screen, led
 from rovid.model.model import Model
 from rovid.parameters.parameters import Entry
-from rovid.plan.design import Plan, command_text
 from rovid.plan.programme import Planned
+from rovid.plan.run_design import Plan, command_text
 from rovid.plan.worth import Worth
 from rovid.readers.mcap_writer import Topic, mcap_bytes
 from rovid.report.page import _environment

@@ -29,8 +29,8 @@ from rovid.identify.horizons import time_constant
 from rovid.identify.likelihood import TRUSTED_R2
 from rovid.identify.regression import require_inertia
 from rovid.model.names import without_form
-from rovid.plan.design import Plan, plan
 from rovid.plan.programme import Limits
+from rovid.plan.run_design import Plan, plan
 from rovid.plan.worth import Belief
 
 # A model of another form that explains so much of what one explains is as good, where neither explains all.

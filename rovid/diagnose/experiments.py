@@ -7,7 +7,7 @@ from typing import Any
 from rovid.diagnose.record import Diagnosis, Finding
 from rovid.diagnose.signals import signal_of
 from rovid.effects import CATALOGUE, Effect
-from rovid.plan.design import command_rows
+from rovid.plan.run_design import command_rows
 
 # Runs that separate two causes best (EFFECTS.md 3.1); where none stands here, the run that reveals either.
 _PAIRS = {

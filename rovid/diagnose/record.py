@@ -12,7 +12,7 @@ from rovid.diagnose.rivals import Rival
 from rovid.effects import Effect
 from rovid.identify.estimate import Estimate
 from rovid.model.model import Model
-from rovid.plan.design import Plan
+from rovid.plan.run_design import Plan
 
 # No data along one axis show these: the same motion comes of other inertia and drag.
 NEVER_SHOWN = ("thrust_scale", "rate_scale")

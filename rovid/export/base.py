@@ -55,11 +55,11 @@ class Subject:
     @property
     def effects(self) -> dict[str, dict[str, float]]:
         """Parameters of each effect of the model by its key."""
-        found = {}
+        values = {}
         for effect in self.model.effects:
             names = [parameter.name for parameter in effect.parameters]
-            found[effect.key] = {name: self.entries[f"{effect.key}.{name}"].value for name in names}
-        return found
+            values[effect.key] = {name: self.entries[f"{effect.key}.{name}"].value for name in names}
+        return values
 
     @property
     def mass(self) -> float:
@@ -162,13 +162,13 @@ def curves(subject: Subject) -> list[Curve]:
     """Thrust curve of each thruster, with as many points as it takes."""
     held = [effect for effect in subject.model.effects if is_curve_effect(effect)]
     names = identifiers([thruster.name for thruster in subject.vehicle.thrusters], taken=_TAKEN)
-    found: list[Curve] = []
+    made: list[Curve] = []
     for index, thruster in enumerate(subject.vehicle.thrusters):
         command = _grid(thruster, subject.commands[index], fine=bool(held))
         thrust = _steady_thrust(subject, held, index, command)
         kept = _corners(command, thrust)
         neutral = float(neutral_commands(subject.vehicle)[index])
-        found.append(
+        made.append(
             Curve(
                 name=thruster.name,
                 identifier=names[index],
@@ -178,7 +178,7 @@ def curves(subject: Subject) -> list[Curve]:
                 thrust=thrust[kept],
             )
         )
-    return found
+    return made
 
 
 def _grid(thruster: Thruster, used: FloatArray, *, fine: bool) -> FloatArray:

@@ -107,13 +107,13 @@ def ranked(
         No run stays within the limits.
     """
     tried = spread(lambda run: _worth(run, beliefs, vehicle, limits, narrow), runs)
-    found = [worth for worth in tried if worth is not None]
-    if not found:
+    within = [worth for worth in tried if worth is not None]
+    if not within:
         raise DataError("no run stays within these limits.", mend="Allow a longer run, more turns or a higher rate.")
     # Of the runs that decide the one that does so fastest; where none does, the one that tells most.
     if len(beliefs) > 1:
-        return sorted(found, key=lambda one: (-min(one.gain, DECIDES) / DECIDES, -one.per_minute))
-    return sorted(found, key=lambda one: -one.per_minute)
+        return sorted(within, key=lambda one: (-min(one.gain, DECIDES) / DECIDES, -one.per_minute))
+    return sorted(within, key=lambda one: -one.per_minute)
 
 
 def _worth(run: Planned, beliefs: Sequence[Belief], vehicle: Vehicle, limits: Limits, narrow: str) -> Worth | None:

@@ -311,11 +311,11 @@ def _peak(values: FloatArray) -> float:
 
 def _runs(fit: InertiaFit, name: str) -> dict[tuple[str, int], str]:
     """(source, how often it came before) -> reading: a log may hold more than one sine run."""
-    found: dict[tuple[str, int], str] = {}
+    readings: dict[tuple[str, int], str] = {}
     for source, value, error in fit.methods[name].runs:
-        repeat = sum(source == other for other, _ in found)
-        found[source, repeat] = plus_minus(value, error)
-    return found
+        repeat = sum(source == other for other, _ in readings)
+        readings[source, repeat] = plus_minus(value, error)
+    return readings
 
 
 def simulation_grid(simulations: Sequence[TrialSimulation]) -> Grid:

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from rovid.campaign.axis import Axis
 from rovid.campaign.vehicle import Vehicle
-from rovid.control.design import Control, RunResult
+from rovid.control.loop_design import Control, RunResult
 from rovid.control.tuning import Margins
 from rovid.diagnose.amplitudes import Amplitudes, Explanation
 from rovid.diagnose.experiments import deciding_experiment, next_experiment

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from rovid.campaign.vehicle import ThrustCurve, Thruster
-from rovid.control.design import Control
+from rovid.control.loop_design import Control
 from rovid.control.measures import limit_cycle
 from rovid.export import EXPORTERS, Exported, Loss
 from rovid.export.manoeuvre import Mismatch
