@@ -229,7 +229,7 @@ def _at(values: FloatArray, place: float) -> float:
 
 
 def _from_outside(plant: Plant, time: FloatArray, held: FloatArray | float, seed: int) -> FloatArray:
-    """(n,) N m: what is ``held``, the coloured disturbance, and the model's wave torque where ``plant`` is not quiet."""
+    """(n,) N m: what is ``held``, the coloured disturbance, and the model's waves where ``plant`` is not quiet."""
     rng = np.random.default_rng([seed, 0])
     total = np.zeros(len(time)) + held
     if plant.disturbance > 0.0:

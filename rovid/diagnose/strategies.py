@@ -53,7 +53,7 @@ def by_horizons(full: Readings, pieces: Sequence[Piece], candidates: Sequence[Ef
     if records.readings < _FEWEST_READINGS:
         return Work(Search([], report), records, base, base, pieces, by_horizons=True)
     # No phase of a wave is known to a prediction.
-    listed = [effect for effect in candidates if not effect.wave]
+    listed = _but_waves(candidates)
     while True:
         search = Search(listed, report, thorough=_is_far_off, margin=_MARGIN_AHEAD, least=0.0)
         final = search.run(final)
@@ -110,9 +110,13 @@ def _base_of(records: Readings) -> Fitted:
 
 def _beside(begun: Fitted, candidates: Sequence[Effect]) -> list[Effect]:
     """What each next reading is searched for: waves take long, and are found without such a search."""
-    if any(effect.wave for effect in begun.effects):
+    if len(_but_waves(begun.effects)) < len(begun.effects):
         return list(candidates)
-    return [effect for effect in candidates if not effect.wave]
+    return _but_waves(candidates)
+
+
+def _but_waves(effects: Sequence[Effect]) -> list[Effect]:
+    return [effect for effect in effects if not effect.wave]
 
 
 def _is_hopeless_over(records: Readings, candidates: Sequence[Effect], ahead: Work) -> bool:
