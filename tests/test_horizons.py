@@ -11,10 +11,10 @@ import pytest
 from scipy import signal
 
 from rovid.diagnose.heldout import cross_validate, errors_ahead, log_likelihood
+from rovid.diagnose.odd_trial import stands_out
 from rovid.diagnose.odds import ESTABLISHED, confidence
 from rovid.diagnose.parts import Piece, pieces_of
 from rovid.diagnose.rivals import quickly_climbed
-from rovid.diagnose.scatter import stands_out
 from rovid.diagnose.size import one_size
 from rovid.effects import MOTION, Effect, effect_named
 from rovid.effects.base import STIFFNESS, TERM_PARAMETERS, TERM_STATES, TRIM

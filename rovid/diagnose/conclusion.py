@@ -15,7 +15,7 @@ from rovid.diagnose.record import Ahead, Diagnosis, Finding, Side
 from rovid.diagnose.rivals import Cause, is_plausible, worth
 from rovid.diagnose.screening import Promise
 from rovid.diagnose.signals import is_signal
-from rovid.diagnose.swell import Swell
+from rovid.diagnose.waves import Waves
 from rovid.diagnose.work import Suspected, Work, undecided
 from rovid.effects import CATALOGUE, Effect, EffectParameter
 from rovid.ground.arrays import FloatArray
@@ -224,21 +224,21 @@ def _suspect(work: Work, suspected: Suspected) -> Finding:
 
 def _possible_waves(work: Work) -> Finding | None:
     """What is said of waves; None where there is hardly a chance of any."""
-    swell = work.swell
-    if swell is None or swell.fitted is None or swell.confidence < POSSIBLE:
+    waves = work.waves
+    if waves is None or waves.fitted is None or waves.confidence < POSSIBLE:
         return None
-    return _waves(swell, swell.fitted)
+    return _waves(waves, waves.fitted)
 
 
-def _waves(swell: Swell, fitted: Fitted) -> Finding:
+def _waves(waves: Waves, fitted: Fitted) -> Finding:
     effect, estimate = fitted.effects[-1], _estimate(fitted, white=False)
     return Finding(
         effect=effect,
         estimate=_own(estimate, effect),
-        gain=swell.gain,
-        worth=swell.worth,
-        held_out_gain=swell.held_out_gain,
-        confidence=swell.confidence,
+        gain=waves.gain,
+        worth=waves.worth,
+        held_out_gain=waves.held_out_gain,
+        confidence=waves.confidence,
         rivals=(),
         undecided=(),
     )

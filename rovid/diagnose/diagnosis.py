@@ -9,7 +9,7 @@ from rovid.diagnose.parts import parts_of, pieces_of
 from rovid.diagnose.record import Diagnosis
 from rovid.diagnose.search import Report
 from rovid.diagnose.signals import signal_causes
-from rovid.diagnose.strategies import by_horizons, by_innovations, sea_of
+from rovid.diagnose.strategies import by_horizons, by_innovations, wave_search
 from rovid.diagnose.work import Work
 from rovid.effects import forms_for
 from rovid.ground.errors import DataError
@@ -70,7 +70,7 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     candidates = (*forms, *signal_causes((*prepared.items, *runs, *cut)))
     whole = Readings(prepared.items, vehicle, start)
     ahead = by_horizons(whole, pieces, candidates, report)
-    ahead.sea = sea_of(whole, forms, pieces)
+    ahead.look_for_waves = wave_search(whole, forms, pieces)
     ahead.settle()
     near = by_innovations(Readings(runs, vehicle, start), candidates, ahead, report)
     report("Testing what was found on trials that were not fitted …")

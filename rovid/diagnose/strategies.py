@@ -13,7 +13,7 @@ from rovid.diagnose.parts import Piece
 from rovid.diagnose.rivals import is_plausible, worth
 from rovid.diagnose.screening import Promise, by_cause, screen
 from rovid.diagnose.search import MARGIN, Report, Search
-from rovid.diagnose.swell import Swell, swell
+from rovid.diagnose.waves import Waves, look_for_waves
 from rovid.diagnose.work import Work
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
@@ -73,14 +73,14 @@ def _counting(records: HorizonRecords, final: Fitted, search: Search) -> Horizon
     return max(counted, key=lambda one: one.readings)
 
 
-def sea_of(full: Readings, forms: Sequence[Effect], pieces: Sequence[Piece]) -> Callable[[Fitted], Swell]:
+def wave_search(full: Readings, forms: Sequence[Effect], pieces: Sequence[Piece]) -> Callable[[Fitted], Waves]:
     """What looks for waves beside a model, by each next reading, over some of the readings."""
     wave = next((form for form in forms if form.wave), None)
     seconds = sum(float(np.ptp(run.trial.time)) for run in full.runs)
     farthest = _THINNED_WAVES * time_constant(full.start, full.rate)
     interval = max(interval_of(full), min(seconds / _READINGS, farthest))
     few = Readings(full.runs, full.vehicle, full.start, interval=interval)
-    return lambda beside: swell(few, beside, wave, pieces)
+    return lambda beside: look_for_waves(few, beside, wave, pieces)
 
 
 def by_innovations(full: Readings, candidates: Sequence[Effect], ahead: Work, report: Report) -> Work | None:
@@ -90,7 +90,7 @@ def by_innovations(full: Readings, candidates: Sequence[Effect], ahead: Work, re
     """
     report("Looking at each next reading …")
     quick = replace(full, interval=interval_of(full))
-    few = quick if ahead.swell is None else ahead.swell.records
+    few = quick if ahead.waves is None else ahead.waves.records
     # Where it is hopeless over few readings it is so over more, which would take long to say.
     if few.interval > quick.interval and _is_hopeless_over(few, candidates, ahead):
         return None
@@ -128,7 +128,7 @@ def _is_hopeless_over(records: Readings, candidates: Sequence[Effect], ahead: Wo
 
 def _begun(base: Fitted, ahead: Work) -> Fitted:
     """``base`` with the effects that predictions found, and with the waves beside them."""
-    of_effects, waves = ahead.final, ahead.swell
+    of_effects, waves = ahead.final, ahead.waves
     if waves is not None and waves.fitted is not None and waves.confidence >= ESTABLISHED:
         of_effects = waves.fitted
     if not of_effects.effects:

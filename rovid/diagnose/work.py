@@ -8,14 +8,14 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 from rovid.diagnose.heldout import Fold, cross_validate, log_likelihood
+from rovid.diagnose.odd_trial import of_one_trial, stands_out
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence
 from rovid.diagnose.parts import Piece
 from rovid.diagnose.rivals import Cause, Rival, is_beyond, worth
-from rovid.diagnose.scatter import of_one_trial, stands_out
 from rovid.diagnose.search import Search
 from rovid.diagnose.signals import is_signal
 from rovid.diagnose.size import one_size, size_of
-from rovid.diagnose.swell import Swell
+from rovid.diagnose.waves import Waves
 from rovid.effects import Effect
 from rovid.identify.fitted import Fitted, climbed
 from rovid.identify.misfit import Key
@@ -51,8 +51,8 @@ class Work:
         All readings; the search may look at fewer.
     base, final
         The model without effects, and that with which the search ended.
-    sea
-        What looks for waves beside a model, and as ``swell`` what it saw last.
+    look_for_waves
+        What looks for waves beside a model, and as ``waves`` what it saw last.
     by_horizons
         Whether the simulation misses so much that predictions some time ahead are what is looked at.
     shrunk
@@ -64,8 +64,8 @@ class Work:
     base: Fitted
     final: Fitted
     pieces: Sequence[Piece]
-    sea: Callable[[Fitted], Swell] | None = None
-    swell: Swell | None = None
+    look_for_waves: Callable[[Fitted], Waves] | None = None
+    waves: Waves | None = None
     by_horizons: bool = False
     shrunk: list[Effect] = field(default_factory=list)
     _folds: dict[Key, list[Fold]] = field(default_factory=dict)
@@ -81,12 +81,12 @@ class Work:
 
         The search goes on without that.
         """
-        if self.sea is None:
+        if self.look_for_waves is None:
             return
         for _ in range(_REFUSALS):
             self.search.report("Looking for waves …")
-            self.swell = self.sea(self.final)
-            idle = [one for one in self.final.effects if not one_size(self.final, self.swell.likelier, one)]
+            self.waves = self.look_for_waves(self.final)
+            idle = [one for one in self.final.effects if not one_size(self.final, self.waves.likelier, one)]
             if not idle:
                 return
             for effect in idle:
@@ -95,7 +95,7 @@ class Work:
                 self.final = self.search.without(self.final, effect)
             self.final = self.search.run(self.final)
         self.final = self.base
-        self.swell = self.sea(self.final)
+        self.waves = self.look_for_waves(self.final)
 
     def decide(self) -> None:
         """Let every reading decide between an effect and a close rival: the quick look may have taken the wrong one."""
@@ -271,8 +271,8 @@ class Work:
         beside = self.search.candidates_beside(self.final)
         named = [rival for rival in beside if not is_signal(rival.effect)]
         passed = {effect.id for effect in self.shrunk}
-        if self.swell is not None:
-            passed.update(self.swell.passed_for)
+        if self.waves is not None:
+            passed.update(self.waves.passed_for)
         left = [rival for rival in named if rival.worth > 0.0 and rival.effect.id not in passed]
         white = self.final.is_white
         doubt = self.search.form_doubt(self.final, white=white)
@@ -305,7 +305,7 @@ class Work:
         """Whether ``rival`` has a size, and where predictions are looked at, each next reading shows as much of it."""
         if significance(rival.fitted, rival.effect) < _SUSPECTED_SIZE:
             return False
-        return self.swell is None or one_size(rival.fitted, self.swell.likelier, rival.effect)
+        return self.waves is None or one_size(rival.fitted, self.waves.likelier, rival.effect)
 
 
 @dataclass(frozen=True, eq=False)

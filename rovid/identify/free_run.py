@@ -78,17 +78,29 @@ def _start(runs: Sequence[Run], certainty: float) -> FloatArray:
     try:
         return fit_regression(runs, certainty=certainty).estimate.values
     except DataError:
-        rate = np.concatenate([run.rates.rate for run in runs])
-        change = np.concatenate([run.rates.acceleration for run in runs])
-        torque = np.concatenate([np.interp(run.rates.time, run.trial.time, run.torque) for run in runs])
-        known = np.isfinite(rate) & np.isfinite(change)
-        rate, change, torque = rate[known], change[known], torque[known]
-        power = float(torque @ rate)
-        if certainty > 0.0 or not power > 0.0 or restoring_of(runs[0].trial.axis) is not None:
+        usual_motion = _from_usual_motion(runs)
+        if certainty > 0.0 or usual_motion is None:
             raise
-        inertia = float(np.linalg.norm(torque) / np.linalg.norm(change))
-        drag = power / np.sum(np.abs(rate) ** 3)
-        return np.array([inertia, drag, 0.0])
+        return usual_motion
+
+
+def _from_usual_motion(runs: Sequence[Run]) -> FloatArray | None:
+    """Inertia and drags that make motion and torque what they usually are; None where no power is dissipated.
+
+    Nor is it told where weight and buoyancy act besides.
+    """
+    series = []
+    for run in runs:
+        torque = np.interp(run.rates.time, run.trial.time, run.torque)
+        series.append((run.rates.rate, run.rates.acceleration, torque))
+    every = np.hstack(series)
+    rate, change, torque = every[:, np.isfinite(every[:2]).all(axis=0)]
+    power = float(torque @ rate)
+    if not power > 0.0 or restoring_of(runs[0].trial.axis) is not None:
+        return None
+    inertia = float(np.linalg.norm(torque) / np.linalg.norm(change))
+    drag = power / np.sum(np.abs(rate) ** 3)
+    return np.array([inertia, drag, 0.0])
 
 
 def free_run_r2(runs: Sequence[Run], model: Model) -> float:

@@ -29,7 +29,7 @@ _SHARES, _MEMORIES = (0.01, 0.1, 1.0), (0.3, 4.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Swell:
+class Waves:
     """A model by the next reading without and with waves; what they gain there, and on pieces that were not fitted.
 
     ``fitted`` is None where waves gain nothing.
@@ -79,7 +79,7 @@ class Swell:
         return self.fitted.effects[-1].rivals
 
 
-def swell(records: Readings, beside: Fitted, wave: Effect | None, pieces: Sequence[Piece]) -> Swell:
+def look_for_waves(records: Readings, beside: Fitted, wave: Effect | None, pieces: Sequence[Piece]) -> Waves:
     """Look for ``wave`` beside the effects of a model that predictions found.
 
     Two kinds of disturbance are compared: one that fades, of any size, and that with waves besides.
@@ -91,7 +91,7 @@ def swell(records: Readings, beside: Fitted, wave: Effect | None, pieces: Sequen
     begin[other] = beside.x[other]
     plain = quickly_climbed(misfit, _disturbed(misfit, begin), _ITERATIONS)
     if wave is None:
-        return Swell(records, plain, pieces)
+        return Waves(records, plain, pieces)
     wavy = misfit.like((*beside.effects, wave))
     begins = [np.concatenate((plain.x, start)) for start in wavy.coordinates.starts()]
     nearest = sorted(begins, key=wavy.cost)[:_BEGUN]
@@ -99,10 +99,10 @@ def swell(records: Readings, beside: Fitted, wave: Effect | None, pieces: Sequen
     best = min(tried, key=lambda fitted: fitted.cost)
     with_waves = quickly_climbed(wavy, best.x, _ITERATIONS)
     if not is_plausible(with_waves) or worth(with_waves) <= worth(plain):
-        return Swell(records, plain, pieces)
+        return Waves(records, plain, pieces)
     # Readings whose misfits are not white tell less than they seem to: no more than the stretches of time bear out.
     borne_out = min(worth(with_waves) - worth(plain), _borne_out(with_waves, plain))
-    return Swell(records, plain, pieces, with_waves, plain.cost - with_waves.cost, borne_out)
+    return Waves(records, plain, pieces, with_waves, plain.cost - with_waves.cost, borne_out)
 
 
 def _disturbed(misfit: Misfit, x: FloatArray) -> FloatArray:
