@@ -7,18 +7,17 @@ from __future__ import annotations
 
 import argparse
 import secrets
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from rovid.campaign.axis import YAW
 from rovid.effects import effect_named
-from rovid.identify.certainty import covariance, physical
+from rovid.identify.fitted import climbed
 from rovid.identify.free_run import fit_free_run, free_run_r2
-from rovid.identify.innovations import Likelihood
 from rovid.identify.likelihood import fit_base, with_effects
-from rovid.identify.records import Records
-from rovid.identify.whiteness import likelihood_is_white
+from rovid.identify.readings import Readings
 from rovid.model.names import base_names
 from rovid.study import open_study
 
@@ -34,21 +33,21 @@ def main() -> None:
     assert study.runs is not None
     runs, effects = study.runs.items, tuple(effect_named(name) for name in arguments.effect)
     start = fit_free_run(runs)
-    likelihood, x, _ = fit_base(Records(runs, study.vehicle, start), free_run_r2(runs, start))
+    fitted = fit_base(Readings(runs, study.vehicle, start), free_run_r2(runs, start))
     if effects:
-        likelihood, x = with_effects(likelihood, x, effects)
-    white = likelihood_is_white(likelihood, x)
-    stated = np.sqrt(np.diag(covariance(likelihood, x, sandwich=not white)))
+        fitted = with_effects(fitted, effects)
+    white = fitted.is_white
+    stated = np.sqrt(np.diag(fitted.covariance(sandwich=not white)))
     rng, drawn = np.random.default_rng(arguments.seed), []
     for _ in range(arguments.draws):
         chosen = [runs[k] for k in rng.integers(len(runs), size=len(runs))]
-        again = Likelihood(Records(chosen, study.vehicle, start), likelihood.limit, effects)
-        drawn.append(physical(again, again.climb(x)[0]))
+        again = replace(fitted.misfit, records=Readings(chosen, study.vehicle, start))
+        drawn.append(climbed(again, fitted.x).model.values)
     scatter = np.std(drawn, axis=0, ddof=1)
     source = "curvature (white innovations)" if white else "scatter between stretches"
     print(f"{len(runs)} trials, {arguments.draws} draws, seed {arguments.seed}; stated by {source}")
     names = [*base_names(YAW), *(f"{effect.key}.{p.name}" for effect in effects for p in effect.parameters)]
-    for name, value, one, other in zip(names, physical(likelihood, x), stated, scatter, strict=True):
+    for name, value, one, other in zip(names, fitted.model.values, stated, scatter, strict=True):
         print(f"{name:32} {value:12.5g}  stated {one:10.3g}  bootstrap {other:10.3g}  ratio {other / one:5.2f}")
 
 

@@ -28,8 +28,8 @@ from rovid.identify.likelihood import LikelihoodFit, fit_likelihood
 from rovid.identify.steady import DragFit, fit_drag
 from rovid.identify.steady_points import points_from_table, steady_points
 from rovid.motion.runs import Runs, channels, prepare
-from rovid.plan.design import Plan, belief_of, plan, require_drive
 from rovid.plan.programme import Limits
+from rovid.plan.run_design import Plan, belief_of, plan, require_drive
 from rovid.readers import read_campaign
 from rovid.readers.campaign import files_in
 
@@ -218,26 +218,26 @@ class Study:
         if self.runs is None:
             amplitudes = self.amplitudes(drag)
             return Diagnosis(verdict="too_little_data", missing=amplitudes.missing, amplitudes=amplitudes)
-        found = diagnose(self.runs, self.vehicle, report)
-        side = found.extended or found.base
+        diagnosis = diagnose(self.runs, self.vehicle, report)
+        side = diagnosis.extended or diagnosis.base
         odd = unlike_rigid_body(side.estimate, self.vehicle.rigid_body_inertia) if side else ()
-        return replace(found, warnings=(*found.warnings, *odd))
+        return replace(diagnosis, warnings=(*diagnosis.warnings, *odd))
 
 
 def files_at_hand(paths: Sequence[Path]) -> list[Path]:
     """What may be read where ``paths`` are: logs, tables, rovid.toml and its thrust curves; not what rovid planned."""
     if not paths:
         return []
-    found = [path for path in files_in(paths) if path.is_file() and not PLAN.marks(path)]
+    files = [path for path in files_in(paths) if path.is_file() and not PLAN.marks(path)]
     # Whatever is wrong with rovid.toml is said by those who need it.
     with contextlib.suppress(ConfigError):
         config = find_config(paths)
-        found.append(config)
+        files.append(config)
         blocks = read_toml(config).get("thrusters")
         tables = [block for block in (blocks if isinstance(blocks, list) else ()) if isinstance(block, dict)]
         curves = [config.parent / str(table["curve"]) for table in tables if "curve" in table]
-        found += [curve for curve in curves if curve.exists()]
-    return found
+        files += [curve for curve in curves if curve.exists()]
+    return files
 
 
 def open_study(paths: Sequence[Path], *, cutoff: float | None = None, axis: Axis = YAW) -> Study:

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.diagnose.fitted import Fitted
 from rovid.effects import effect_named
 from rovid.ground.arrays import FloatArray
-from rovid.identify.horizons import HorizonLikelihood, HorizonRecords
-from rovid.identify.innovations import Likelihood
-from rovid.identify.records import Records
+from rovid.identify.fitted import Fitted, climbed
+from rovid.identify.horizon_misfit import HorizonMisfit
+from rovid.identify.horizons import HorizonRecords
+from rovid.identify.innovations import InnovationMisfit
+from rovid.identify.readings import Readings
 from rovid.motion.runs import Run
 from tests import synthetic
 
@@ -27,7 +28,7 @@ WITH_BIAS = replace(synthetic.ROSUB, effects=(BIAS,), effect_values=(12.0,))
 
 def records(torque: FloatArray = TORQUE, disturbance: FloatArray | None = None, runs: int = 1) -> HorizonRecords:
     made = [synthetic.run(TIME, torque, disturbance=disturbance, noise=NOISE) for _ in range(runs)]
-    whole = Records(made, synthetic.LOGGED, synthetic.ROSUB)
+    whole = Readings(made, synthetic.LOGGED, synthetic.ROSUB)
     return HorizonRecords.of(whole, synthetic.ROSUB)
 
 
@@ -45,17 +46,19 @@ def weakened(shares: Sequence[float]) -> list[Run]:
     return [replace(run, trial=replace(run.trial, name=f"run_{number}")) for number, run in enumerate(runs)]
 
 
-def near_of(ahead: HorizonRecords) -> Records:
-    return Records(ahead.runs, ahead.vehicle, ahead.start)
+def near_of(ahead: HorizonRecords) -> Readings:
+    return Readings(ahead.runs, ahead.vehicle, ahead.start)
 
 
 def fitted(key: str, ahead: HorizonRecords) -> tuple[Fitted, Fitted]:
     """A model with an effect by predictions, and one without any by each next reading."""
     effect = effect_named(key)
-    likelihood, near = HorizonLikelihood(ahead, effects=(effect,)), Likelihood(near_of(ahead), 1.0)
-    begin = np.concatenate((near.first(), effect.starts[0]))
-    return Fitted(likelihood, *likelihood.climb(begin)), Fitted(near, *near.climb(near.first()))
+    misfit, near = HorizonMisfit(ahead, effects=(effect,)), InnovationMisfit(near_of(ahead), 1.0)
+    first = near.coordinates.first()
+    begin = np.concatenate((first, effect.starts[0]))
+    return climbed(misfit, begin), climbed(near, first)
 
 
-def ahead_likelihood(runs: list[Run]) -> HorizonLikelihood:
-    return HorizonLikelihood(HorizonRecords.of(Records(runs, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB))
+def fitted_ahead(runs: list[Run]) -> Fitted:
+    misfit = HorizonMisfit(HorizonRecords.of(Readings(runs, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB))
+    return climbed(misfit, misfit.coordinates.first())

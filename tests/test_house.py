@@ -52,11 +52,11 @@ WITHOUT = {
     "diagnose/conclusion.py": "a step of the diagnosis",
     "diagnose/diagnosis.py": "a step of the diagnosis",
     "diagnose/experiments.py": "a step of the diagnosis",
-    "diagnose/fitted.py": "a step of the diagnosis",
+    "diagnose/rivals.py": "a step of the diagnosis",
     "diagnose/search.py": "a step of the diagnosis",
     "diagnose/signals.py": "a step of the diagnosis",
     "diagnose/strategies.py": "a step of the diagnosis",
-    "diagnose/swell.py": "a step of the diagnosis",
+    "diagnose/waves.py": "a step of the diagnosis",
     "diagnose/work.py": "a step of the diagnosis",
 }
 MODULES = sorted(ROOT.rglob("*.py"))

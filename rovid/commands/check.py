@@ -35,18 +35,18 @@ def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
 
     announce_compilation()
     config = load_config(find_config(logs), axis_named(axis) if axis else YAW)
-    found = check_logs(logs, config)
+    checked = check_logs(logs, config)
     if json:
-        print_json(check_document(config.axis, found.rows, found.problems, found.remarks, found.advice))
+        print_json(check_document(config.axis, checked.rows, checked.problems, checked.remarks, checked.advice))
     else:
-        show_check(console(), found.rows, found.problems)
-        show_warnings(console(), [remark.text for remark in found.remarks])
-        if found.rows:
-            show_advice(console(), found.advice)
-    if found.problems:
-        name, problem = next(iter(found.problems.items()))
+        show_check(console(), checked.rows, checked.problems)
+        show_warnings(console(), [remark.text for remark in checked.remarks])
+        if checked.rows:
+            show_advice(console(), checked.advice)
+    if checked.problems:
+        name, problem = next(iter(checked.problems.items()))
         raise DataError(
-            f"{len(found.problems)} of {len(found.problems) + len(found.rows)} logs cannot be used. {problem}"
+            f"{len(checked.problems)} of {len(checked.problems) + len(checked.rows)} logs cannot be used. {problem}"
             if name in problem
             else f"{name}: {problem}"
         )

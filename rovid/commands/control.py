@@ -86,8 +86,8 @@ def control(
     json: Json = False,
 ) -> None:
     """Design a heading controller."""
-    from rovid.control.design import control_of
     from rovid.control.generate import c_source, python_source
+    from rovid.control.loop_design import control_of
     from rovid.control.setting import Options, setting_of
     from rovid.ground.files import Output
     from rovid.ground.files.form import C_SOURCE, PYTHON_SOURCE

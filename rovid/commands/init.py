@@ -44,11 +44,11 @@ def init(
     # A guessed curve that is there may be a bench curve by now, but it may not be needed either.
     config, _ = outputs_beside(logs)
     claim = Claim([config], force=force)
-    found = survey(logs)
-    files = files_of(found)
+    surveyed = survey(logs)
+    files = files_of(surveyed)
     claim.write(files)
     written = [output.path for output in files]
     if json:
-        print_json(survey_document(found, written))
+        print_json(survey_document(surveyed, written))
     else:
-        show_survey(console(), found, written)
+        show_survey(console(), surveyed, written)

@@ -92,8 +92,8 @@ def plan(
     from rovid.effects import effect_named
     from rovid.ground.files import Output
     from rovid.ground.files.form import PLAN, png_form
-    from rovid.plan.design import command_text
     from rovid.plan.programme import Limits
+    from rovid.plan.run_design import command_text
     from rovid.report.plots.planned import picture
     from rovid.show.documents import plan_document
     from rovid.show.terminal import show_plan
@@ -115,9 +115,9 @@ def plan(
         travel=math.inf if turns is None else turns,
     )
     with busy("Fitting, and trying runs …"):
-        found = study.plan(tuple(effect_named(name) for name in stored.effects), rivals, limits, narrow or "")
-    claim.write({commands: command_text(found), drawing: picture(found, stored.axis)})
+        runs = study.plan(tuple(effect_named(name) for name in stored.effects), rivals, limits, narrow or "")
+    claim.write({commands: command_text(runs), drawing: picture(runs, stored.axis)})
     if json:
-        print_json(plan_document(found, stored.axis, str(output), str(drawn)))
+        print_json(plan_document(runs, stored.axis, str(output), str(drawn)))
     else:
-        show_plan(console(), found, [output, drawn])
+        show_plan(console(), runs, [output, drawn])

@@ -83,11 +83,11 @@ def _half(vehicle: Vehicle, model: Model, way: float) -> tuple[FloatArray, Float
     share = np.linspace(0.0, 1.0, _LEVELS)
     columns = []
     for at, thruster in enumerate(vehicle.thrusters):
-        push = math.copysign(1.0, thruster.arm) * way
+        sense = math.copysign(1.0, thruster.arm) * way
         if thruster.curve is None:
-            columns.append(push * _UNLIMITED)
+            columns.append(sense * _UNLIMITED)
             continue
-        side = 1 if push > 0.0 else 0
+        side = 1 if sense > 0.0 else 0
         edge, end = where.dead_zone[at][side], thruster.curve.command[-side]
         columns.append(edge + share * (end - edge))
     commands = np.column_stack(columns)

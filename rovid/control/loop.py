@@ -67,7 +67,7 @@ class Course:
         (n,) rad; (n,) N m that the controller asks for, held.
     commands
         (n, k), held.
-    push
+    outside
         (n,) N m from outside, held.
     drive
         What the commands made, tick by tick.
@@ -79,7 +79,7 @@ class Course:
     wanted: FloatArray
     torque: FloatArray
     commands: FloatArray
-    push: FloatArray
+    outside: FloatArray
     drive: Drive
 
     def trial(self) -> Trial:
@@ -99,7 +99,7 @@ def run_closed(
     wanted: FloatArray,
     start: float,
     *,
-    push: FloatArray | None = None,
+    outside: FloatArray | None = None,
     seed: int = 0,
 ) -> Course:
     """Run ``plant`` under ``law``, at rest at ``start`` in rad.
@@ -108,7 +108,7 @@ def run_closed(
     ----------
     wanted
         (m,) heading in rad at each of the controller's samples.
-    push
+    outside
         (m,) further torque from outside in N m.
 
     The effects between command and torque are those of the catalogue, on the commands of a trailing window; what they
@@ -117,14 +117,14 @@ def run_closed(
     m = ticks(law.period)
     time: FloatArray = law.period / m * np.arange(len(wanted) * m + 1, dtype=np.float64)
     held: FloatArray | float = 0.0
-    if push is not None:
-        held = np.append(np.repeat(push, m), push[-1])
-    outside = _from_outside(plant, time, held, seed)
+    if outside is not None:
+        held = np.append(np.repeat(outside, m), outside[-1])
+    disturbing = _from_outside(plant, time, held, seed)
     noise = np.random.default_rng([seed, 1]).normal(0.0, 1.0, len(wanted)) * plant.heading_noise
     where = bare_actuation(plant.vehicle, time, plant.model.parts)
     windows = [round(length / law.period * m) for length in _WINDOWS]
     for window in (*windows, len(time)):
-        course = _run(law, allocation, plant, wanted, start, time, outside, noise, where, window)
+        course = _run(law, allocation, plant, wanted, start, time, disturbing, noise, where, window)
         if window >= len(time) or not plant.model.acts_on_drive:
             break
         whole = plant.model.driven(plant.vehicle, where, course.commands)
@@ -148,7 +148,7 @@ def _run(
     wanted: FloatArray,
     start: float,
     time: FloatArray,
-    outside: FloatArray,
+    disturbing: FloatArray,
     noise: FloatArray,
     where: Actuation,
     window: int,
@@ -182,7 +182,7 @@ def _run(
                 turning,
                 angle,
                 torque[j],
-                outside[j],
+                disturbing[j],
                 moment[j],
                 beside[j],
                 tick,
@@ -204,7 +204,7 @@ def _run(
         wanted=held,
         torque=asked,
         commands=commands,
-        push=outside,
+        outside=disturbing,
         drive=Drive(torque, moment, beside, np.zeros(len(torque))),
     )
 
@@ -228,10 +228,10 @@ def _at(values: FloatArray, place: float) -> float:
     return float(values[whole] + share * (values[whole + 1] - values[whole]))
 
 
-def _from_outside(plant: Plant, time: FloatArray, push: FloatArray | float, seed: int) -> FloatArray:
-    """(n,) N m: ``push``, the coloured disturbance, and the model's wave torque where ``plant`` is not quiet."""
+def _from_outside(plant: Plant, time: FloatArray, held: FloatArray | float, seed: int) -> FloatArray:
+    """(n,) N m: what is ``held``, the coloured disturbance, and the model's waves where ``plant`` is not quiet."""
     rng = np.random.default_rng([seed, 0])
-    total = np.zeros(len(time)) + push
+    total = np.zeros(len(time)) + held
     if plant.disturbance > 0.0:
         total += coloured(time, plant.disturbance, plant.memory, rng)
     wave = plant.model.wave()

@@ -15,7 +15,7 @@ WAVE_PERIOD = 8.0  # s
 # Of the paper's instrument, and of a vehicle that is known by its parameters alone.
 _HEADING_NOISE, _MIDDLING_RATE = math.radians(0.01), 0.15
 # Of the torque in use: of a current or waves, where a run is about them.
-_PUSH = 0.1
+_FROM_OUTSIDE = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,10 +124,10 @@ def paper_runs() -> tuple[Manoeuvre, ...]:
 
 def manoeuvres(steps: Sequence[tuple[float, float]], torque_in_use: float) -> tuple[Manoeuvre, ...]:
     """The paper's runs, the user's ``steps`` in deg, and a hold against current and waves."""
-    push = _PUSH * torque_in_use
+    torque = _FROM_OUTSIDE * torque_in_use
     return (
         *paper_runs(),
         *(Manoeuvre(name=f"{a:g} to {b % 360.0:g} deg", start=a, wanted=b) for a, b in steps),
-        Manoeuvre(name="hold 120 deg, current sets in", start=120.0, wanted=120.0, current=push),
-        Manoeuvre(name="hold 120 deg, waves", start=120.0, wanted=120.0, waves=push),
+        Manoeuvre(name="hold 120 deg, current sets in", start=120.0, wanted=120.0, current=torque),
+        Manoeuvre(name="hold 120 deg, waves", start=120.0, wanted=120.0, waves=torque),
     )

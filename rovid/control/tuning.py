@@ -88,7 +88,8 @@ class Loop:
     law
         Its controller.
     motion
-        (n, n) and (n,): states and push of the linearised motion, heading first and rate second.
+        (n, n) and (n,): how the states of the linearised motion change with each other, and with the torque; heading
+        first and rate second.
     actuators
         Frequencies in rad/s and the (f,) response from wanted to acting torque, per interval of the controller.
     delay
@@ -103,13 +104,13 @@ class Loop:
     def transfer(self, frequency: FloatArray) -> ComplexArray:
         """(f,) L at the (f,) frequencies in rad/s, below half the sampling frequency; sampled exactly."""
         period = self.law.period
-        matrix, push = self.motion
+        matrix, by_torque = self.motion
         folded = frequency[:, None] + 2.0 * math.pi / period * _FOLDS
         s = 1j * folded
         # c adj(sI - A) b = det(sI - A + b c) - det(sI - A), with c the heading; b of the size of one.
-        own, scale = np.poly(matrix), float(np.max(np.abs(push)))
+        own, scale = np.poly(matrix), float(np.max(np.abs(by_torque)))
         closed = matrix.copy()
-        closed[:, 0] -= push / scale
+        closed[:, 0] -= by_torque / scale
         added = np.poly(closed) - own
         heading = scale * np.polyval(added, s) / np.polyval(own, s)
         # Held over the period, delayed, and sampled.
@@ -233,9 +234,9 @@ def linearised(model: Model, heading: float = 0.0) -> tuple[FloatArray, FloatArr
         nudge = _NUDGE * np.eye(size)[at]
         matrix[:, at] = (change(nudge, 0.0) - change(-nudge, 0.0)) / (2.0 * _NUDGE)
     # The square of the nudge is what quadratic drag leaves in its slope at rest.
-    push = 0.5 * (change(rest, 1.0) - change(rest, -1.0))
-    moves = np.flatnonzero(np.any(matrix != 0.0, axis=1) | (push != 0.0))
-    return matrix[np.ix_(moves, moves)], push[moves]
+    by_torque = 0.5 * (change(rest, 1.0) - change(rest, -1.0))
+    moves = np.flatnonzero(np.any(matrix != 0.0, axis=1) | (by_torque != 0.0))
+    return matrix[np.ix_(moves, moves)], by_torque[moves]
 
 
 def actuators(
@@ -259,9 +260,9 @@ def actuators(
         part = slice(count - measured, count)
         ahead, back = np.exp(1j * frequency * time[part]), np.exp(-1j * frequency * time[part])
         basis = np.column_stack((ahead, back, np.ones(measured)))
-        found, *_ = np.linalg.lstsq(basis, acting[part], rcond=None)
+        coefficients, *_ = np.linalg.lstsq(basis, acting[part], rcond=None)
         # Of a sine itself this coordinate is its amplitude over 2j.
-        response[at] = found[0] / (amplitude / 2j)
+        response[at] = coefficients[0] / (amplitude / 2j)
     return frequencies, response
 
 
@@ -279,9 +280,9 @@ def largest_bandwidth(loop_of: Callable[[float], Loop], limit: float) -> float:
         if bandwidth > limit:
             continue
         loop = loop_of(float(bandwidth))
-        found = loop.margins()
-        comfortable = found.phase_deg >= _PHASE_MARGIN and found.sensitivity_peak <= _SENSITIVITY_PEAK
-        if comfortable and found.stable and found.delay_s >= loop.lag(found.crossover):
+        margins = loop.margins()
+        comfortable = margins.phase_deg >= _PHASE_MARGIN and margins.sensitivity_peak <= _SENSITIVITY_PEAK
+        if comfortable and margins.stable and margins.delay_s >= loop.lag(margins.crossover):
             return float(bandwidth)
     raise DataError(
         f"no bandwidth above {BANDWIDTHS[0]:g} rad/s leaves a comfortable margin: the loop is delayed too much.",
@@ -332,8 +333,8 @@ def _bounds(model: Model, name: str) -> tuple[float, float]:
     if not key:
         return 0.0, math.inf
     effect = next(effect for effect in model.effects if effect.key == key)
-    found = next(p for p in effect.parameters if p.name == parameter)
-    if found.scale == "one":
-        return found.low, found.high
-    least = 0.0 if found.low >= 0.0 else -math.inf
+    own = next(p for p in effect.parameters if p.name == parameter)
+    if own.scale == "one":
+        return own.low, own.high
+    least = 0.0 if own.low >= 0.0 else -math.inf
     return least, math.inf

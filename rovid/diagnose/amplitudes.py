@@ -18,7 +18,7 @@ from rovid.ground.arrays import FloatArray
 from rovid.ground.workers import spread
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit
-from rovid.identify.inertia_table import table_drag
+from rovid.identify.inertia_table import row_names, table_drag
 from rovid.model.model import Model
 
 # Periods of a simulated sine, the last of which is looked at, and samples in each.
@@ -69,11 +69,11 @@ class Explanation:
     def sizes(self) -> dict[str, tuple[float, str]]:
         """Value and unit of each parameter of the effect; a command is the torque here."""
         effect = self.model.effects[0]
-        found = {}
+        sizes = {}
         for parameter, value in zip(effect.parameters, self.model.effect_values, strict=True):
             unit = parameter.unit.replace("command", "N m")
-            found[parameter.name] = (value, unit)
-        return found
+            sizes[parameter.name] = (value, unit)
+        return sizes
 
     @property
     def explains(self) -> bool:
@@ -283,7 +283,7 @@ def _predictions(sine: Table, rows: _Rows, models: Sequence[Model], inertia: Ine
     """Every sine with the inertia of every method and the drag that the table gives it."""
     for key, reading in inertia.methods.items():
         # Runs and rates go on with the holds after the sines: the names end first.
-        for name, model, run, rate in zip(_names(sine), models, rows.runs, rows.rates, strict=False):
+        for name, model, run, rate in zip(row_names(sine), models, rows.runs, rows.rates, strict=False):
             yield Prediction(
                 trial=name,
                 method=key,
@@ -291,13 +291,6 @@ def _predictions(sine: Table, rows: _Rows, models: Sequence[Model], inertia: Ine
                 measured=float(rate),
                 predicted=rows.simulated(run, replace(model, inertia=reading.value)),
             )
-
-
-def _names(sine: Table) -> list[str]:
-    """Of every row, as the table has it, else by its line."""
-    if "trial" in sine.header:
-        return sine.text("trial")
-    return [f"row {line}" for line in sine.lines]
 
 
 def _rows(sine: Table, steady: Table | None, start: Model, rigid_body: float | None) -> _Rows:
@@ -329,8 +322,8 @@ def _holds(steady: Table, start: Model) -> list[Trial]:
     torque, rate = steady.numbers("torque_Nm"), steady.numbers("yaw_rate_rad_s")
     slowest = _SLOWEST * float(np.max(np.abs(rate)))
     holds = []
-    for push, reached in zip(torque, rate, strict=True):
-        holds.append(_hold(float(push), max(abs(float(reached)), slowest), start))
+    for held, reached in zip(torque.tolist(), rate.tolist(), strict=True):
+        holds.append(_hold(held, max(abs(reached), slowest), start))
     return holds
 
 

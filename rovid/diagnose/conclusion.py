@@ -9,50 +9,50 @@ from dataclasses import replace
 import numpy as np
 from scipy import linalg
 
-from rovid.diagnose.fitted import Fitted, Found, worth
 from rovid.diagnose.heldout import errors_ahead, log_likelihood, simulate_folds
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE
 from rovid.diagnose.record import Ahead, Diagnosis, Finding, Side
+from rovid.diagnose.rivals import Cause, is_plausible, worth
 from rovid.diagnose.screening import Promise
-from rovid.diagnose.signals import PREFIX, is_driver
-from rovid.diagnose.swell import Swell
+from rovid.diagnose.signals import is_signal
+from rovid.diagnose.waves import Waves
 from rovid.diagnose.work import Suspected, Work, undecided
 from rovid.effects import CATALOGUE, Effect, EffectParameter
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
-from rovid.identify.certainty import covariance, form_doubt, physical
+from rovid.identify.certainty import form_doubt
 from rovid.identify.courses import HORIZONS
 from rovid.identify.estimate import Estimate
+from rovid.identify.fitted import Fitted
 from rovid.identify.free_run import CERTAINTY
 from rovid.identify.horizons import time_constant
-from rovid.identify.likelihood import TRUSTED_R2, canonical, scale_doubt, simulated_r2
+from rovid.identify.likelihood import TRUSTED_R2
 from rovid.identify.regression import require_inertia
-from rovid.identify.whiteness import likelihood_is_white
 from rovid.model.names import without_form
-from rovid.plan.design import Plan, plan
 from rovid.plan.programme import Limits
+from rovid.plan.run_design import Plan, plan
 from rovid.plan.worth import Belief
 
 # A model of another form that explains so much of what one explains is as good, where neither explains all.
 _NEARLY = 0.9
 
 
-def concluded(work: Work, found: Sequence[Found], warnings: list[str]) -> Diagnosis:
-    """What is said of ``work``, whose final model has what was ``found``."""
+def concluded(work: Work, causes: Sequence[Cause], warnings: list[str]) -> Diagnosis:
+    """What is said of ``work``, whose final model has these ``causes``."""
     base, final = work.refined(work.base), work.refined(work.final)
-    white = likelihood_is_white(final.likelihood, final.x)
-    estimate = _across_forms(work, _estimate(final, white=white))
-    base_estimate = _estimate(base, white=likelihood_is_white(base.likelihood, base.x))
+    estimate = _across_forms(work, _estimate(final, white=final.is_white))
+    base_estimate = _estimate(base, white=base.is_white)
     # What is missing makes one of them uncertain; where both are, the vehicle was not excited.
     require_inertia(min(base_estimate, estimate, key=_uncertainty), CERTAINTY)
-    estimate = estimate.with_scale_doubt(scale_doubt(final.likelihood, final.x))
+    estimate = estimate.with_scale_doubt(final.scale_doubt)
     warnings.extend(estimate.warnings)
-    findings = [_planned(work, _finding(work, one, estimate)) for one in found if not is_driver(one.effect)]
-    signals = tuple((one.effect, one.worth) for one in found if is_driver(one.effect))
-    at_limit = final.likelihood.at_limit(final.x)
+    named = [cause for cause in causes if not is_signal(cause.effect)]
+    findings = [_planned(work, _finding(work, cause, estimate)) for cause in named]
+    signals = tuple((cause.effect, cause.worth) for cause in causes if is_signal(cause.effect))
+    at_limit = final.at_limit
     if at_limit:
         warnings.append(
-            f"What is left would be a disturbance above {100 * final.likelihood.limit:.2g} % of the torque in use: "
+            f"What is left would be a disturbance above {100 * final.misfit.limit:.2g} % of the torque in use: "
             "something is still missing, and it follows no other logged signal."
         )
     suspects = tuple(_suspect(work, one) for one in work.suspects())
@@ -63,8 +63,8 @@ def concluded(work: Work, found: Sequence[Found], warnings: list[str]) -> Diagno
         extended = _with_waves(extended, waves)
     elif waves is not None:
         suspects = tuple(sorted((*suspects, waves), key=lambda one: -one.confidence))
-    unexplained = bool(signals) or at_limit or simulated_r2(final.likelihood, final.x) < TRUSTED_R2
-    disturbance, _ = final.likelihood.disturbance(final.x)
+    unexplained = bool(signals) or at_limit or final.simulated_r2 < TRUSTED_R2
+    disturbance, _ = final.disturbance
     return Diagnosis(
         verdict=_verdict(found=bool(findings), suspected=bool(suspects), unexplained=unexplained),
         base=_side(work, work.base, base, base_estimate, work.search.without_any(work.final)),
@@ -95,26 +95,27 @@ def _side(work: Work, quick: Fitted, fitted: Fitted, estimate: Estimate, fair: F
     """``fair`` is the same model with as much disturbance as the other side has, for only such likelihoods compare."""
     simulated = simulate_folds(quick, work.folds(quick))
     held = replace(simulated, log_likelihood=log_likelihood(work.folds(fair)))
-    return Side(model=fitted.likelihood.model(fitted.x), estimate=estimate, held_out=held)
+    return Side(model=fitted.model, estimate=estimate, held_out=held)
 
 
 def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
-    x = canonical(fitted.likelihood, fitted.x)
-    names = fitted.likelihood.model(x).names
-    doubt, said = form_doubt(fitted.likelihood, x)
+    fitted = fitted.canonical()
+    names = fitted.model.names
+    doubt, said = form_doubt(fitted)
     # What follows a signal is a dependence; it is no parameter of the vehicle.
-    at = [k for k, name in enumerate(names) if not name.startswith(PREFIX)]
-    scatter = covariance(fitted.likelihood, x, sandwich=not white) + doubt
+    signals = {effect.key for effect in fitted.effects if is_signal(effect)}
+    at = [k for k, name in enumerate(names) if _key_of(name) not in signals]
+    scatter = fitted.covariance(sandwich=not white) + doubt
     estimate = Estimate(
         names=tuple(names[k] for k in at),
-        values=physical(fitted.likelihood, x)[at],
+        values=fitted.model.values[at],
         covariance=scatter[np.ix_(at, at)],
-        axis=fitted.likelihood.records.axis,
-        method=fitted.likelihood.method,
-        samples=len(fitted.likelihood.records.trial),
+        axis=fitted.records.axis,
+        method=fitted.misfit.method,
+        samples=len(fitted.records.trial),
         warnings=tuple(said),
     )
-    if not fitted.likelihood.records.driven:
+    if not fitted.records.driven:
         return estimate.undriven()
     return estimate
 
@@ -126,13 +127,13 @@ def _across_forms(work: Work, estimate: Estimate) -> Estimate:
     innovations are white; else none is nature's form, and all that explain nearly as much have the same weight.
     """
     final, search = work.final, work.search
-    white = likelihood_is_white(final.likelihood, final.x)
+    white = final.is_white
     moved, weights = [], []
     for effect in final.effects:
         rest = search.without(final, effect)
         earned = worth(final) - worth(rest)
         for fit in search.extensions(rest):
-            if not fit.plausible or is_driver(fit.effects[-1]) or fit.key == final.key:
+            if not is_plausible(fit) or is_signal(fit.effects[-1]) or fit.key == final.key:
                 continue
             alike = not white and worth(fit) - worth(rest) >= _NEARLY * earned
             likelier = min(worth(fit) - worth(final), 0.0)
@@ -146,7 +147,7 @@ def _across_forms(work: Work, estimate: Estimate) -> Estimate:
 
 def _moved(estimate: Estimate, fit: Fitted) -> FloatArray:
     """(p,) how far each parameter of ``estimate`` is elsewhere in ``fit``; zero where that has none like it."""
-    model = fit.likelihood.model(canonical(fit.likelihood, fit.x))
+    model = fit.canonical().model
     there = dict(zip(_alike(model.names, fit.effects), model.values.tolist(), strict=True))
     here = zip(_alike(estimate.names, fit.effects), estimate.values.tolist(), strict=True)
     return np.array([there.get(name, value) - value for name, value in here])
@@ -155,11 +156,13 @@ def _moved(estimate: Estimate, fit: Fitted) -> FloatArray:
 def _alike(names: Sequence[str], effects: Sequence[Effect]) -> list[str]:
     """``names`` of parameters, those of forms that share an effect's parameters without the form."""
     apart = {effect.key for effect in effects if effect.each_thruster}
-    found = []
-    for name in names:
-        key, _, _ = name.rpartition(".")
-        found.append(name if key in apart else without_form(name))
-    return found
+    return [name if _key_of(name) in apart else without_form(name) for name in names]
+
+
+def _key_of(name: str) -> str:
+    """Of the effect whose parameter has this ``name``; empty of one that every model has."""
+    key, _, _ = name.rpartition(".")
+    return key
 
 
 def _uncertainty(estimate: Estimate) -> float:
@@ -172,25 +175,25 @@ def _untried(work: Work, effect: Effect) -> tuple[Effect, ...]:
         return ()
     tried = {candidate.id for candidate in work.search.candidates}
     axis = work.full.axis.name
-    found = []
+    untried = []
     for other in CATALOGUE:
         passes = effect.id in other.rivals and other.needs and other.id not in tried
         if passes and (not other.axes or axis in other.axes):
-            found.append(other)
-    return tuple(found)
+            untried.append(other)
+    return tuple(untried)
 
 
-def _finding(work: Work, found: Found, estimate: Estimate) -> Finding:
-    effect, held_out_gain = found.effect, work.held_out_gain(found.effect)
+def _finding(work: Work, cause: Cause, estimate: Estimate) -> Finding:
+    effect, held_out_gain = cause.effect, work.held_out_gain(cause.effect)
     return Finding(
         effect=effect,
         estimate=_own(estimate, effect),
-        gain=found.gain,
-        worth=found.worth,
+        gain=cause.gain,
+        worth=cause.worth,
         held_out_gain=held_out_gain,
-        confidence=work.confidence(found, held_out_gain),
-        rivals=found.rivals,
-        undecided=(*undecided(found, work.margin(found.worth)), *_untried(work, effect)),
+        confidence=work.confidence(cause, held_out_gain),
+        rivals=cause.rivals,
+        undecided=(*undecided(cause, work.margin(cause.worth)), *_untried(work, effect)),
     )
 
 
@@ -211,7 +214,7 @@ def _suspect(work: Work, suspected: Suspected) -> Finding:
         effect=rival.effect,
         estimate=_own(estimate, rival.effect),
         gain=work.final.cost - rival.fitted.cost,
-        worth=rival.gain,
+        worth=rival.worth,
         held_out_gain=suspected.held_out_gain,
         confidence=suspected.confidence,
         rivals=tuple(one for one in beside if one.effect is not rival.effect),
@@ -221,21 +224,21 @@ def _suspect(work: Work, suspected: Suspected) -> Finding:
 
 def _possible_waves(work: Work) -> Finding | None:
     """What is said of waves; None where there is hardly a chance of any."""
-    swell = work.swell
-    if swell is None or swell.fitted is None or swell.confidence < POSSIBLE:
+    waves = work.waves
+    if waves is None or waves.fitted is None or waves.confidence < POSSIBLE:
         return None
-    return _waves(swell, swell.fitted)
+    return _waves(waves, waves.fitted)
 
 
-def _waves(swell: Swell, fitted: Fitted) -> Finding:
+def _waves(waves: Waves, fitted: Fitted) -> Finding:
     effect, estimate = fitted.effects[-1], _estimate(fitted, white=False)
     return Finding(
         effect=effect,
         estimate=_own(estimate, effect),
-        gain=swell.gain,
-        worth=swell.worth,
-        held_out_gain=swell.held_out_gain,
-        confidence=swell.confidence,
+        gain=waves.gain,
+        worth=waves.worth,
+        held_out_gain=waves.held_out_gain,
+        confidence=waves.confidence,
         rivals=(),
         undecided=(),
     )
@@ -269,11 +272,11 @@ def _ahead_of(work: Work) -> tuple[Ahead, ...]:
     base = errors_ahead(work.base, work.folds(work.base), work.pieces)
     extended = errors_ahead(work.final, work.folds(work.final), work.pieces)
     constant = time_constant(work.full.start, work.full.rate)
-    found = []
+    ahead = []
     for horizon, one, other in zip(HORIZONS, base, extended, strict=True):
         if math.isfinite(one) and math.isfinite(other):
-            found.append(Ahead(seconds=horizon * constant, base=float(one), extended=float(other)))
-    return tuple(found)
+            ahead.append(Ahead(seconds=horizon * constant, base=float(one), extended=float(other)))
+    return tuple(ahead)
 
 
 def _telling(work: Work, finding: Finding) -> Plan | None:
@@ -283,15 +286,14 @@ def _telling(work: Work, finding: Finding) -> Plan | None:
     if rival is None:
         return None  # it could not be tried: no run tells without its signal
     models = {finding.effect.title: work.final, rival.effect.title: rival.fitted}
-    if any(is_driver(effect) for fitted in models.values() for effect in fitted.effects):
+    if any(is_signal(effect) for fitted in models.values() for effect in fitted.effects):
         return None  # nobody knows what the signal will be
     vehicle = work.full.vehicle
     assert vehicle is not None  # noqa: S101 - a diagnosis has one
     beliefs = []
     for name, fitted in models.items():
         full = work.refined(fitted)
-        scatter = covariance(full.likelihood, full.x, sandwich=False)
-        beliefs.append(Belief.of(name, full.likelihood, full.x, scatter))
+        beliefs.append(Belief.of(name, full, full.covariance(sandwich=False)))
     try:
         return plan(beliefs, vehicle, [run.trial for run in work.full.runs], Limits())
     except DataError:
@@ -300,8 +302,8 @@ def _telling(work: Work, finding: Finding) -> Plan | None:
 
 def _noise_floor(fitted: Fitted) -> float:
     """RMS rate that the disturbance drives, and what the low pass leaves of the sensor's noise."""
-    noise = float(np.median([run.rates.rate_noise for run in fitted.likelihood.records.runs]))
-    return math.hypot(fitted.likelihood.driven_rate(fitted.x), noise)
+    noise = float(np.median([run.rates.rate_noise for run in fitted.records.runs]))
+    return math.hypot(fitted.misfit.driven_rate(fitted.x), noise)
 
 
 def _detectable(work: Work) -> tuple[tuple[Effect, float], ...]:
@@ -310,7 +312,7 @@ def _detectable(work: Work) -> tuple[tuple[Effect, float], ...]:
     work.search.extensions(work.final)
     plain: dict[str, Promise] = {}
     for promise in work.search.promises[work.final.key]:
-        if not is_driver(promise.effect):
+        if not is_signal(promise.effect):
             plain.setdefault(promise.effect.id, promise)
     sizes = []
     for promise in plain.values():
@@ -322,7 +324,7 @@ def _detectable(work: Work) -> tuple[tuple[Effect, float], ...]:
 
 def _seen(work: Work, promise: Promise, size: EffectParameter) -> float:
     """The least ``size`` that pays, in its unit; infinite where there is none so large."""
-    price = 0.5 * math.log(work.final.likelihood.count) * len(promise.effect.parameters)
+    price = 0.5 * math.log(work.final.misfit.count) * len(promise.effect.parameters)
     # What is gained grows with the square of the size.
     share = math.sqrt((work.search.threshold + price) / promise.power)
     seen = abs(share * (size.starts[0] - size.null))

@@ -8,13 +8,13 @@ from rovid.diagnose.lacking import lack_of
 from rovid.diagnose.parts import parts_of, pieces_of
 from rovid.diagnose.record import Diagnosis
 from rovid.diagnose.search import Report
-from rovid.diagnose.signals import drivers
-from rovid.diagnose.strategies import by_horizons, by_innovations, sea_of
+from rovid.diagnose.signals import signal_causes
+from rovid.diagnose.strategies import by_horizons, by_innovations, wave_search
 from rovid.diagnose.work import Work
 from rovid.effects import forms_for
 from rovid.ground.errors import DataError
 from rovid.identify.free_run import fit_free_run
-from rovid.identify.records import Records
+from rovid.identify.readings import Readings
 from rovid.motion.runs import Runs, channels
 
 _BY_HORIZONS = (
@@ -67,12 +67,12 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     forms = forms_for(vehicle, channels(runs), [run.trial.name for run in prepared.items])
     pieces = pieces_of(prepared.items, vehicle, prepared.cutoff)
     cut = [piece.run for piece in pieces]
-    candidates = (*forms, *drivers((*prepared.items, *runs, *cut)))
-    whole = Records(prepared.items, vehicle, start)
+    candidates = (*forms, *signal_causes((*prepared.items, *runs, *cut)))
+    whole = Readings(prepared.items, vehicle, start)
     ahead = by_horizons(whole, pieces, candidates, report)
-    ahead.sea = sea_of(whole, forms, pieces)
+    ahead.look_for_waves = wave_search(whole, forms, pieces)
     ahead.settle()
-    near = by_innovations(Records(runs, vehicle, start), candidates, ahead, report)
+    near = by_innovations(Readings(runs, vehicle, start), candidates, ahead, report)
     report("Testing what was found on trials that were not fitted …")
     work = ahead if near is None else near
     refused = work.decided()
@@ -82,6 +82,6 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
         refused = work.decided()
     warnings = [*_said(work, notes), *refused]
     try:
-        return concluded(work, [work.found(effect) for effect in work.final.effects], warnings)
+        return concluded(work, [work.cause(effect) for effect in work.final.effects], warnings)
     except DataError as error:
         return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(warnings))

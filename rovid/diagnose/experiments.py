@@ -6,8 +6,8 @@ from typing import Any
 
 from rovid.diagnose.record import Diagnosis, Finding
 from rovid.diagnose.signals import signal_of
-from rovid.effects import CATALOGUE, Effect
-from rovid.plan.design import command_rows
+from rovid.effects import Effect, effect_named
+from rovid.plan.run_design import command_rows
 
 # Runs that separate two causes best (EFFECTS.md 3.1); where none stands here, the run that reveals either.
 _PAIRS = {
@@ -66,9 +66,8 @@ def next_experiment(diagnosis: Diagnosis) -> dict[str, Any]:
         decides = deciding_experiment(finding)
         if decides is not None:
             return decides | {"reason": "more than one cause explains these data equally well"}
-    causes = () if diagnosis.amplitudes is None else diagnosis.amplitudes.causes
-    if len(causes) > 1:
-        first, second = (cause.model.effects[0] for cause in causes[:2])
+    if diagnosis.amplitudes is not None and len(diagnosis.amplitudes.causes) > 1:
+        first, second, *_ = (cause.model.effects[0] for cause in diagnosis.amplitudes.causes)
         return _separating(first, second) | {"reason": "the tables allow either"}
     if diagnosis.missing:
         return {
@@ -76,16 +75,18 @@ def next_experiment(diagnosis: Diagnosis) -> dict[str, Any]:
             "reason": "they excite all that a diagnosis looks at",
         }
     if diagnosis.verdict == "unexplained":
-        signal = signal_of(diagnosis.signals[0][0]) if diagnosis.signals else ""
-        held = "a hold repeated first, in the middle and last"
-        if signal:
-            held = f"the same hold with {signal} at two values"
-        return {"run": held, "reason": "something acts that no effect of the catalogue explains"}
-    if diagnosis.suspects or diagnosis.findings:
-        effect = (*diagnosis.suspects, *diagnosis.findings)[0].effect
-        return {"run": effect.experiment, "reason": f"it shows {effect.title} by itself"}
-    lag = next(effect for effect in CATALOGUE if effect.id == "thruster_lag")
+        return {"run": _repeated(diagnosis), "reason": "something acts that no effect of the catalogue explains"}
+    for finding in (*diagnosis.suspects, *diagnosis.findings):
+        return {"run": finding.effect.experiment, "reason": f"it shows {finding.effect.title} by itself"}
     return {
-        "run": lag.experiment,
+        "run": effect_named("thruster_lag").experiment,
         "reason": "nothing is missing; fast commands narrow the inertia and show timing errors first",
     }
+
+
+def _repeated(diagnosis: Diagnosis) -> str:
+    """The run that shows whether what is left changes with time, or with the signal that it follows most."""
+    if not diagnosis.signals:
+        return "a hold repeated first, in the middle and last"
+    strongest, _ = diagnosis.signals[0]
+    return f"the same hold with {signal_of(strongest)} at two values"

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.diagnose.fitted import Fitted
 from rovid.diagnose.parts import Piece
 from rovid.ground.arrays import FloatArray, IntArray
 from rovid.identify.courses import HORIZONS
+from rovid.identify.fitted import Fitted, climbed
 from rovid.identify.horizons import HorizonRecords, predictions
-from rovid.identify.innovations import Likelihood
 from rovid.identify.records import Records
 from rovid.model.simulation import HORIZONS as SECONDS
 from rovid.model.simulation import overall, simulate_runs
@@ -55,7 +54,7 @@ class Fold:
 
 def cross_validate(fitted: Fitted, pieces: Sequence[Piece]) -> list[Fold]:
     """Fit the model of ``fitted`` anew without each fourth of the pieces, and predict those."""
-    piece = _piece(fitted.likelihood.records, pieces)
+    piece = _piece(fitted.records, pieces)
     left_out = _folds(len(pieces))
     tests, fits = [], []
     for numbers in left_out:
@@ -63,11 +62,10 @@ def cross_validate(fitted: Fitted, pieces: Sequence[Piece]) -> list[Fold]:
         # What begins in one piece and ends in another tells of both.
         train = ~test & (piece >= 0)
         # All trials together are a start so good that a few steps do.
-        likelihood = fitted.likelihood.like(fitted.effects, train)
-        x, _ = likelihood.climb(fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)
-        fits.append(_told(likelihood, x))
-        tests.append(fitted.likelihood.like(fitted.effects, test))
-    costs = fitted.likelihood.held_out_costs(tests, fits)
+        taught = fitted.misfit.like(fitted.effects, train)
+        fits.append(_told(climbed(taught, fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)))
+        tests.append(fitted.misfit.like(fitted.effects, test))
+    costs = fitted.misfit.held_out_costs(tests, fits)
     folds = []
     for numbers, cost, x in zip(left_out, costs, fits, strict=True):
         own = [pieces[number] for number in numbers]
@@ -75,29 +73,27 @@ def cross_validate(fitted: Fitted, pieces: Sequence[Piece]) -> list[Fold]:
     return folds
 
 
-def _told(likelihood: Likelihood, x: FloatArray) -> FloatArray:
-    """``x`` with no effect where what was fitted tells nothing of one: else it would be known from what is held out."""
-    cost, at = likelihood.cost(x), likelihood.base
-    for effect in likelihood.effects:
-        own = slice(at, at + len(effect.parameters))
+def _told(fitted: Fitted) -> FloatArray:
+    """Its coordinates, no effect where what was fitted tells nothing of one: else it would be known from the rest."""
+    misfit, x = fitted.misfit, fitted.x
+    for effect, own in misfit.coordinates.places():
         without = x.copy()
         without[own] = [parameter.null for parameter in effect.parameters]
-        if abs(likelihood.cost(without) - cost) < _NOTHING:
+        if abs(misfit.cost(without) - fitted.cost) < _NOTHING:
             x = without
-        at = own.stop
     return x
 
 
 def _piece(records: Records, pieces: Sequence[Piece]) -> IntArray:
     """(N,) index of the piece that each innovation lies in; -1 where it lies in more than one, or none."""
-    found = []
-    for number, (begin, end) in enumerate(records.spans):
-        mine = np.full(len(begin), -1)
+    numbers = []
+    for run, (begin, end) in enumerate(records.spans):
+        own = np.full(len(begin), -1)
         for index, piece in enumerate(pieces):
-            if piece.whole == number:
-                mine[(piece.begin <= begin) & (end <= piece.end)] = index
-        found.append(mine)
-    return np.concatenate(found)
+            if piece.whole == run:
+                own[(piece.begin <= begin) & (end <= piece.end)] = index
+        numbers.append(own)
+    return np.concatenate(numbers)
 
 
 def log_likelihood(folds: Sequence[Fold]) -> float:
@@ -107,10 +103,10 @@ def log_likelihood(folds: Sequence[Fold]) -> float:
 
 def simulate_folds(fitted: Fitted, folds: Sequence[Fold]) -> HeldOut:
     """Simulate every trial freely with the model that was fitted to others."""
-    records, simulations = fitted.likelihood.records, []
+    records, simulations = fitted.records, []
     assert records.vehicle is not None  # noqa: S101 - a diagnosis has one
     for fold in folds:
-        model = fitted.likelihood.model(fold.x)
+        model = fitted.misfit.coordinates.model(fold.x)
         runs = [piece.run for piece in fold.pieces]
         simulations += simulate_runs(runs, model, records.vehicle)
     fit = overall(simulations)
@@ -127,11 +123,11 @@ def simulate_folds(fitted: Fitted, folds: Sequence[Fold]) -> HeldOut:
 
 def errors_ahead(fitted: Fitted, folds: Sequence[Fold], pieces: Sequence[Piece]) -> FloatArray:
     """(q,) RMS error of the position over each of `HORIZONS`, each piece predicted from others; NaN where none."""
-    records = HorizonRecords.of(fitted.likelihood.records, fitted.likelihood.records.start)
+    records = HorizonRecords.of(fitted.records, fitted.records.start)
     piece = _piece(records, pieces)
     squares, count = np.zeros(len(HORIZONS)), np.zeros(len(HORIZONS))
     for fold in folds:
-        model = fitted.likelihood.model(fold.x)
+        model = fitted.misfit.coordinates.model(fold.x)
         mine = np.isin(piece, [pieces.index(one) for one in fold.pieces])
         horizon = records.horizon[mine]
         errors = predictions(records, model, records.drives_between(model))[mine]

@@ -13,7 +13,7 @@ from rovid.ground.arrays import IntArray
 from rovid.ground.errors import DataError
 from rovid.identify.free_run import fit_free_run
 from rovid.identify.horizons import time_constant
-from rovid.identify.records import Records
+from rovid.identify.usual import usual_rate
 from rovid.motion.rates import highest_cutoff
 from rovid.motion.runs import Run, Runs, prepare
 
@@ -71,7 +71,7 @@ def shortest_part(runs: Sequence[Run], cutoff: float) -> float:
     """Length in s that a part has at least: some time constants, and what a low pass of ``cutoff`` in Hz wants."""
     try:
         start = fit_free_run(runs, certainty=0.0)
-        constant = time_constant(start, Records(runs, None, start).rate)
+        constant = time_constant(start, usual_rate(runs))
         quarter = sum(recorded(run.trial) for run in runs) / FEWEST_TRIALS
         shortest = min(max(quarter, _SHORTEST_OF_ALL * constant), _SHORTEST * constant)
     except DataError:
@@ -107,12 +107,12 @@ def _all_cuts(runs: Sequence[Run], cutoff: float) -> list[tuple[int, _Cut]]:
     """
     shortest = shortest_part(runs, cutoff)
     usual = max(sum(recorded(run.trial) for run in runs) / _PARTS, shortest)
-    found = []
+    cuts = []
     for whole, run in enumerate(runs):
         half = recorded(run.trial) / 2.0
         length = min(usual, max(half, shortest))
-        found += [(whole, cut) for cut in _cuts(run.trial, length)]
-    return found
+        cuts += [(whole, cut) for cut in _cuts(run.trial, length)]
+    return cuts
 
 
 def _cuts(trial: Trial, length: float) -> list[_Cut]:

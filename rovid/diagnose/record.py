@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes
-from rovid.diagnose.fitted import Rival
 from rovid.diagnose.heldout import HeldOut
+from rovid.diagnose.rivals import Rival
 from rovid.effects import Effect
 from rovid.identify.estimate import Estimate
 from rovid.model.model import Model
-from rovid.plan.design import Plan
+from rovid.plan.run_design import Plan
 
 # No data along one axis show these: the same motion comes of other inertia and drag.
 NEVER_SHOWN = ("thrust_scale", "rate_scale")
@@ -94,7 +94,7 @@ class Diagnosis:
     horizons
         How far both models are off from half to eight time constants ahead.
     signals
-        Logged signals that drive what no effect explains, with the log-likelihood each gains.
+        Logged signals that drive what no effect explains, each with its worth.
     unexplained_share
         Variance of the disturbance torque over that of all torque, the thrusters' and its own.
     noise_floor

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.diagnose.fitted import Fitted, climbed, worth
+from rovid.diagnose.rivals import quickly_climbed, worth
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
 from rovid.ground.workers import spread
-from rovid.identify.innovations import Slopes
+from rovid.identify.fitted import Fitted
+from rovid.identify.scoring import Innovations, Slopes
 
 # Of the best candidate's promise, as far as its fit begins by keeping it: who promises less is not fitted.
 _PROMISE = 0.1
@@ -51,9 +52,9 @@ class Promise:
 
 def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
     """What each of ``forms`` promises to gain, from the slopes alone."""
-    here = current.likelihood.slopes(current.x)
+    here = current.misfit.slopes(current.x)
     past = _Complement(here)
-    centre = current.likelihood.innovations(current.x)
+    centre = current.misfit.innovations(current.x)
     return spread(lambda form: _promise(current, form, centre, here, past), forms)
 
 
@@ -61,11 +62,11 @@ def fit_all(current: Fitted, promises: Sequence[Promise]) -> tuple[list[Fitted],
     """Each promise kept: fitted together with all else; and those that fell behind, left where they were."""
 
     def begin(promise: Promise) -> Fitted:
-        likelihood = current.likelihood.like((*current.effects, promise.effect))
+        misfit = current.misfit.like((*current.effects, promise.effect))
         scaled = [sized(promise.effect, promise.start, share) for share in _SHARES]
         begins = [np.concatenate((current.x, start)) for start in (promise.unscaled, *scaled)]
-        nearest = min(begins, key=likelihood.cost)
-        return climbed(likelihood, nearest, _FIRST_ITERATIONS)
+        nearest = min(begins, key=misfit.cost)
+        return quickly_climbed(misfit, nearest, _FIRST_ITERATIONS)
 
     def gain(fit: Fitted) -> float:
         return worth(fit) - worth(current)
@@ -76,7 +77,7 @@ def fit_all(current: Fitted, promises: Sequence[Promise]) -> tuple[list[Fitted],
         least = max(share * most, 0.0)
         behind += [fit for fit in ahead if gain(fit) < least]
         ahead = [fit for fit in ahead if fit not in behind]
-        ahead = spread(lambda fit: climbed(fit.likelihood, fit.x, iterations), ahead)  # noqa: B023 - used at once
+        ahead = spread(lambda fit: quickly_climbed(fit.misfit, fit.x, iterations), ahead)  # noqa: B023 - used at once
     return ahead, behind
 
 
@@ -91,13 +92,11 @@ class _Complement:
         return np.asarray(directions - self.matrix @ (self.inverse @ (self.matrix.T @ directions)))
 
 
-def _promise(
-    current: Fitted, form: Effect, centre: tuple[FloatArray, FloatArray], here: Slopes, past: _Complement
-) -> Promise:
-    likelihood = current.likelihood.like((*current.effects, form))
-    begins = likelihood.starts()
-    sides = [likelihood.innovations(np.concatenate((current.x, begin))) for begin in begins]
-    raw = likelihood.slopes_between(centre, sides, np.ones(len(sides))).matrix
+def _promise(current: Fitted, form: Effect, centre: Innovations, here: Slopes, past: _Complement) -> Promise:
+    misfit = current.misfit.like((*current.effects, form))
+    begins = misfit.coordinates.starts()
+    sides = [misfit.innovations(np.concatenate((current.x, begin))) for begin in begins]
+    raw = misfit.slopes_between(centre, sides, np.ones(len(sides))).matrix
     # A drag that falls with the rate runs away from one start, and may hold from another.
     bears = np.flatnonzero(np.isfinite(raw).all(axis=0))
     if not bears.size:
@@ -115,7 +114,7 @@ def _promise(
     share = np.where(power > 1e-9, pull / np.maximum(power, 1e-9), 0.0)
     gains = np.where((share > 0.0) | (not one_sided), 0.5 * share * pull, 0.0)
     # Where slopes mislead, as at a threshold, what is gained there without any fit may tell more.
-    outright = here.cost - np.array([likelihood.cost_of(*side) for side in sides])
+    outright = here.cost - np.array([misfit.cost_of(side) for side in sides])
     unscaled = begins[int(np.argmax(outright))]
     if outright.max() > gains.max():
         return Promise(form, float(outright.max()), unscaled, unscaled, shown)
@@ -151,11 +150,11 @@ def by_cause(promises: Sequence[Promise]) -> list[list[Promise]]:
 
 def best_forms(promises: Sequence[Promise]) -> list[Promise]:
     """The most promising form of every cause that shows at all, and more forms of those that show most."""
-    found: list[Promise] = []
+    listed: list[Promise] = []
     for place, group in enumerate(by_cause(promises)):
         count = _FORMS_FITTED if place < _FITTED else 1
-        found += [promise for promise in group[:count] if promise.gain > 0.0]
-    return found
+        listed += [promise for promise in group[:count] if promise.gain > 0.0]
+    return listed
 
 
 def shortlist(current: Fitted, promises: Sequence[Promise], least: float) -> list[Promise]:
@@ -166,11 +165,11 @@ def shortlist(current: Fitted, promises: Sequence[Promise], least: float) -> lis
     ranked = [group for group in by_cause(promises)[:_FITTED] if group[0].gain >= least]
     kept = spread(lambda group: min(group[0].gain, _outright(current, group[0])), ranked)
     top = max(kept, default=0.0)
-    found: list[Promise] = []
+    listed: list[Promise] = []
     for group in ranked:
         if group[0].gain >= _PROMISE * top:
-            found += [promise for promise in group[:_FORMS_FITTED] if _is_worth_a_fit(promise, group[0])]
-    return found
+            listed += [promise for promise in group[:_FORMS_FITTED] if _is_worth_a_fit(promise, group[0])]
+    return listed
 
 
 def _is_worth_a_fit(promise: Promise, first: Promise) -> bool:
@@ -182,6 +181,6 @@ def _is_worth_a_fit(promise: Promise, first: Promise) -> bool:
 
 def _outright(current: Fitted, promise: Promise) -> float:
     """What a form gains where its fit would start, before any."""
-    likelihood = current.likelihood.like((*current.effects, promise.effect))
+    misfit = current.misfit.like((*current.effects, promise.effect))
     begins = (np.concatenate((current.x, start)) for start in (promise.start, promise.unscaled))
-    return current.cost - min(map(likelihood.cost, begins))
+    return current.cost - min(map(misfit.cost, begins))

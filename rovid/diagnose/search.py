@@ -9,14 +9,15 @@ from itertools import combinations
 
 import numpy as np
 
-from rovid.diagnose.fitted import Fitted, Found, Key, Rival, climbed, key_of, worth
+from rovid.diagnose.rivals import Cause, Rival, is_plausible, quickly_climbed, worth
 from rovid.diagnose.screening import ITERATIONS, Promise, best_forms, fit_all, screen, shortlist
+from rovid.diagnose.signals import is_signal
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
 from rovid.ground.workers import spread
-from rovid.identify.innovations import Likelihood
+from rovid.identify.fitted import Fitted
 from rovid.identify.likelihood import loosened
-from rovid.identify.whiteness import likelihood_is_white
+from rovid.identify.misfit import Key, Misfit
 
 # Of log-likelihood; for what is told by every reading.
 MARGIN = 6.0
@@ -103,7 +104,7 @@ class Search:
         added = worth(better) - worth(current)
         if added < max(self.threshold, self.form_doubt(current, white=True)):
             return False
-        return added >= self.form_doubt(current, white=likelihood_is_white(better.likelihood, better.x))
+        return added >= self.form_doubt(current, white=better.is_white)
 
     def form_doubt(self, current: Fitted, *, white: bool) -> float:
         """Log-likelihood that the difference between nature's form of what ``current`` has and the equation's may be.
@@ -112,7 +113,7 @@ class Search:
         to have: they are a kind of disturbance, and no cause gains by what is left of them.
         """
         earned = worth(current) - worth(self.without_any(current, but_waves=white))
-        if not all(effect.equation for effect in current.effects):
+        if any(map(is_signal, current.effects)):
             # How something depends on a mere signal is known even less.
             return _BESIDE_SIGNAL * earned
         most = _MOST_WHITE if white else _MOST_COLOURED
@@ -184,16 +185,16 @@ class Search:
         best: dict[str, Fitted] = {}
         for fit in sorted(self.extensions(current), key=worth, reverse=True):
             effect = fit.effects[-1]
-            if self.allows(effect) and fit.plausible:
+            if self.allows(effect) and is_plausible(fit):
                 best.setdefault(effect.id, fit)
         return list(best.values())
 
     def _joined(self, one: Fitted, other: Fitted) -> Fitted:
         """``one`` with the last effect of ``other`` besides."""
         effect = other.effects[-1]
-        likelihood = one.likelihood.like((*one.effects, effect))
-        starts = (other.own(effect), *likelihood.starts())
-        return _climbed_from_best(likelihood, one.x, starts)
+        misfit = one.misfit.like((*one.effects, effect))
+        starts = (other.own(effect), *misfit.coordinates.starts())
+        return _climbed_from_best(misfit, one.x, starts)
 
     def _opened(self, current: Fitted) -> Fitted:
         """``current`` with as much disturbance as it bears, less what is then no longer needed.
@@ -201,10 +202,9 @@ class Search:
         A disturbance is held tight where it would explain what an effect does. Once that is in, it may have its own
         again; else other effects would be taken for what is left of it.
         """
-        likelihood, x = loosened(current.likelihood, current.x)
-        if likelihood is current.likelihood:
+        opened = loosened(current)
+        if opened is current:
             return current
-        opened = Fitted(likelihood, x, likelihood.cost(x))
         self._fits[opened.key] = opened
         needed = self._pruned(opened)
         if not needed.effects:
@@ -238,9 +238,9 @@ class Search:
             effect = fit.effects[-1]
             if not self.allows(effect):
                 continue
-            if not effect.equation:
+            if is_signal(effect):
                 signals.append(fit)
-            elif fit.plausible:
+            elif is_plausible(fit):
                 named.append(fit)
         best = max(named, key=worth, default=default)
         signal = max(signals, key=worth, default=default)
@@ -252,7 +252,7 @@ class Search:
 
     def best_extension(self, current: Fitted) -> Fitted | None:
         """The worthiest model with one effect more, whether it pays or not; None where there is none."""
-        plausible = [fit for fit in self.extensions(current) if fit.plausible]
+        plausible = [fit for fit in self.extensions(current) if is_plausible(fit)]
         return max(plausible, key=worth, default=None)
 
     def extensions(self, current: Fitted, *, growing: bool = False) -> list[Fitted]:
@@ -278,26 +278,26 @@ class Search:
             self.promises[current.key] = screen(current, lacking)
         return self.promises[current.key]
 
-    def found(self, current: Fitted, effect: Effect) -> Found:
-        """What ``effect`` gains, and what each other cause would gain in its place."""
+    def cause(self, current: Fitted, effect: Effect) -> Cause:
+        """What ``effect`` gains, and what each other cause would be worth in its place."""
         rest = self.without(current, effect)
         taken = {other.id for other in current.effects}
-        gain, worthier = rest.cost - current.cost, worth(current) - worth(rest)
-        return Found(effect, gain, worthier, self._ranked(rest, taken))
+        gain, net = rest.cost - current.cost, worth(current) - worth(rest)
+        return Cause(effect, gain, net, self._ranked(rest, taken))
 
     def candidates_beside(self, current: Fitted) -> tuple[Rival, ...]:
-        """What each cause that ``current`` lacks would gain beside it, best first."""
+        """What each cause that ``current`` lacks would be worth beside it, best first."""
         return self._ranked(current, {effect.id for effect in current.effects})
 
     def _ranked(self, rest: Fitted, taken: Collection[str]) -> tuple[Rival, ...]:
         best: dict[str, Rival] = {}
         for fit in self.extensions(rest):
-            last, gain = fit.effects[-1], worth(fit) - worth(rest)
-            if last.id in taken or not fit.plausible:
+            last, net = fit.effects[-1], worth(fit) - worth(rest)
+            if last.id in taken or not is_plausible(fit):
                 continue
-            if last.id not in best or gain > best[last.id].gain:
-                best[last.id] = Rival(last, gain, fit)
-        return tuple(sorted(best.values(), key=lambda rival: -rival.gain))
+            if last.id not in best or net > best[last.id].worth:
+                best[last.id] = Rival(last, net, fit)
+        return tuple(sorted(best.values(), key=lambda rival: -rival.worth))
 
     def without_any(self, current: Fitted, *, but_waves: bool = False) -> Fitted:
         """The model without any effect, or with its waves alone."""
@@ -309,28 +309,27 @@ class Search:
     def without(self, current: Fitted, effect: Effect) -> Fitted:
         """The model without ``effect``, all else fitted again."""
         effects, x = current.without(effect)
-        likelihood = current.likelihood.like(effects)
-        key = key_of(likelihood)
-        if key not in self._fits:
-            self._fits[key] = self._restored(climbed(likelihood, x, ITERATIONS))
-        return self._fits[key]
+        misfit = current.misfit.like(effects)
+        if misfit.key not in self._fits:
+            self._fits[misfit.key] = self._restored(quickly_climbed(misfit, x, ITERATIONS))
+        return self._fits[misfit.key]
 
     def _restored(self, fitted: Fitted) -> Fitted:
         """``fitted``, or if a model with one effect less was fitted better, that with the effect put in anew."""
         for effect in fitted.effects:
             effects, _ = fitted.without(effect)
-            less = self._fits.get(key_of(fitted.likelihood.like(effects)))
+            less = self._fits.get(fitted.misfit.like(effects).key)
             if less is not None and less.cost < fitted.cost:
-                likelihood = fitted.likelihood.like((*effects, effect))
-                return _climbed_from_best(likelihood, less.x, likelihood.starts())
+                misfit = fitted.misfit.like((*effects, effect))
+                return _climbed_from_best(misfit, less.x, misfit.coordinates.starts())
         return fitted
 
 
-def _climbed_from_best(likelihood: Likelihood, x: FloatArray, starts: Sequence[FloatArray]) -> Fitted:
+def _climbed_from_best(misfit: Misfit, x: FloatArray, starts: Sequence[FloatArray]) -> Fitted:
     """``x`` with that one of ``starts`` for the last effect that is best as it stands, fitted from there."""
     begins = [np.concatenate((x, start)) for start in starts]
-    best = min(begins, key=likelihood.cost)
-    return climbed(likelihood, best, ITERATIONS)
+    best = min(begins, key=misfit.cost)
+    return quickly_climbed(misfit, best, ITERATIONS)
 
 
 def _named(effects: Sequence[Effect]) -> str:

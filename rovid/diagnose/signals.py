@@ -13,7 +13,7 @@ from rovid.effects.base import Actuation, Values, finer
 from rovid.ground.arrays import FloatArray
 from rovid.motion.runs import Run
 
-PREFIX = "signal "
+_PREFIX = "signal "
 _TILTS = ("roll", "pitch")
 # A catalogued effect acts through the same channel in the same way.
 _CATALOGUED = {("supply_voltage", "thrust"), ("surge_velocity", "drag")}
@@ -32,7 +32,7 @@ _TITLES = {
 }
 
 
-def drivers(runs: Sequence[Run]) -> tuple[Effect, ...]:
+def signal_causes(runs: Sequence[Run]) -> tuple[Effect, ...]:
     """Every logged signal as a cause, in each way in which it may act.
 
     Signals are taken less their mean, over their standard deviation: sizes are those of one standard deviation, and
@@ -40,14 +40,14 @@ def drivers(runs: Sequence[Run]) -> tuple[Effect, ...]:
     """
     usual = float(np.sqrt(np.nanmean(np.concatenate([run.rates.rate for run in runs]) ** 2)))
     rates = {run.trial.name: _rate(run) / max(usual, 1e-12) for run in runs}
-    found: list[Effect] = []
+    causes: list[Effect] = []
     for name in signal_names(runs):
         course = _standardised(runs, name)
         if course is None:
             continue
         ways = [way for way in _PARAMETERS if (name, way) not in _CATALOGUED]
-        found += [_driver(name, way, course, rates) for way in ways]
-    return tuple(found)
+        causes += [_cause(name, way, course, rates) for way in ways]
+    return tuple(causes)
 
 
 def signal_names(runs: Sequence[Run]) -> list[str]:
@@ -58,14 +58,14 @@ def signal_names(runs: Sequence[Run]) -> list[str]:
     return sorted(set.intersection(*names))
 
 
-def is_driver(effect: Effect) -> bool:
+def is_signal(effect: Effect) -> bool:
     """Whether ``effect`` is a logged signal and none of the catalogue."""
-    return effect.id.startswith(PREFIX)
+    return effect.id.startswith(_PREFIX)
 
 
 def signal_of(effect: Effect) -> str:
-    """Name of the signal of a driver."""
-    return effect.id.removeprefix(PREFIX)
+    """Name of the signal that ``effect`` is."""
+    return effect.id.removeprefix(_PREFIX)
 
 
 def _logged(trial: Trial) -> set[str]:
@@ -85,12 +85,12 @@ def _standardised(runs: Sequence[Run], name: str) -> dict[str, FloatArray] | Non
     mean, spread = float(np.nanmean(every)), float(np.nanstd(every))
     if not spread > 1e-9 * (abs(mean) + 1e-300):
         return None
-    found = {}
+    courses = {}
     for run in runs:
         course = (_values(run.trial, name) - mean) / spread
         # Where it has no reading it is taken to be as usual.
-        found[run.trial.name] = np.nan_to_num(course)
-    return found
+        courses[run.trial.name] = np.nan_to_num(course)
+    return courses
 
 
 def _rate(run: Run) -> FloatArray:
@@ -102,7 +102,7 @@ def _rate(run: Run) -> FloatArray:
     return np.interp(middle, run.rates.time[known], run.rates.rate[known])
 
 
-def _driver(name: str, way: str, course: Mapping[str, FloatArray], rates: Mapping[str, FloatArray]) -> Effect:
+def _cause(name: str, way: str, course: Mapping[str, FloatArray], rates: Mapping[str, FloatArray]) -> Effect:
     def on_torque(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
         signal = finer(course[where.trial], where.parts)
         rate = finer(rates[where.trial], where.parts)
@@ -114,7 +114,7 @@ def _driver(name: str, way: str, course: Mapping[str, FloatArray], rates: Mappin
         return torque * (1.0 + size * signal)
 
     return Effect(
-        id=PREFIX + name,
+        id=_PREFIX + name,
         form=way,
         title=f"{_TITLES[way]} {name}",
         parameters=_PARAMETERS[way],

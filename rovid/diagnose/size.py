@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from rovid.diagnose.fitted import Fitted, climbed
+from rovid.diagnose.rivals import quickly_climbed
 from rovid.effects import Effect
-from rovid.identify.certainty import covariance, physical
+from rovid.identify.fitted import Fitted
 
 _ITERATIONS = 20
 # What shrinks to less than this share, by more than so many standard errors, is no longer the same cause.
@@ -21,21 +21,21 @@ def size_of(fitted: Fitted, effect: Effect, *, sandwich: bool) -> tuple[float, f
     ``sandwich`` is whether that is to hold where the model is not right.
     """
     size = effect.parameters[0]
-    names = fitted.likelihood.model(fitted.x).names
+    names = fitted.model.names
     at = names.index(f"{effect.key}.{size.name}")
-    variance = covariance(fitted.likelihood, fitted.x, sandwich=sandwich)[at, at]
+    variance = fitted.covariance(sandwich=sandwich)[at, at]
     # Where rounding leaves no variance that there can be nothing is known.
     error = math.sqrt(variance) if variance >= 0.0 else math.inf
-    value = float(physical(fitted.likelihood, fitted.x)[at])
+    value = float(fitted.model.values[at])
     # The inverse of an endless null is the quantity that is nothing at nothing.
     if size.endless:
         return 1.0 / value, error / value**2
-    null = size.null * fitted.likelihood.records.scales.of(size)
+    null = size.null * fitted.records.scales.of(size)
     return value - null, error
 
 
-def one_size(found: Fitted, near: Fitted, effect: Effect) -> bool:
-    """Whether ``effect`` of ``found``, by predictions, is as large in ``near``, by each next reading beside waves.
+def one_size(ahead: Fitted, near: Fitted, effect: Effect) -> bool:
+    """Whether ``effect`` of ``ahead``, by predictions, is as large in ``near``, by each next reading beside waves.
 
     A cause that acts has one size. Under feedback a model may predict better some time ahead with what does not act:
     commands that answer waves go against what the waves do. The next reading is free of that (Ljung 1999, section 13.4)
@@ -44,14 +44,14 @@ def one_size(found: Fitted, near: Fitted, effect: Effect) -> bool:
     if effect.needs:
         return True
     if effect not in near.effects:
-        likelihood = near.likelihood.like((*near.effects, effect))
-        begin = np.concatenate((near.x, found.own(effect)))
-        near = climbed(likelihood, begin, _ITERATIONS)
-    ahead, error = size_of(found, effect, sandwich=True)
+        misfit = near.misfit.like((*near.effects, effect))
+        begin = np.concatenate((near.x, ahead.own(effect)))
+        near = quickly_climbed(misfit, begin, _ITERATIONS)
+    predicted, error = size_of(ahead, effect, sandwich=True)
     here, other = size_of(near, effect, sandwich=True)
     if effect.canonical is not None:
         # Turned by half a cycle a negative amplitude is a positive one.
-        ahead, here = abs(ahead), abs(here)
-    here = math.copysign(1.0, ahead) * here
-    missing = abs(ahead) - here
-    return here >= _SHRUNK * abs(ahead) or missing <= _APART * math.hypot(error, other)
+        predicted, here = abs(predicted), abs(here)
+    here = math.copysign(1.0, predicted) * here
+    missing = abs(predicted) - here
+    return here >= _SHRUNK * abs(predicted) or missing <= _APART * math.hypot(error, other)

@@ -8,21 +8,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.diagnose.fitted import Fitted, worth
 from rovid.diagnose.odds import ESTABLISHED, PRIOR_ODDS
 from rovid.diagnose.parts import Piece
+from rovid.diagnose.rivals import is_plausible, worth
 from rovid.diagnose.screening import Promise, by_cause, screen
 from rovid.diagnose.search import MARGIN, Report, Search
-from rovid.diagnose.swell import Swell, swell
+from rovid.diagnose.waves import Waves, look_for_waves
 from rovid.diagnose.work import Work
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
+from rovid.identify.coordinates import DISTURBANCE
+from rovid.identify.fitted import Fitted, climbed
 from rovid.identify.free_run import free_run_r2
-from rovid.identify.horizons import HorizonLikelihood, HorizonRecords, time_constant
-from rovid.identify.innovations import DISTURBANCE, Likelihood
-from rovid.identify.likelihood import TRUSTED_R2, UNLIMITED, fit_base, loosened, simulated_r2
-from rovid.identify.records import Records
-from rovid.identify.whiteness import colour, likelihood_is_white
+from rovid.identify.horizon_misfit import HorizonMisfit
+from rovid.identify.horizons import HorizonRecords, time_constant
+from rovid.identify.likelihood import TRUSTED_R2, fit_base, loosened
+from rovid.identify.misfit import UNLIMITED
+from rovid.identify.readings import Readings
 
 # By predictions an addition has to gain so much log-likelihood: with the number of causes tried it is then established.
 _MARGIN_AHEAD = math.log(ESTABLISHED / (1.0 - ESTABLISHED) / PRIOR_ODDS)
@@ -40,24 +42,24 @@ _MORE = 1.2
 _COUNTED = 6
 
 
-def by_horizons(full: Records, pieces: Sequence[Piece], candidates: Sequence[Effect], report: Report) -> Work:
+def by_horizons(full: Readings, pieces: Sequence[Piece], candidates: Sequence[Effect], report: Report) -> Work:
     """Search by predictions some time ahead.
 
     What is missing makes errors correlate for long, so that little counts. With the right cause they do so for less:
     the correlation is that which the best next cause would leave, whether that is claimed in the end or not.
     """
     records = HorizonRecords.of(full, full.start)
-    base = final = _ahead((), records, HorizonLikelihood(records).first())
+    base = final = _ahead((), records, HorizonMisfit(records).coordinates.first())
     if records.readings < _FEWEST_READINGS:
-        return Work(Search([], report), records, base, base, pieces)
+        return Work(Search([], report), records, base, base, pieces, by_horizons=True)
     # No phase of a wave is known to a prediction.
-    listed = [effect for effect in candidates if not effect.wave]
+    listed = _but_waves(candidates)
     while True:
         search = Search(listed, report, thorough=_is_far_off, margin=_MARGIN_AHEAD, least=0.0)
         final = search.run(final)
         closer = _counting(records, final, search)
         if closer.readings < _MORE * records.readings:
-            return Work(search, records, base, final, pieces)
+            return Work(search, records, base, final, pieces, by_horizons=True)
         records = closer
         base = _ahead(base.effects, records, base.x)
         final = _ahead(final.effects, records, final.x)
@@ -65,30 +67,30 @@ def by_horizons(full: Records, pieces: Sequence[Piece], candidates: Sequence[Eff
 
 def _counting(records: HorizonRecords, final: Fitted, search: Search) -> HorizonRecords:
     """``records`` by that one of the likeliest models which makes the most predictions count."""
-    plausible = [fitted for fitted in search.extensions(final) if fitted.plausible]
+    plausible = [fitted for fitted in search.extensions(final) if is_plausible(fitted)]
     likeliest = sorted((final, *plausible), key=worth, reverse=True)[:_COUNTED]
-    counted = (records.counting(fitted.likelihood.model(fitted.x)) for fitted in likeliest)
+    counted = (records.counting(fitted.model) for fitted in likeliest)
     return max(counted, key=lambda one: one.readings)
 
 
-def sea_of(full: Records, forms: Sequence[Effect], pieces: Sequence[Piece]) -> Callable[[Fitted], Swell]:
+def wave_search(full: Readings, forms: Sequence[Effect], pieces: Sequence[Piece]) -> Callable[[Fitted], Waves]:
     """What looks for waves beside a model, by each next reading, over some of the readings."""
     wave = next((form for form in forms if form.wave), None)
     seconds = sum(float(np.ptp(run.trial.time)) for run in full.runs)
     farthest = _THINNED_WAVES * time_constant(full.start, full.rate)
     interval = max(interval_of(full), min(seconds / _READINGS, farthest))
-    few = Records(full.runs, full.vehicle, full.start, interval=interval)
-    return lambda beside: swell(few, beside, wave, pieces)
+    few = Readings(full.runs, full.vehicle, full.start, interval=interval)
+    return lambda beside: look_for_waves(few, beside, wave, pieces)
 
 
-def by_innovations(full: Records, candidates: Sequence[Effect], ahead: Work, report: Report) -> Work | None:
+def by_innovations(full: Readings, candidates: Sequence[Effect], ahead: Work, report: Report) -> Work | None:
     """Search by the likelihood of each next reading, over some of the readings, from what ``ahead`` found on.
 
     None where that does not explain all: each next reading would then not tell what is missing.
     """
     report("Looking at each next reading …")
     quick = replace(full, interval=interval_of(full))
-    few = quick if ahead.swell is None else ahead.swell.plain.likelihood.records
+    few = quick if ahead.waves is None else ahead.waves.records
     # Where it is hopeless over few readings it is so over more, which would take long to say.
     if few.interval > quick.interval and _is_hopeless_over(few, candidates, ahead):
         return None
@@ -102,19 +104,22 @@ def by_innovations(full: Records, candidates: Sequence[Effect], ahead: Work, rep
     return work
 
 
-def _base_of(records: Records) -> Fitted:
-    likelihood, x, _ = fit_base(records, free_run_r2(records.runs, records.start))
-    return Fitted(likelihood, x, likelihood.cost(x))
+def _base_of(records: Readings) -> Fitted:
+    return fit_base(records, free_run_r2(records.runs, records.start))
 
 
 def _beside(begun: Fitted, candidates: Sequence[Effect]) -> list[Effect]:
     """What each next reading is searched for: waves take long, and are found without such a search."""
-    if any(effect.wave for effect in begun.effects):
+    if len(_but_waves(begun.effects)) < len(begun.effects):
         return list(candidates)
-    return [effect for effect in candidates if not effect.wave]
+    return _but_waves(candidates)
 
 
-def _is_hopeless_over(records: Records, candidates: Sequence[Effect], ahead: Work) -> bool:
+def _but_waves(effects: Sequence[Effect]) -> list[Effect]:
+    return [effect for effect in effects if not effect.wave]
+
+
+def _is_hopeless_over(records: Readings, candidates: Sequence[Effect], ahead: Work) -> bool:
     begun = _begun(_base_of(records), ahead)
     taken = {effect.id for effect in begun.effects}
     more = [effect for effect in _beside(begun, candidates) if effect.id not in taken]
@@ -123,18 +128,15 @@ def _is_hopeless_over(records: Records, candidates: Sequence[Effect], ahead: Wor
 
 def _begun(base: Fitted, ahead: Work) -> Fitted:
     """``base`` with the effects that predictions found, and with the waves beside them."""
-    found, waves = ahead.final, ahead.swell
-    effects, own = found.effects, found.x[found.likelihood.base :]
+    of_effects, waves = ahead.final, ahead.waves
     if waves is not None and waves.fitted is not None and waves.confidence >= ESTABLISHED:
-        effects, own = waves.fitted.effects, waves.fitted.x[waves.fitted.likelihood.base :]
-    if not effects:
+        of_effects = waves.fitted
+    if not of_effects.effects:
         return base
+    own = of_effects.x[len(of_effects.shared) :]
     x = np.concatenate((base.x, own))
-    x[:DISTURBANCE] = found.x[:DISTURBANCE]
-    likelihood = base.likelihood.like(effects)
-    x, _ = likelihood.climb(np.clip(x, likelihood.low, likelihood.high))
-    likelihood, x = loosened(likelihood, x)
-    return Fitted(likelihood, x, likelihood.cost(x))
+    x[:DISTURBANCE] = ahead.final.x[:DISTURBANCE]
+    return loosened(climbed(base.misfit.like(of_effects.effects), x))
 
 
 def _is_hopeless(current: Fitted, promises: Sequence[Promise]) -> bool:
@@ -143,31 +145,28 @@ def _is_hopeless(current: Fitted, promises: Sequence[Promise]) -> bool:
     They would have to gain what whitening the innovations does, and what a larger disturbance does, or some share of
     it, for slopes may mislead. Where a disturbance above its limit gains nothing it is real: no cause takes it away.
     """
-    likelihood, x = current.likelihood, current.x
-    lacking = 0.0
-    if likelihood.at_limit(x):
-        likelihood = Likelihood(likelihood.records, UNLIMITED, likelihood.effects, likelihood.counted)
-        x, cost = likelihood.climb(x)
-        lacking = current.cost - cost
+    unlimited, lacking = current, 0.0
+    if current.at_limit:
+        unlimited = climbed(current.misfit.under(UNLIMITED), current.x)
+        lacking = current.cost - unlimited.cost
         if lacking < MARGIN:
             return True
-    if not likelihood_is_white(likelihood, x):
-        lacking += colour(likelihood, x)
+    if not unlimited.is_white:
+        lacking += unlimited.colour
     best = [forms[0].gain for forms in by_cause(promises)]
     return sum(best[:_TOGETHER]) < _SHARE * lacking
 
 
 def _ahead(effects: tuple[Effect, ...], records: HorizonRecords, x: FloatArray) -> Fitted:
-    likelihood = HorizonLikelihood(records, effects=effects)
-    return Fitted(likelihood, *likelihood.climb(x))
+    return climbed(HorizonMisfit(records, effects=effects), x)
 
 
 def _is_far_off(fitted: Fitted) -> bool:
     """Whether the plain model misses so much that slopes do not tell what would help."""
-    return not fitted.effects and simulated_r2(fitted.likelihood, fitted.x) < TRUSTED_R2
+    return not fitted.effects and fitted.simulated_r2 < TRUSTED_R2
 
 
-def interval_of(full: Records) -> float:
+def interval_of(full: Readings) -> float:
     """How far apart, in s, the readings are that a search looks at."""
     wanted = min(_THINNED * time_constant(full.start, full.rate), _THINNED_SECONDS)
     period = float(np.median([run.trial.period for run in full.runs]))

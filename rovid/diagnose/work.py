@@ -7,19 +7,19 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 
-from rovid.diagnose.fitted import Fitted, Found, Key, Rival, worth
 from rovid.diagnose.heldout import Fold, cross_validate, log_likelihood
+from rovid.diagnose.odd_trial import of_one_trial, stands_out
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence
 from rovid.diagnose.parts import Piece
-from rovid.diagnose.scatter import of_one_trial, stands_out
+from rovid.diagnose.rivals import Cause, Rival, is_beyond, worth
 from rovid.diagnose.search import Search
-from rovid.diagnose.signals import is_driver
+from rovid.diagnose.signals import is_signal
 from rovid.diagnose.size import one_size, size_of
-from rovid.diagnose.swell import Swell
+from rovid.diagnose.waves import Waves
 from rovid.effects import Effect
-from rovid.identify.horizons import HorizonLikelihood
+from rovid.identify.fitted import Fitted, climbed
+from rovid.identify.misfit import Key
 from rovid.identify.records import Records
-from rovid.identify.whiteness import likelihood_is_white
 
 # A rival is beaten by so much log-likelihood, and by such a share of what the effect gains, up to so much more.
 _BEATEN = (6.0, 0.03, 40.0)
@@ -35,47 +35,58 @@ _TOLD = math.log(10.0)
 # A rival with this share of an effect's gain is compared with it over every reading.
 _CLOSE = 0.8
 _DECISIONS = 3
+# Of log-likelihood: so close is the same model fitted to every reading.
+_REFINED = 0.05
 # So often a search goes on without what a test refused.
 _REFUSALS = 6
 
 
 @dataclass(eq=False)
 class Work:
-    """The search, its two models, and their trials held out."""
+    """The search, its two models, and their trials held out.
+
+    Attributes
+    ----------
+    full
+        All readings; the search may look at fewer.
+    base, final
+        The model without effects, and that with which the search ended.
+    look_for_waves
+        What looks for waves beside a model, and as ``waves`` what it saw last.
+    by_horizons
+        Whether the simulation misses so much that predictions some time ahead are what is looked at.
+    shrunk
+        What each next reading shows less of than predictions ask for.
+    """
 
     search: Search
     full: Records
     base: Fitted
     final: Fitted
     pieces: Sequence[Piece]
-    sea: Callable[[Fitted], Swell] | None = None
-    swell: Swell | None = None
+    look_for_waves: Callable[[Fitted], Waves] | None = None
+    waves: Waves | None = None
+    by_horizons: bool = False
     shrunk: list[Effect] = field(default_factory=list)
     _folds: dict[Key, list[Fold]] = field(default_factory=dict)
     _refined: dict[Key, Fitted] = field(default_factory=dict)
 
     @property
-    def by_horizons(self) -> bool:
-        """Whether the simulation misses so much that predictions some time ahead are what is looked at."""
-        return isinstance(self.base.likelihood, HorizonLikelihood)
-
-    @property
     def explains(self) -> bool:
         """Whether the final model leaves white innovations, and no more disturbance than there may be."""
-        likelihood, x = self.final.likelihood, self.final.x
-        return likelihood_is_white(likelihood, x) and not likelihood.at_limit(x)
+        return self.final.is_white and not self.final.at_limit
 
     def settle(self) -> None:
         """Look for waves beside the final model, and leave out what is not there for each next reading.
 
         The search goes on without that.
         """
-        if self.sea is None:
+        if self.look_for_waves is None:
             return
         for _ in range(_REFUSALS):
             self.search.report("Looking for waves …")
-            self.swell = self.sea(self.final)
-            idle = [one for one in self.final.effects if not one_size(self.final, self.swell.likelier, one)]
+            self.waves = self.look_for_waves(self.final)
+            idle = [one for one in self.final.effects if not one_size(self.final, self.waves.likelier, one)]
             if not idle:
                 return
             for effect in idle:
@@ -84,7 +95,7 @@ class Work:
                 self.final = self.search.without(self.final, effect)
             self.final = self.search.run(self.final)
         self.final = self.base
-        self.swell = self.sea(self.final)
+        self.waves = self.look_for_waves(self.final)
 
     def decide(self) -> None:
         """Let every reading decide between an effect and a close rival: the quick look may have taken the wrong one."""
@@ -97,36 +108,36 @@ class Work:
     def _better(self) -> Rival | None:
         """The first rival that is worth more than what was found in its place."""
         for effect in self.final.effects:
-            found = self.found(effect)
-            for rival in found.rivals:
+            cause = self.cause(effect)
+            for rival in cause.rivals:
                 # A mere signal that is little better takes no name's place.
-                for_a_name = is_driver(rival.effect) and not is_driver(effect)
-                if rival.gain > found.worth and not for_a_name and self.search.allows(rival.effect):
+                for_a_name = is_signal(rival.effect) and not is_signal(effect)
+                if rival.worth > cause.worth and not for_a_name and self.search.allows(rival.effect):
                     return rival
         return None
 
-    def found(self, effect: Effect) -> Found:
+    def cause(self, effect: Effect) -> Cause:
         """What ``effect`` gains, its close rivals compared over every reading."""
-        found = self.search.found(self.final, effect)
-        least = _CLOSE * found.worth
-        close = [rival for rival in found.rivals[:2] if rival.gain > least and not is_driver(rival.effect)]
-        if not close or self.final.likelihood.records is self.full:
-            return found
+        cause = self.search.cause(self.final, effect)
+        least = _CLOSE * cause.worth
+        close = [rival for rival in cause.rivals[:2] if rival.worth > least and not is_signal(rival.effect)]
+        if not close or self.final.records is self.full:
+            return cause
         here = worth(self.refined(self.final))
         rivals = []
-        for rival in found.rivals:
+        for rival in cause.rivals:
             if rival in close:
-                gain = found.worth + worth(self.refined(rival.fitted)) - here
-                rivals.append(replace(rival, gain=gain))
+                net = cause.worth + worth(self.refined(rival.fitted)) - here
+                rivals.append(replace(rival, worth=net))
             else:
                 rivals.append(rival)
-        return replace(found, rivals=tuple(sorted(rivals, key=lambda rival: -rival.gain)))
+        return replace(cause, rivals=tuple(sorted(rivals, key=lambda rival: -rival.worth)))
 
     def refined(self, fitted: Fitted) -> Fitted:
         """The same model fitted to every reading, once."""
         if fitted.key not in self._refined:
-            likelihood = type(fitted.likelihood)(self.full, fitted.likelihood.limit, fitted.effects)
-            self._refined[fitted.key] = Fitted(likelihood, *likelihood.climb(fitted.x, tolerance=0.05))
+            misfit = replace(fitted.misfit, records=self.full, counted=None)
+            self._refined[fitted.key] = climbed(misfit, fitted.x, tolerance=_REFINED)
         return self._refined[fitted.key]
 
     def folds(self, fitted: Fitted) -> list[Fold]:
@@ -215,31 +226,31 @@ class Work:
         least = _SIGNIFICANT_AHEAD if self.by_horizons else _SIGNIFICANT
         if gain <= 0.0:
             return f"fits these trials but predicts trials not fitted worse (log-likelihood {gain:.1f})"
-        if self.final.beyond(effect):
+        if is_beyond(self.final, effect):
             return "would be larger here than there is"
         if size < least:
             return f"is only {size:.1f} standard errors away from nothing"
-        sure = self.confidence(self.found(effect), gain)
+        sure = self.confidence(self.cause(effect), gain)
         if sure < ESTABLISHED:
             return _LIKELY if sure >= _EVEN else "is possible, and not established"
         return ""
 
-    def confidence(self, found: Found, held_out_gain: float) -> float:
-        """Probability that the cause, or one not told from it, acts; on trials not fitted it has to gain too."""
+    def confidence(self, cause: Cause, held_out_gain: float) -> float:
+        """Probability that ``cause``, or one not told from it, acts; on trials not fitted it has to gain too."""
         # A signal that the cause follows, or that follows it, is not another cause.
-        worths = {rival.effect.id: rival.gain for rival in found.rivals if not is_driver(rival.effect)}
-        worths[found.effect.id] = found.worth
-        others = undecided(found, self.margin(found.worth))
-        alike = [found.effect.id, *[effect.id for effect in others]]
-        rest = self.search.without(self.final, found.effect)
-        white = likelihood_is_white(self.final.likelihood, self.final.x)
+        worths = {rival.effect.id: rival.worth for rival in cause.rivals if not is_signal(rival.effect)}
+        worths[cause.effect.id] = cause.worth
+        others = undecided(cause, self.margin(cause.worth))
+        alike = [cause.effect.id, *[effect.id for effect in others]]
+        rest = self.search.without(self.final, cause.effect)
+        white = self.final.is_white
         # Part of it may be no more than how nature's form of the others differs from the equations'.
-        less = max(found.worth - held_out_gain, 0.0) + self.search.form_doubt(rest, white=white)
+        less = max(cause.worth - held_out_gain, 0.0) + self.search.form_doubt(rest, white=white)
         for name in worths:
             worths[name] -= less
         sure = confidence(worths, alike, self.search.tried)
-        if of_one_trial(found.effect) and not white:
-            return min(sure, stands_out(self.final, found.effect))
+        if of_one_trial(cause.effect) and not white:
+            return min(sure, stands_out(self.final, cause.effect))
         return sure
 
     def margin(self, worth: float) -> float:
@@ -248,7 +259,7 @@ class Work:
         Where the model explains the data to the noise, likelihood decides; else part of any gain is that of its form.
         """
         least, share, most = _BEATEN
-        if likelihood_is_white(self.final.likelihood, self.final.x):
+        if self.final.is_white:
             return least
         return least + min(share * worth, most)
 
@@ -258,24 +269,24 @@ class Work:
         The first stands for its class; each other for itself, were it the one that acts.
         """
         beside = self.search.candidates_beside(self.final)
-        named = [rival for rival in beside if not is_driver(rival.effect)]
+        named = [rival for rival in beside if not is_signal(rival.effect)]
         passed = {effect.id for effect in self.shrunk}
-        if self.swell is not None:
-            passed.update(self.swell.passed_for)
-        left = [rival for rival in named if rival.gain > 0.0 and rival.effect.id not in passed]
-        white = likelihood_is_white(self.final.likelihood, self.final.x)
+        if self.waves is not None:
+            passed.update(self.waves.passed_for)
+        left = [rival for rival in named if rival.worth > 0.0 and rival.effect.id not in passed]
+        white = self.final.is_white
         doubt = self.search.form_doubt(self.final, white=white)
 
         def odds(names: Collection[Rival], less: float = 0.0) -> float:
-            worths = {rival.effect.id: rival.gain - doubt - less for rival in left}
+            worths = {rival.effect.id: rival.worth - doubt - less for rival in left}
             return confidence(worths, [rival.effect.id for rival in names], self.search.tried)
 
         # Whether one acts takes a fit: only those are asked that are possible if they do.
         acts = cache(self._acts)
-        found: list[Suspected] = []
+        suspects: list[Suspected] = []
         for rival in left.copy():
-            least = max(rival.gain - _TOLD, 0.0)
-            near = [] if found else [other for other in left if other is not rival and other.gain > least]
+            least = max(rival.worth - _TOLD, 0.0)
+            near = [] if suspects else [other for other in left if other is not rival and other.worth > least]
             if odds([rival, *near]) < POSSIBLE:
                 break
             if not acts(rival):
@@ -283,18 +294,18 @@ class Work:
                 continue
             alike = [other for other in near if acts(other)]
             gain = log_likelihood(self.folds(rival.fitted)) - log_likelihood(self.folds(self.final))
-            sure = odds([rival, *alike], max(rival.gain - gain, 0.0))
+            sure = odds([rival, *alike], max(rival.worth - gain, 0.0))
             if of_one_trial(rival.effect) and not white:
                 sure = min(sure, stands_out(rival.fitted, rival.effect))
             if sure >= POSSIBLE:
-                found.append(Suspected(rival, sure, gain, tuple(alike)))
-        return sorted(found, key=lambda one: -one.confidence)
+                suspects.append(Suspected(rival, sure, gain, tuple(alike)))
+        return sorted(suspects, key=lambda one: -one.confidence)
 
     def _acts(self, rival: Rival) -> bool:
         """Whether ``rival`` has a size, and where predictions are looked at, each next reading shows as much of it."""
         if significance(rival.fitted, rival.effect) < _SUSPECTED_SIZE:
             return False
-        return self.swell is None or one_size(rival.fitted, self.swell.likelier, rival.effect)
+        return self.waves is None or one_size(rival.fitted, self.waves.likelier, rival.effect)
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,14 +318,13 @@ class Suspected:
     others: tuple[Rival, ...]
 
 
-def undecided(found: Found, margin: float) -> tuple[Effect, ...]:
-    """Rivals of ``found`` that neither beat it by ``margin`` nor are so beaten; of a mere signal that is not asked."""
-    close = [rival.effect for rival in found.rivals if abs(rival.gain - found.worth) < margin]
-    return tuple(effect for effect in close if not is_driver(effect))
+def undecided(cause: Cause, margin: float) -> tuple[Effect, ...]:
+    """Rivals of ``cause`` that neither beat it by ``margin`` nor are so beaten; of a mere signal that is not asked."""
+    close = [rival.effect for rival in cause.rivals if abs(rival.worth - cause.worth) < margin]
+    return tuple(effect for effect in close if not is_signal(effect))
 
 
 def significance(fitted: Fitted, effect: Effect) -> float:
     """Distance of the effect's size from nothing, in standard errors."""
-    white = likelihood_is_white(fitted.likelihood, fitted.x)
-    away, error = size_of(fitted, effect, sandwich=not white)
+    away, error = size_of(fitted, effect, sandwich=not fitted.is_white)
     return abs(away) / error if error > 0.0 else math.inf

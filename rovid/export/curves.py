@@ -65,13 +65,13 @@ def curves(subject: Subject) -> list[Curve]:
     """Thrust curve of each thruster, with as many points as it takes."""
     held = [effect for effect in subject.model.effects if is_curve_effect(effect)]
     names = identifiers([thruster.name for thruster in subject.vehicle.thrusters], taken=_TAKEN)
-    found: list[Curve] = []
+    made: list[Curve] = []
     for index, thruster in enumerate(subject.vehicle.thrusters):
         command = _grid(thruster, subject.commands[index], fine=bool(held))
         thrust = _steady_thrust(subject, held, index, command)
         kept = _corners(command, thrust)
         neutral = float(neutral_commands(subject.vehicle)[index])
-        found.append(
+        made.append(
             Curve(
                 name=thruster.name,
                 identifier=names[index],
@@ -81,7 +81,7 @@ def curves(subject: Subject) -> list[Curve]:
                 thrust=thrust[kept],
             )
         )
-    return found
+    return made
 
 
 def _grid(thruster: Thruster, used: FloatArray, *, fine: bool) -> FloatArray:

@@ -116,29 +116,12 @@ class Course:
 def course_of(run: Run, constant: float, between: float) -> Course:
     """``constant`` and the time ``between`` restarts in s."""
     rates, trial = run.rates, run.trial
-    period = rates.kernel.period
-    every = max(round(GRID * constant / period), 1)
+    every = max(round(GRID * constant / rates.kernel.period), 1)
     time = rates.time[::every]
     angle = on_grid(trial, body_position(trial), rates.time)[::every]
     rate = rates.rate[::every]
-    known = np.isfinite(angle)
-    gaps = np.concatenate(([0], np.cumsum(~known)))
-    restarts = np.flatnonzero(np.isfinite(rate) & known)
-    steps = max(round(between / (every * period)), 1)
-    starts, horizons, ends = [], [], []
-    for at, horizon in enumerate(HORIZONS):
-        length = max(round(horizon * constant / (every * period)), 1)
-        apart = steps * max(round(0.25 * horizon / RESTARTS), 1)
-        first = restarts[(restarts % apart == 0) & (restarts + length < len(time))]
-        # How far the vehicle turned inside a gap is not measured.
-        whole = first[gaps[first + length + 1] == gaps[first]]
-        starts.append(whole)
-        horizons.append(np.full(len(whole), at))
-        ends.append(whole + length)
-    start, end = np.concatenate(starts), np.concatenate(ends)
-    first, number = np.unique(start, return_inverse=True)
-    reach = np.zeros(len(first), dtype=np.intp)
-    np.maximum.at(reach, number, end - start)
+    period = every * rates.kernel.period
+    start, end, horizon = _predictions(angle, rate, period, constant, between)
     turned, moving = motion_of(time, angle, rate)
     held = np.clip(np.searchsorted(trial.time, time, side="right") - 1, 0, len(trial.time) - 1)
     since = time - trial.time[held]
@@ -152,16 +135,49 @@ def course_of(run: Run, constant: float, between: float) -> Course:
         torque=means_on(trial.time, run.torque, time, held, since),
         held=held,
         since=since,
-        horizon=np.concatenate(horizons),
-        grid=Grid(
-            starts=start,
-            ends=end,
-            restarts=first,
-            reach=reach,
-            number=number,
-            run=np.zeros(len(first), dtype=np.intp),
-            period=np.full(len(first), every * period),
-        ),
+        horizon=horizon,
+        grid=_grid(start, end, period),
+    )
+
+
+def _predictions(
+    angle: FloatArray, rate: FloatArray, period: float, constant: float, between: float
+) -> tuple[IntArray, IntArray, IntArray]:
+    """(N,) where each prediction begins and ends on the grid, and the index of its horizon.
+
+    ``period`` from each instant of it to the next, the time ``constant`` and the time ``between`` restarts are in s.
+    """
+    known = np.isfinite(angle)
+    # How many instants before each are not known: none more at the end than at the start where a stretch is whole.
+    gaps = np.concatenate(([0], np.cumsum(~known)))
+    restarts = np.flatnonzero(np.isfinite(rate) & known)
+    steps = max(round(between / period), 1)
+    starts, ends, horizons = [], [], []
+    for number, horizon in enumerate(HORIZONS):
+        length = max(round(horizon * constant / period), 1)
+        apart = steps * max(round(0.25 * horizon / RESTARTS), 1)
+        first = restarts[(restarts % apart == 0) & (restarts + length < len(angle))]
+        # How far the vehicle turned inside a gap is not measured.
+        whole = first[gaps[first + length + 1] == gaps[first]]
+        starts.append(whole)
+        ends.append(whole + length)
+        horizons.append(np.full(len(whole), number))
+    return np.concatenate(starts), np.concatenate(ends), np.concatenate(horizons)
+
+
+def _grid(start: IntArray, end: IntArray, period: float) -> Grid:
+    """Of the predictions of one run, by their (N,) starts and ends; ``period`` in s from each instant to the next."""
+    restarts, number = np.unique(start, return_inverse=True)
+    reach = np.zeros(len(restarts), dtype=np.intp)
+    np.maximum.at(reach, number, end - start)
+    return Grid(
+        starts=start,
+        ends=end,
+        restarts=restarts,
+        reach=reach,
+        number=number,
+        run=np.zeros(len(restarts), dtype=np.intp),
+        period=np.full(len(restarts), period),
     )
 
 

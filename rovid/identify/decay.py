@@ -107,7 +107,7 @@ def read_decay(model: Model, estimate: Estimate, runs: Sequence[Run], vehicle: V
         "linear_drag": (lambda m: m.linear_drag / m.inertia, "1/s"),
         "quadratic_drag": (lambda m: m.quadratic_drag / m.inertia, "1/rad"),
     }
-    found = {name: _reading(formula, model, estimate, unit) for name, (formula, unit) in formulas.items()}
+    readings = {name: _reading(formula, model, estimate, unit) for name, (formula, unit) in formulas.items()}
     swings = []
     for run, tilt in zip(runs, tilts, strict=True):
         largest = float(np.max(np.abs(tilt)))
@@ -116,19 +116,19 @@ def read_decay(model: Model, estimate: Estimate, runs: Sequence[Run], vehicle: V
         usual=usual,
         swings=tuple(swings),
         natural_frequency=Reading(value=frequency, standard_error=share * frequency, unit="rad/s"),
-        terms={name: found[name] for name in ("linear", "quadratic")},
-        over_inertia={name: found[name] for name in ("restoring_stiffness", "linear_drag", "quadratic_drag")},
+        terms={name: readings[name] for name in ("linear", "quadratic")},
+        over_inertia={name: readings[name] for name in ("restoring_stiffness", "linear_drag", "quadratic_drag")},
     )
 
 
 def _channels(trial: Trial) -> dict[str, float]:
     """Median of each further channel of ``trial``."""
-    found = {}
+    medians = {}
     for name, values in trial.extras.items():
         known = values[np.isfinite(values)]
         if known.size:
-            found[name] = float(median(known.tolist()))
-    return found
+            medians[name] = float(median(known.tolist()))
+    return medians
 
 
 def _reading(quantity: Callable[[Model], float], model: Model, estimate: Estimate, unit: str) -> Reading:

@@ -12,6 +12,7 @@ from rovid.effects import restoring_of
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
 from rovid.identify.regression import fit_regression, fit_released
+from rovid.identify.usual import usual, usual_rate
 from rovid.model.drive import Drive
 from rovid.model.model import Model
 from rovid.model.simulation import compare, simulated_rate
@@ -41,8 +42,7 @@ def fit_free_run(runs: Sequence[Run], *, certainty: float = CERTAINTY) -> Model:
     driven = runs[0].trial.driven
     start = _start(runs, certainty) if driven else fit_released(runs).values
     # A drag at its bound still needs a scale to move by, and so do both; so does what weight and buoyancy do.
-    rate = _usual([run.rates.rate for run in runs])
-    torque = _usual([run.torque for run in runs])
+    rate, torque = usual_rate(runs), usual([run.torque for run in runs])
     drag = start[1] * rate + start[2] or torque
     scale = np.array([start[0], drag / rate, drag, *np.maximum(np.abs(start[3:]), _LEAST)])
     # Without a drive nothing tells the inertia.
@@ -69,11 +69,6 @@ def fit_free_run(runs: Sequence[Run], *, certainty: float = CERTAINTY) -> Model:
     return model(solution.x)
 
 
-def _usual(series: Sequence[FloatArray]) -> float:
-    """Root mean square of what is known, but never nothing, for it is divided by."""
-    return max(float(np.sqrt(np.nanmean(np.concatenate(series) ** 2))), 1e-9)
-
-
 def _start(runs: Sequence[Run], certainty: float) -> FloatArray:
     """Where the model misses much the regression is uncertain, and good enough to start from.
 
@@ -83,17 +78,29 @@ def _start(runs: Sequence[Run], certainty: float) -> FloatArray:
     try:
         return fit_regression(runs, certainty=certainty).estimate.values
     except DataError:
-        rate = np.concatenate([run.rates.rate for run in runs])
-        change = np.concatenate([run.rates.acceleration for run in runs])
-        torque = np.concatenate([np.interp(run.rates.time, run.trial.time, run.torque) for run in runs])
-        known = np.isfinite(rate) & np.isfinite(change)
-        rate, change, torque = rate[known], change[known], torque[known]
-        power = float(torque @ rate)
-        if certainty > 0.0 or not power > 0.0 or restoring_of(runs[0].trial.axis) is not None:
+        usual_motion = _from_usual_motion(runs)
+        if certainty > 0.0 or usual_motion is None:
             raise
-        inertia = float(np.linalg.norm(torque) / np.linalg.norm(change))
-        drag = power / np.sum(np.abs(rate) ** 3)
-        return np.array([inertia, drag, 0.0])
+        return usual_motion
+
+
+def _from_usual_motion(runs: Sequence[Run]) -> FloatArray | None:
+    """Inertia and drags that make motion and torque what they usually are; None where no power is dissipated.
+
+    Nor is it told where weight and buoyancy act besides.
+    """
+    series = []
+    for run in runs:
+        torque = np.interp(run.rates.time, run.trial.time, run.torque)
+        series.append((run.rates.rate, run.rates.acceleration, torque))
+    every = np.hstack(series)
+    rate, change, torque = every[:, np.isfinite(every[:2]).all(axis=0)]
+    power = float(torque @ rate)
+    if not power > 0.0 or restoring_of(runs[0].trial.axis) is not None:
+        return None
+    inertia = float(np.linalg.norm(torque) / np.linalg.norm(change))
+    drag = power / np.sum(np.abs(rate) ** 3)
+    return np.array([inertia, drag, 0.0])
 
 
 def free_run_r2(runs: Sequence[Run], model: Model) -> float:

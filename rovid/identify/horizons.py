@@ -1,4 +1,4 @@
-"""The likelihood of predictions some time ahead, for models that miss too much to be judged by the next reading.
+"""Predictions some time ahead, for models that miss too much to be judged by the next reading.
 
 A user means by a wrong model that it predicts a wrong heading some time ahead. So the position is predicted from many
 restarts over horizons from half to eight time constants of the vehicle. Short horizons say much the same as the next
@@ -8,19 +8,16 @@ whatever the size of its errors: theirs are the logarithms of mean squares that 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
 
-from rovid.effects import Effect
 from rovid.effects.base import TERM_STATES
-from rovid.ground.arrays import BoolArray, FloatArray, IntArray
-from rovid.identify.courses import GRID, HORIZONS, MOST_RESTARTS, RESTARTS, Course, Grid, course_of, means_on, motion_of
-from rovid.identify.innovations import DISTURBANCE, NOISE, Likelihood, Slopes
+from rovid.ground.arrays import FloatArray, IntArray
+from rovid.identify.courses import HORIZONS, MOST_RESTARTS, RESTARTS, Course, Grid, course_of, means_on, motion_of
 from rovid.identify.records import Records
 from rovid.model.drive import Drive
 from rovid.model.model import Model
@@ -34,7 +31,7 @@ _MOST = 200.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class HorizonRecords(Records):
-    """As `Records`, but what is looked at is predictions of the position from restarts.
+    """Predictions of the position from restarts.
 
     Attributes
     ----------
@@ -64,14 +61,17 @@ class HorizonRecords(Records):
     def counting(self, model: Model) -> Self:
         """The same with the shares that the errors of ``model`` leave."""
         errors = predictions(self, model, self.drives(model))
-        return type(self)(
-            runs=self.runs,
-            vehicle=self.vehicle,
-            start=self.start,
-            gyro=self.gyro,
-            time_constant=self.time_constant,
-            share=_shares(self, errors),
-        )
+        return replace(self, share=_shares(self, errors))
+
+    @property
+    def interval(self) -> float:
+        """Zero: no reading is passed over."""
+        return 0.0
+
+    @property
+    def steps(self) -> None:
+        """None: all instants are looked at."""
+        return None
 
     @cached_property
     def courses(self) -> list[Course]:
@@ -84,16 +84,6 @@ class HorizonRecords(Records):
     def grid(self) -> Grid:
         """Where all predictions begin and end, the runs one after the other."""
         return Grid.joined(self.courses)
-
-    @cached_property
-    def times(self) -> list[FloatArray]:
-        """(n,) s, of the grid of each run."""
-        return [course.time for course in self.courses]
-
-    @cached_property
-    def looked_at(self) -> list[IntArray]:
-        """Where each prediction of each run begins."""
-        return [course.grid.starts for course in self.courses]
 
     @cached_property
     def spans(self) -> list[tuple[FloatArray, FloatArray]]:
@@ -113,7 +103,7 @@ class HorizonRecords(Records):
     @property
     def block_seconds(self) -> float:
         """Length of a stretch whose predictions are taken together."""
-        total = sum(float(np.ptp(time)) for time in self.times)
+        total = sum(float(np.ptp(course.time)) for course in self.courses)
         return min(_BLOCK * self.time_constant, total / _BLOCKS)
 
 
@@ -162,10 +152,10 @@ def _followed(course: Course, model: Model, drive: Drive) -> _Followed:
     trial, time = course.run.trial, course.time
     turned, moving, rate, slope = course.turned, course.moving, course.rate, np.ones(len(time))
     if model.deviates:
-        true, gain = model.true_angle(trial, trial.position, np.arange(len(trial.time)))
+        true, slopes = model.true_angle(trial, trial.position, np.arange(len(trial.time)))
         off = on_grid(trial, true - trial.position, course.run.rates.time)
         every = round(course.period / course.run.rates.kernel.period)
-        slope = np.interp(time, trial.time, gain)
+        slope = np.interp(time, trial.time, slopes)
         rate = course.rate / slope
         turned, moving = motion_of(time, course.angle + off[::every], rate)
     torque, beside = course.torque, np.zeros((len(time), drive.beside.shape[1]))
@@ -236,105 +226,3 @@ def _alike(table: FloatArray) -> float:
     paired = np.isfinite(table).astype(float)
     matrix = (scaled.T @ scaled) / np.maximum(paired.T @ paired, 1.0)
     return float(np.trace(matrix) ** 2 / np.sum(matrix**2) / len(matrix))
-
-
-class HorizonLikelihood(Likelihood):
-    """Negative log-likelihood of predictions of the position.
-
-    The coordinates are those of `Likelihood`, but the disturbance's and the noise's have no say: the size of the errors
-    over each horizon is that which there is.
-    """
-
-    records: HorizonRecords
-    method = "maximum likelihood of predictions over half to eight time constants"
-    # Of least squares with a variance of their own the information promises what there is.
-    remembered = 0
-
-    def __init__(
-        self,
-        records: Records,
-        limit: float = math.inf,
-        effects: tuple[Effect, ...] = (),
-        counted: BoolArray | None = None,
-    ) -> None:
-        super().__init__(records, limit, effects, counted)
-        own = slice(DISTURBANCE, NOISE + 1)
-        self.low[own] = self.high[own] = 0.0
-        self._bound_states()
-        self._horizon = self.records.horizon
-        if counted is not None:
-            self._horizon = self._horizon[counted]
-        self.weight = self.records.share[self._horizon]
-
-    def _bound_states(self) -> None:
-        """Keep the states of effects no faster than the grid: such an effect is told by no prediction."""
-        grid = GRID * self.records.time_constant
-        parameters = [(effect, parameter) for effect in self.effects for parameter in effect.parameters]
-        for at, (effect, parameter) in enumerate(parameters, start=self.base):
-            if not effect.fastest:
-                continue
-            if parameter.name == "time_constant":
-                self.low[at] = min(max(self.low[at], grid), self.high[at])
-            if parameter.name == "frequency":
-                self.high[at] = max(min(self.high[at], 1.0 / grid), self.low[at])
-
-    def sizes(self, error: FloatArray) -> FloatArray:
-        """(q,) mean squares of the errors over each horizon."""
-        count = len(HORIZONS)
-        square = np.bincount(self._horizon, weights=error**2, minlength=count)
-        number = np.bincount(self._horizon, minlength=count)
-        return np.asarray(square / np.maximum(number, 1))
-
-    def innovations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(N,) errors of the predictions in rad or m, and their mean squares by horizon."""
-        model = self.model(x)
-        with np.errstate(over="ignore", invalid="ignore"):
-            error = predictions(self.records, model, self.drives(model))
-            if self.counted is not None:
-                error = error[self.counted]
-            # A model that runs away is far off, and not out of this world: it is to be compared with others.
-            error = np.nan_to_num(error, nan=1e6, posinf=1e6, neginf=-1e6)
-            return error, np.maximum(self.sizes(error)[self._horizon], 1e-300)
-
-    def slopes_between(
-        self,
-        centre: tuple[FloatArray, FloatArray],
-        sides: Sequence[tuple[FloatArray, FloatArray]],
-        step: FloatArray,
-    ) -> Slopes:
-        """As in `Likelihood`; at the best size of the errors their size has no slope of its own."""
-        _, squares = centre
-        errors = [error for error, _ in sides]
-        return super().slopes_between(centre, [(error, squares) for error in errors], step)
-
-    def held_out_costs(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[float]:
-        """As in `Likelihood`; the size of the errors is taken over all tests."""
-        errors = [test.innovations(x)[0] for test, x in zip(tests, fits, strict=True)]
-        horizon = np.concatenate([test._horizon for test in tests])  # noqa: SLF001 - of its own kind
-        count = np.maximum(np.bincount(horizon, minlength=len(HORIZONS)), 1)
-        squares = np.concatenate(errors) ** 2
-        sizes = np.bincount(horizon, weights=squares, minlength=len(HORIZONS)) / count
-        costs = []
-        for test, error in zip(tests, errors, strict=True):
-            costs.append(test.cost_of(error, sizes[test._horizon]))  # noqa: SLF001 - as above
-        return costs
-
-    def disturbance(self, x: FloatArray) -> tuple[float, float]:
-        """Standard deviation in N m and memory in s of a torque that would drive the errors of the shortest horizon."""
-        memory = self.records.time_constant
-        error, _ = self.innovations(x)
-        shortest = math.sqrt(float(self.sizes(error)[0]))
-        span = HORIZONS[0] * memory
-        return 2.0 * self.model(x).inertia * shortest / span**2, memory
-
-    def driven_rate(self, x: FloatArray) -> float:  # noqa: ARG002 - as in Likelihood
-        """Zero: none of the misfit is known to be a disturbance's."""
-        return 0.0
-
-    def position_noise(self, x: FloatArray) -> float:  # noqa: ARG002 - as in Likelihood
-        """Standard deviation of the noise of what is measured, from its differences."""
-        return self.records.position_noise
-
-    def at_limit(self, x: FloatArray) -> bool:  # noqa: ARG002 - as in Likelihood
-        """False: nothing is set aside as a disturbance."""
-        return False

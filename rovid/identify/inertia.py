@@ -22,6 +22,7 @@ from rovid.identify.sine import (
     orbit_integral,
     peak_bias,
     peak_method,
+    require_motion,
     sine_trials,
 )
 from rovid.model.model import Model
@@ -96,51 +97,60 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
             mend="Run `rovid fit`: it gives frequency, damping and their ratios to the inertia.",
         )
     trials = [] if axis.rights else sine_trials(runs)
-    refused: dict[str, str] = {}
-    regression: Regression | None = None
-    try:
-        regression = fit_regression(runs)
-    except DataError as error:
-        refused["regression"] = str(error)
-    methods = _sine_methods(trials, drag)
+    require_motion(trials, axis)
+    regression, refused = _regression(runs)
     if not trials:
-        text = f"the logs hold no sine-shaped {axis.push} of three or more equal periods. {SINE_ADVICE}"
-        if axis.rights:
-            text = "in a sine, what brings the vehicle back looks like less inertia."
-        refused |= dict.fromkeys(("peak", "orbit_integral", "harmonic_balance"), text)
+        refused |= dict.fromkeys(("peak", "orbit_integral", "harmonic_balance"), _no_sines(axis))
+    methods = _sine_methods(trials, drag)
     if regression is not None:
         methods["regression"] = _as_inertia(regression)
     if not methods:
-        why, sines = refused["regression"], refused["orbit_integral"]
-        if not axis.rights:
-            why += f" {sines[:1].upper()}{sines[1:]}"
-        raise DataError(why)
+        raise _no_method(refused, axis)
     # Without a steady drag the regression gives inertia and drag that belong together.
-    chosen = "orbit_integral" if trials and (drag is not None or regression is None) else "regression"
-    if regression is None or chosen != "regression":
-        estimate = _single(methods["orbit_integral"], trials, axis)
-    elif drag is not None:
-        estimate = _inertia_alone(regression.estimate)
+    if trials and (drag is not None or regression is None):
+        chosen, estimate = "orbit_integral", _single(methods["orbit_integral"], trials, axis)
     else:
-        estimate = regression.estimate
+        assert regression is not None  # noqa: S101 - it is one of the methods
+        chosen = "regression"
+        estimate = regression.estimate if drag is None else _inertia_alone(regression.estimate)
+    value = estimate.value("inertia")
     warnings = (
         *estimate.warnings,
         *_method_warnings(methods, refused, axis),
         *plausibility(estimate, rigid_body),
     )
-    bias = None
-    if trials and drag is not None:
-        bias = peak_bias(trials, _model(estimate.value("inertia"), drag))
     return InertiaFit(
         estimate=replace(estimate, warnings=warnings),
         chosen=chosen,
         methods=methods,
-        peak_bias=bias,
-        added_inertia=None if rigid_body is None else estimate.value("inertia") - rigid_body,
+        peak_bias=peak_bias(trials, _model(value, drag)) if trials and drag is not None else None,
+        added_inertia=None if rigid_body is None else value - rigid_body,
         trials=tuple(trials),
         regression=regression,
         refused=refused,
     )
+
+
+def _regression(runs: Sequence[Run]) -> tuple[Regression | None, dict[str, str]]:
+    """The regression on all excited data; None, and why it could not be used."""
+    try:
+        return fit_regression(runs), {}
+    except DataError as error:
+        return None, {"regression": str(error)}
+
+
+def _no_sines(axis: Axis) -> str:
+    """Why no method of the sines can be used."""
+    if axis.rights:
+        return "in a sine, what brings the vehicle back looks like less inertia."
+    return f"the logs hold no sine-shaped {axis.push} of three or more equal periods. {SINE_ADVICE}"
+
+
+def _no_method(refused: dict[str, str], axis: Axis) -> DataError:
+    why, sines = refused["regression"], refused["orbit_integral"]
+    if not axis.rights:
+        why += f" {sines[:1].upper()}{sines[1:]}"
+    return DataError(why)
 
 
 def _sine_methods(trials: Sequence[SineTrial], drag: Estimate | None) -> dict[str, Inertia]:

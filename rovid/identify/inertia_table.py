@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -30,60 +30,121 @@ def fit_inertia_table(table: Table, *, drag: Estimate | None, rigid_body: float 
         The torque is smaller than the drag, a period or an amplitude is not above 0, or no drag is known.
     """
     _require_positive(table)
-    omega = 2.0 * np.pi / table.numbers("period_s")
-    torque, rate = table.numbers("torque_amplitude_Nm"), table.numbers("peak_yaw_rate_rad_s")
-    quadratic, linear = table_drag(table, drag)
-    values = _from_amplitudes(table, torque, rate, omega, quadratic, linear)
-    half = table.resolution("peak_yaw_rate_rad_s") / 2.0
-    ends = []
-    for edge in (rate + -1.0 * half, rate + 1.0 * half):
-        surplus = torque**2 - _oscillating_drag(edge, quadratic, linear) ** 2
-        ends.append(np.sqrt(np.clip(surplus, 0, None)) / (omega * edge))
-    # A rounding error is uniform over the last digit.
-    errors = np.abs(ends[0] - ends[1]) / math.sqrt(12.0)
-    names = _names(table)
-    weights = 1.0 / errors**2
-    value = float(weights @ values / weights.sum())
-    error = float(1.0 / np.sqrt(weights.sum()))
-    # No inertia lies between the ends of all rows.
-    apart = bool(np.max(np.minimum(*ends)) > np.min(np.maximum(*ends)))
-    warnings: list[str] = []
-    if apart:
-        value, error = float(values.mean()), float(np.ptp(values)) / 2.0
-        listed = ", ".join(f"{name}: {v:.0f}" for name, v in zip(names, values, strict=True))
-        warnings.append(
-            f"No single inertia fits all sine trials ({listed} kg m^2), not even within the rounding of the rates; "
-            "their mean stands with half their spread as its error."
-        )
-    balance = Inertia(
-        value=value,
-        standard_error=error,
-        runs=tuple((n, float(v), float(e)) for n, v, e in zip(names, values, errors, strict=True)),
-        consistent=not apart,
-    )
-    methods = _table_peak(table, names, torque) | {"harmonic_balance": balance}
+    sines = _Sines.of(table, drag)
+    balance, warnings = _balanced(sines)
     estimate = Estimate(
         names=("inertia",),
-        values=np.array([value]),
-        covariance=np.array([[error**2]]),
+        values=np.array([balance.value]),
+        covariance=np.array([[balance.standard_error**2]]),
         method=METHODS["harmonic_balance"] + ", amplitudes of a table",
-        samples=len(names),
+        samples=len(sines.names),
     )
     warnings += plausibility(estimate, rigid_body)
     no_phase = "a table of amplitudes holds no phase"
     return InertiaFit(
         estimate=replace(estimate, warnings=tuple(warnings)),
         chosen="harmonic_balance",
-        methods=methods,
+        methods=_table_peak(table, sines) | {"harmonic_balance": balance},
         peak_bias=None,
-        added_inertia=None if rigid_body is None else value - rigid_body,
+        added_inertia=None if rigid_body is None else balance.value - rigid_body,
         trials=(),
         regression=None,
         refused={"orbit_integral": no_phase, "regression": no_phase},
     )
 
 
-def _names(table: Table) -> list[str]:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Sines:
+    """The rows of a table of sine trials.
+
+    Attributes
+    ----------
+    names
+        Of every row, as the table has it, else by its line.
+    where
+        File and line of every row.
+    frequency
+        (n,) rad/s.
+    torque, rate
+        (n,) amplitudes in N m and rad/s.
+    digit
+        (n,) rad/s, the last printed one of the rates.
+    quadratic, linear
+        (n,) drag.
+    """
+
+    names: list[str]
+    where: list[str]
+    frequency: FloatArray
+    torque: FloatArray
+    rate: FloatArray
+    digit: FloatArray
+    quadratic: FloatArray
+    linear: FloatArray
+
+    @classmethod
+    def of(cls, table: Table, drag: Estimate | None) -> Self:
+        quadratic, linear = table_drag(table, drag)
+        return cls(
+            names=row_names(table),
+            where=[f"{table.path}:{line}" for line in table.lines],
+            frequency=2.0 * np.pi / table.numbers("period_s"),
+            torque=table.numbers("torque_amplitude_Nm"),
+            rate=table.numbers("peak_yaw_rate_rad_s"),
+            digit=table.resolution("peak_yaw_rate_rad_s"),
+            quadratic=quadratic,
+            linear=linear,
+        )
+
+    def surplus(self, rate: FloatArray) -> FloatArray:
+        """(n,) N^2 m^2: the square of the torque that is left for the inertia, were the amplitudes ``rate``."""
+        drag = 8.0 / (3.0 * np.pi) * self.quadratic * rate**2 + self.linear * rate
+        return np.asarray(self.torque**2 - drag**2)
+
+    def inertia(self, rate: FloatArray) -> FloatArray:
+        """(n,) kg m^2, were the amplitudes ``rate``; none where drag takes more than the torque."""
+        return np.asarray(np.sqrt(np.clip(self.surplus(rate), 0, None)) / (self.frequency * rate))
+
+
+def _balanced(sines: _Sines) -> tuple[Inertia, list[str]]:
+    """The inertia that all rows agree on, and what is said where there is none."""
+    _require_surplus(sines)
+    values = sines.inertia(sines.rate)
+    half = sines.digit / 2.0
+    ends = [sines.inertia(edge) for edge in (sines.rate + -1.0 * half, sines.rate + 1.0 * half)]
+    # A rounding error is uniform over the last digit.
+    errors = np.abs(ends[0] - ends[1]) / math.sqrt(12.0)
+    weights = 1.0 / errors**2
+    value = float(weights @ values / weights.sum())
+    error = float(1.0 / np.sqrt(weights.sum()))
+    # No inertia lies between the ends of all rows.
+    apart = bool(np.max(np.minimum(*ends)) > np.min(np.maximum(*ends)))
+    warnings = []
+    if apart:
+        value, error = float(values.mean()), float(np.ptp(values)) / 2.0
+        listed = ", ".join(f"{name}: {v:.0f}" for name, v in zip(sines.names, values, strict=True))
+        warnings.append(
+            f"No single inertia fits all sine trials ({listed} kg m^2), not even within the rounding of the rates; "
+            "their mean stands with half their spread as its error."
+        )
+    rows = zip(sines.names, values.tolist(), errors.tolist(), strict=True)
+    return Inertia(value=value, standard_error=error, runs=tuple(rows), consistent=not apart), warnings
+
+
+def _require_surplus(sines: _Sines) -> None:
+    surplus = sines.surplus(sines.rate)
+    if (surplus > 0.0).all():
+        return
+    at = int(np.argmin(surplus))
+    raise DataError(
+        f"the drag at {sines.rate[at]:g} rad/s exceeds the torque of {sines.torque[at]:g} N m: nothing is left for "
+        "inertia.",
+        where=sines.where[at],
+        mend="Check the drag and the row.",
+    )
+
+
+def row_names(table: Table) -> list[str]:
     """Of every row, as the table has it, else by its line."""
     if "trial" in table.header:
         return table.text("trial")
@@ -123,31 +184,8 @@ def table_drag(table: Table, drag: Estimate | None) -> tuple[FloatArray, FloatAr
     return columns[0], columns[1]
 
 
-def _oscillating_drag(rate: FloatArray, quadratic: FloatArray, linear: FloatArray) -> FloatArray:
-    """Fundamental of the drag torque in a sine of peak ``rate``."""
-    return np.asarray(8.0 / (3.0 * np.pi) * quadratic * rate**2 + linear * rate)
-
-
-def _from_amplitudes(
-    table: Table,
-    torque: FloatArray,
-    rate: FloatArray,
-    omega: FloatArray,
-    quadratic: FloatArray,
-    linear: FloatArray,
-) -> FloatArray:
-    surplus = torque**2 - _oscillating_drag(rate, quadratic, linear) ** 2
-    if (surplus <= 0.0).any():
-        at = int(np.argmin(surplus))
-        raise DataError(
-            f"the drag at {rate[at]:g} rad/s exceeds the torque of {torque[at]:g} N m: nothing is left for inertia.",
-            where=f"{table.path}:{table.lines[at]}",
-            mend="Check the drag and the row.",
-        )
-    return np.asarray(np.sqrt(surplus) / (omega * rate))
-
-
-def _table_peak(table: Table, names: Sequence[str], torque: FloatArray) -> dict[str, Inertia]:
+def _table_peak(table: Table, sines: _Sines) -> dict[str, Inertia]:
+    """The founding paper's method, where the table has what it needs."""
     if not {"steady_torque_Nm", "peak_acceleration_rad_s2"} <= set(table.header):
         return {}
     steady = table.numbers("steady_torque_Nm", empty_allowed=True)
@@ -155,6 +193,7 @@ def _table_peak(table: Table, names: Sequence[str], torque: FloatArray) -> dict[
     known = np.isfinite(steady) & np.isfinite(acceleration)
     if not known.any():
         return {}
-    values = (torque - steady)[known] / acceleration[known]
-    runs = tuple((name, float(v), math.nan) for name, v in zip(np.array(names)[known], values, strict=True))
-    return {"peak": Inertia(value=float(values.mean()), standard_error=math.nan, runs=runs)}
+    values = (sines.torque - steady)[known] / acceleration[known]
+    names = np.array(sines.names)[known].tolist()
+    runs = [(name, value, math.nan) for name, value in zip(names, values.tolist(), strict=True)]
+    return {"peak": Inertia(value=float(values.mean()), standard_error=math.nan, runs=tuple(runs))}

@@ -1,4 +1,4 @@
-"""Maximum likelihood of Kalman-filter innovations: all parameters from all trials at once."""
+"""Maximum likelihood: all parameters from all trials at once."""
 
 from __future__ import annotations
 
@@ -11,23 +11,22 @@ from rovid.campaign.vehicle import Vehicle
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
-from rovid.identify.certainty import TRIAL_ITERATIONS, covariance, form_doubt, physical
+from rovid.identify.certainty import TRIAL_ITERATIONS, form_doubt
 from rovid.identify.estimate import PER_INERTIA, Estimate
+from rovid.identify.fitted import Fitted, climbed
 from rovid.identify.free_run import CERTAINTY, fit_free_run, free_run_r2
-from rovid.identify.horizons import HorizonLikelihood, HorizonRecords
-from rovid.identify.innovations import Likelihood
+from rovid.identify.horizon_misfit import HorizonMisfit
+from rovid.identify.horizons import HorizonRecords
+from rovid.identify.innovations import InnovationMisfit
+from rovid.identify.readings import Readings
 from rovid.identify.records import Records
 from rovid.identify.regression import require_inertia
-from rovid.identify.whiteness import likelihood_is_white
 from rovid.model.model import Model
-from rovid.model.simulation import compare, simulated_rate
 from rovid.motion.runs import Run
 
 # Upper limits of the disturbance, as shares of the torque in use. Without a limit the disturbance explains whatever
 # the model does not, and the parameters go where they like.
 LIMITS = (0.05, 0.02, 0.01, 0.005)
-# As large as the torque in use: no limit at all.
-UNLIMITED = 1.0
 # Where the free-running simulation of the plain model is worse than this, the model misses so much that no limit of
 # the disturbance is right: the simulation itself is then what is fitted.
 TRUSTED_R2 = 0.93
@@ -58,7 +57,7 @@ class LikelihoodFit:
         Whether it would take more.
     white
         Whether the normalised innovations are white (Ljung-Box) and free of heavy tails.
-    free_run_r2, base_r2
+    free_run_r2, simulation_r2
         R^2 of the free-running rate with this model, and with the fit that looks at nothing else.
     """
 
@@ -73,7 +72,7 @@ class LikelihoodFit:
     at_limit: bool
     white: bool
     free_run_r2: float
-    base_r2: float
+    simulation_r2: float
 
 
 def fit_likelihood(
@@ -108,178 +107,126 @@ def fit_likelihood(
             mend=f"Map {axis.rate} in [signals] of rovid.toml, or leave it out.",
         )
     start = fit_free_run(runs, certainty=0.0 if effects else CERTAINTY)
-    records = Records(runs, vehicle, start, gyro=gyro)
-    base_r2 = free_run_r2(runs, records.start)
-    likelihood: Likelihood
-    if base_r2 >= TRUSTED_R2:
-        likelihood, x, r2 = fit_base(records, base_r2)
-    else:
-        likelihood, x, r2 = fit_horizons(records)
+    records = Readings(runs, vehicle, start, gyro=gyro)
+    simulation_r2 = free_run_r2(runs, records.start)
+    fitted = fit_base(records, simulation_r2) if simulation_r2 >= TRUSTED_R2 else fit_horizons(records)
     if effects:
-        likelihood, x = with_effects(likelihood, x, effects)
-        r2 = simulated_r2(likelihood, x)
-    return _result(likelihood, x, r2=r2, base_r2=base_r2)
+        fitted = with_effects(fitted, effects)
+    return _result(fitted, simulation_r2)
 
 
-def fit_base(records: Records, base_r2: float) -> tuple[Likelihood, FloatArray, float]:
-    """Most likely coordinates without effects, under the first limit whose free-running R^2 is near ``base_r2``.
+def fit_base(records: Readings, simulation_r2: float) -> Fitted:
+    """Without effects, under the first limit of the disturbance whose free-running R^2 is near ``simulation_r2``.
 
-    Returns
-    -------
-    likelihood, x, r2
-        With the limit that was chosen.
+    Where there is none, under that whose R^2 is best.
     """
-    best: tuple[Likelihood, FloatArray, float] | None = None
+    tried = []
     for limit in LIMITS:
-        likelihood = Likelihood(records, limit)
-        x, _ = likelihood.climb(likelihood.first())
-        r2 = free_run_r2(records.runs, likelihood.model(x))
-        if best is None or r2 > best[2]:
-            best = likelihood, x, r2
-        if r2 >= base_r2 - _R2_LOSS:
+        misfit = InnovationMisfit(records, limit)
+        fitted = climbed(misfit, misfit.coordinates.first())
+        tried.append(fitted)
+        if fitted.simulated_r2 >= simulation_r2 - _R2_LOSS:
             break
-    assert best is not None  # noqa: S101 - there are limits
-    return best
+    return max(tried, key=lambda one: one.simulated_r2)
 
 
-def fit_horizons(records: Records) -> tuple[HorizonLikelihood, FloatArray, float]:
-    """As `fit_base`, by predictions some time ahead."""
-    likelihood = HorizonLikelihood(HorizonRecords.of(records, records.start))
-    x, _ = likelihood.climb(likelihood.first())
-    return likelihood, x, simulated_r2(likelihood, x)
+def fit_horizons(records: Records) -> Fitted:
+    """Without effects, by predictions some time ahead."""
+    misfit = HorizonMisfit(HorizonRecords.of(records, records.start))
+    return climbed(misfit, misfit.coordinates.first())
 
 
-def with_effects(bare: Likelihood, x: FloatArray, effects: tuple[Effect, ...]) -> tuple[Likelihood, FloatArray]:
+def with_effects(bare: Fitted, effects: tuple[Effect, ...]) -> Fitted:
     """Continue from the fit without effects: the likeliest of all starts, its disturbance then limited anew."""
-    likelihood, better = bare, [x[: bare.base]]
+    misfit, better = bare.misfit, [bare.shared]
     for count in range(1, len(effects) + 1):
-        likelihood = bare.like(effects[:count], bare.counted)
-        begins = [np.concatenate((begin, start)) for begin in better for start in likelihood.starts()]
-        better = sorted(begins, key=likelihood.cost)[:_TRIALS]
+        misfit = bare.misfit.like(effects[:count], bare.misfit.counted)
+        begins = [np.concatenate((begin, start)) for begin in better for start in misfit.coordinates.starts()]
+        better = sorted(begins, key=misfit.cost)[:_TRIALS]
     # A few steps tell which of the better starts leads lowest.
-    tried = [likelihood.climb(begin, iterations=TRIAL_ITERATIONS) for begin in better]
-    nearest, _ = min(tried, key=lambda pair: pair[1])
-    best, _ = likelihood.climb(nearest)
-    if isinstance(likelihood, HorizonLikelihood):
-        # What the effects explain made the errors correlate: now more predictions count.
-        records = likelihood.records.counting(likelihood.model(best))
-        likelihood = HorizonLikelihood(records, effects=effects)
-        best, _ = likelihood.climb(best)
-        return likelihood, best
-    return loosened(likelihood, best)
+    tried = [climbed(misfit, begin, iterations=TRIAL_ITERATIONS) for begin in better]
+    nearest = min(tried, key=lambda one: one.cost)
+    best = climbed(misfit, nearest.x)
+    # What the effects explain made errors correlate: now more of them may count.
+    recounted = misfit.recounted(best.model)
+    if recounted is not misfit:
+        best = climbed(recounted, best.x)
+    return loosened(best)
 
 
-def loosened(likelihood: Likelihood, x: FloatArray) -> tuple[Likelihood, FloatArray]:
-    """``likelihood`` under the widest limit at which the free-running simulation stays as good, climbed from ``x``."""
-    limits = [limit for limit in LIMITS if limit > likelihood.limit]
-    if not limits:
-        return likelihood, x
-    wanted = simulated_r2(likelihood, x) - _R2_LOSS
-    for limit in limits:
-        wider = Likelihood(likelihood.records, limit, likelihood.effects, likelihood.counted)
-        widest, _ = wider.climb(x)
-        if simulated_r2(wider, widest) >= wanted:
-            return wider, widest
-    return likelihood, x
+def loosened(fitted: Fitted) -> Fitted:
+    """``fitted`` anew under the widest limit at which the free-running simulation stays as good."""
+    wider = [limit for limit in LIMITS if limit > fitted.misfit.limit]
+    for limit in wider:
+        loose = climbed(fitted.misfit.under(limit), fitted.x)
+        if loose.simulated_r2 >= fitted.simulated_r2 - _R2_LOSS:
+            return loose
+    return fitted
 
 
-def simulated_r2(likelihood: Likelihood, x: FloatArray) -> float:
-    """R^2 of the free-running rate at ``x``."""
-    model, runs = likelihood.model(x), likelihood.records.runs
-    pairs = zip(runs, likelihood.records.drives(model), strict=True)
-    measured = np.concatenate([run.rates.rate for run in runs])
-    simulated = [simulated_rate(run, model, drive) for run, drive in pairs]
-    return compare(measured, np.concatenate(simulated)).r2
-
-
-def _result(likelihood: Likelihood, x: FloatArray, *, r2: float, base_r2: float) -> LikelihoodFit:
-    x = canonical(likelihood, x)
-    white = likelihood_is_white(likelihood, x)
-    at_limit = likelihood.at_limit(x)
-    doubt, said = form_doubt(likelihood, x)
-    found = covariance(likelihood, x, sandwich=not white)
-    if at_limit:
-        # The limit is a choice; what a looser one would change is part of the uncertainty.
-        looser = Likelihood(likelihood.records, _LOOSER * likelihood.limit, likelihood.effects)
-        elsewhere, _ = looser.climb(x)
-        shift = physical(looser, elsewhere) - physical(likelihood, x)
-        found = found + np.outer(shift, shift)
-    model = likelihood.model(x)
-    disturbance, memory = likelihood.disturbance(x)
+def _result(best: Fitted, simulation_r2: float) -> LikelihoodFit:
+    fitted = best.canonical()
+    model, records = fitted.model, fitted.records
+    doubt, said = form_doubt(fitted)
+    covariance = fitted.covariance(sandwich=not fitted.is_white)
+    if fitted.at_limit:
+        covariance = covariance + _by_limit(fitted)
     estimate = Estimate(
         names=model.names,
         axis=model.axis,
-        values=physical(likelihood, x),
-        covariance=found,
-        method=likelihood.method,
-        samples=sum(int(run.trial.measured.sum()) for run in likelihood.records.runs),
-        warnings=(*_warnings(likelihood, model, white=white, at_limit=at_limit), *said),
+        values=model.values,
+        covariance=covariance,
+        method=fitted.misfit.method,
+        samples=sum(int(run.trial.measured.sum()) for run in records.runs),
+        warnings=(*_warnings(fitted), *said),
     )
-    if not likelihood.records.driven:
+    if not records.driven:
         estimate = estimate.undriven()
     require_inertia(estimate, CERTAINTY)
     # The vehicle was excited; how far another form would move the answer is another matter.
     estimate = replace(estimate, covariance=estimate.covariance + doubt)
-    estimate = estimate.with_scale_doubt(scale_doubt(likelihood, x))
+    estimate = estimate.with_scale_doubt(fitted.scale_doubt)
+    disturbance, memory = fitted.disturbance
     return LikelihoodFit(
         estimate=estimate,
         model=model,
-        log_likelihood=-likelihood.cost(x),
+        log_likelihood=-fitted.cost,
         disturbance=disturbance,
         correlation_time=memory,
-        position_noise=likelihood.position_noise(x),
-        integrated=likelihood.records.integrated,
-        limit=likelihood.limit,
-        at_limit=at_limit,
-        white=white,
-        free_run_r2=r2,
-        base_r2=base_r2,
+        position_noise=fitted.misfit.position_noise(fitted.x),
+        integrated=records.integrated,
+        limit=fitted.misfit.limit,
+        at_limit=fitted.at_limit,
+        white=fitted.is_white,
+        free_run_r2=best.simulated_r2,
+        simulation_r2=simulation_r2,
     )
 
 
-def scale_doubt(likelihood: Likelihood, x: FloatArray) -> float:
-    """As `Model.scale_doubt` at ``x``, of the runs that were looked at."""
-    vehicle, runs = likelihood.records.vehicle, likelihood.records.runs
-    if vehicle is None:
-        return 0.0
-    return likelihood.model(x).scale_doubt(vehicle, [run.trial for run in runs])
+def _by_limit(fitted: Fitted) -> FloatArray:
+    """(p, p) what the limit of the disturbance adds, which is a choice: what a looser one would change."""
+    looser = climbed(fitted.misfit.under(_LOOSER * fitted.misfit.limit), fitted.x)
+    shift = looser.model.values - fitted.model.values
+    return np.outer(shift, shift)
 
 
-def canonical(likelihood: Likelihood, x: FloatArray) -> FloatArray:
-    """The same ``x`` with amplitudes positive and phases within a turn."""
-    at, parts = likelihood.base, [x[: likelihood.base]]
-    for effect in likelihood.effects:
-        own = x[at : at + len(effect.parameters)]
-        if effect.canonical is not None:
-            own = effect.canonical(own)
-        parts.append(own)
-        at += len(effect.parameters)
-    return np.concatenate(parts)
-
-
-def _warnings(likelihood: Likelihood, model: Model, *, white: bool, at_limit: bool) -> list[str]:
-    texts, axis = [], likelihood.records.axis
-    if at_limit:
-        per_inertia = "" if likelihood.records.driven else PER_INERTIA
-        unit = axis.push_unit + per_inertia
-        most = f"{likelihood.limit * likelihood.records.torque:.3g} {unit}"
+def _warnings(fitted: Fitted) -> list[str]:
+    texts, records = [], fitted.records
+    if fitted.at_limit:
+        push, limit = records.axis.push, fitted.misfit.limit
+        per_inertia = "" if records.driven else PER_INERTIA
+        most = f"{limit * records.torque:.3g} {records.axis.push_unit}{per_inertia}"
         texts.append(
-            f"The disturbance {axis.push} would exceed {100 * likelihood.limit:.2g} % of the {axis.push} in use "
+            f"The disturbance {push} would exceed {100 * limit:.2g} % of the {push} in use "
             f"({most}): the model misses something that these data show. The standard errors include what "
             f"a limit {_LOOSER:g} times as high would change."
         )
-    if isinstance(likelihood, HorizonLikelihood):
-        texts.append(
-            "The simulation misses too much for the likelihood of each next reading, which would call it disturbance: "
-            "the parameters are those of the best predictions from half to eight time constants ahead."
-        )
-        if likelihood.records.gyro:
-            texts.append("--gyro has no say there: what is predicted is the position.")
-    if not white:
+    texts += fitted.misfit.caveats
+    if not fitted.is_white:
         texts.append(
             "The innovations are not white: the standard errors come from the scatter between stretches of the "
             "logs, not from the curvature of the likelihood."
         )
     drags = ("quadratic_drag", "linear_drag")
-    texts += [f"{name} is held at zero, its lower bound." for name in drags if getattr(model, name) == 0.0]
+    texts += [f"{name} is held at zero, its lower bound." for name in drags if getattr(fitted.model, name) == 0.0]
     return texts

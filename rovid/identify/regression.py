@@ -114,13 +114,13 @@ def fit_released(runs: Sequence[Run]) -> Model:
     _require_motion(runs, np.column_stack((acceleration, columns_of)), np.ones(len(acceleration)))
     scale = np.linalg.norm(columns_of, axis=0)
     low = np.array([0.0, 0.0, *np.full(len(scale) - 2, -np.inf)])
-    found = lsq_linear(columns_of / scale, -acceleration, bounds=(low, np.inf)).x / scale
-    if not found[2] > 0.0:
+    values = lsq_linear(columns_of / scale, -acceleration, bounds=(low, np.inf)).x / scale
+    if not values[2] > 0.0:
         raise DataError(
             f"nothing brings the vehicle back in {axis.name}: what is let go of does not swing.",
             mend=f"Give logs of releases, or map what drives the vehicle: [[thrusters]] with {axis.arm}.",
         )
-    return _model(axis, np.array([1.0, *found]))
+    return _model(axis, np.array([1.0, *values]))
 
 
 def require_inertia(estimate: Estimate, certainty: float) -> None:
@@ -209,8 +209,8 @@ def _bounded(
     values = _solve(instruments, measured, torque, free)
     while (values[_DRAGS] < 0.0).any():
         # The one that pushes most against the drag.
-        pushes = values[_DRAGS] * np.linalg.norm(measured[:, _DRAGS], axis=0)
-        free[1 + int(np.argmin(pushes))] = False
+        torques = values[_DRAGS] * np.linalg.norm(measured[:, _DRAGS], axis=0)
+        free[1 + int(np.argmin(torques))] = False
         values = _solve(instruments, measured, torque, free)
     if not values[0] > 0.0:
         raise DataError(
@@ -225,8 +225,8 @@ def _solve(instruments: FloatArray, measured: FloatArray, torque: FloatArray, fr
     z, x = instruments[:, free], measured[:, free]
     scale = np.linalg.norm(x, axis=0)
     moments = z.T @ (x / scale)
-    found, *_ = np.linalg.lstsq(moments, z.T @ torque, rcond=1e-12)
-    values[free] = found / scale
+    scaled, *_ = np.linalg.lstsq(moments, z.T @ torque, rcond=1e-12)
+    values[free] = scaled / scale
     return values
 
 
@@ -275,5 +275,5 @@ def _require_motion(runs: Sequence[Run], measured: FloatArray, torque: FloatArra
         raise _not_excited("the rate hardly changes by more than its noise")
 
 
-def _not_excited(found: str) -> DataError:
-    return DataError(f"inertia cannot be determined from these logs: {found}.", mend=ADVICE)
+def _not_excited(why: str) -> DataError:
+    return DataError(f"inertia cannot be determined from these logs: {why}.", mend=ADVICE)

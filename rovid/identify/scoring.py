@@ -1,9 +1,11 @@
-"""Fisher scoring: what an innovation costs, and steps that make all of them cost less."""
+"""What innovations cost, and the slopes of that cost, which Fisher scoring asks for."""
 
 from __future__ import annotations
 
-import itertools
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,8 +14,43 @@ from rovid.ground.arrays import FloatArray
 # Innovations beyond so many standard deviations count in proportion, not squared (Huber 1964).
 OUTLIER = 5.0
 _FARTHEST = 1e100
-# Curvature of less than this share of the promised is noise of the slopes.
-_LEAST_CURVATURE = 1e-3
+_WORST = 1e12
+
+
+class Innovations(NamedTuple):
+    """(N,) errors of predictions, in the unit of what is predicted, and the variances that they are taken to have."""
+
+    error: FloatArray
+    variance: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """The cost about a point.
+
+    Attributes
+    ----------
+    cost
+        Negative log-likelihood.
+    residual
+        (2N,) normalised innovations above, and what their squares are short of one below.
+    matrix
+        (2N, p) slopes of the same.
+    """
+
+    cost: float
+    residual: FloatArray
+    matrix: FloatArray
+
+    @property
+    def gradient(self) -> FloatArray:
+        """(p,) of the cost."""
+        return np.asarray(self.matrix.T @ self.residual)
+
+    @property
+    def information(self) -> FloatArray:
+        """(p, p) curvature that the cost is expected to have (Fisher scoring)."""
+        return np.asarray(self.matrix.T @ self.matrix)
 
 
 def costs(error: FloatArray, variance: FloatArray) -> FloatArray:
@@ -26,55 +63,30 @@ def costs(error: FloatArray, variance: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (np.log(2.0 * np.pi * variance) + square))
 
 
-def bounded_step(
-    x: FloatArray,
-    gradient: FloatArray,
-    information: FloatArray,
-    damping: float,
-    bounds: tuple[FloatArray, FloatArray],
-) -> FloatArray:
-    """Levenberg-Marquardt step from ``x``; coordinates that would leave their lower and upper ``bounds`` stay."""
-    low, high = bounds
-    free = ~(((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0)))
-    step = np.zeros(len(x))
-    size = np.diag(information)
-    for _ in range(len(x)):
-        if not free.any():
-            break
-        part = np.ix_(free, free)
-        # Even a coordinate along which nothing changes has to be solved for.
-        floor = 1e-12 * float(size.max()) + 1e-12
-        matrix = information[part] + np.diag(damping * size[free] + floor)
-        step[:] = 0.0
-        step[free] = np.linalg.lstsq(matrix, -gradient[free], rcond=None)[0]
-        # A coordinate at its bound that the others push outward is held there too.
-        out = free & (((x <= low) & (step < 0.0)) | ((x >= high) & (step > 0.0)))
-        if not out.any():
-            break
-        free &= ~out
-    return step
+def total_cost(here: Innovations, weight: float | FloatArray) -> float:
+    """Negative log-likelihood of innovations that count with this ``weight`` each; large, but finite, of a runaway."""
+    total = float(np.sum(weight * costs(*here)))
+    return total if math.isfinite(total) else _WORST
 
 
-def damped(damping: float, ratio: float) -> float:
-    """Damping of the next step, by the ``ratio`` of what the last one gained to what was expected of it."""
-    if ratio > 0.75:
-        return max(damping * 0.1, 1e-7)
-    if ratio < 0.4:
-        return damping * 10.0
-    return damping
-
-
-def with_curvature(information: FloatArray, been: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
-    """``information`` with the curvature between the points and gradients of before, last of all the latest.
-
-    Far from white innovations the information promises too little of it, and scoring alone crawls. It is told by
-    differences of gradients (BFGS: Nocedal & Wright 2006, section 6.1), which change nothing where it is right.
-    """
-    matrix = information.copy()
-    for (x, gradient), (following, slope) in itertools.pairwise(been):
-        step, change = following - x, slope - gradient
-        expected = matrix @ step
-        met, promised = float(step @ change), float(step @ expected)
-        if met > _LEAST_CURVATURE * promised > 0.0:
-            matrix += np.outer(change, change) / met - np.outer(expected, expected) / promised
-    return matrix
+def slopes_between(
+    centre: Innovations,
+    sides: Sequence[Innovations],
+    step: FloatArray,
+    weight: float | FloatArray,
+) -> Slopes:
+    """Slopes from the innovations at a point and one ``step`` aside along each coordinate."""
+    error, variance = centre
+    root = np.sqrt(variance)
+    z = error / root
+    # So that squares have the weights.
+    share = np.sqrt(weight)
+    robust = share * np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(z), 1e-300)))
+    matrix = np.empty((2 * len(z), len(sides)))
+    # A model that runs away has no slopes, which whoever asks can see.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k, (side, scatter) in enumerate(sides):
+            matrix[: len(z), k] = robust * (side - error) / (step[k] * root)
+            matrix[len(z) :, k] = share * (scatter - variance) / (step[k] * math.sqrt(2.0) * variance)
+    short = (share - (robust * z) ** 2 / share) / math.sqrt(2.0)
+    return Slopes(total_cost(centre, weight), np.concatenate((robust * z, short)), matrix)

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rovid.campaign.axis import Axis
 from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.errors import DataError
 from rovid.model.model import Model
 from rovid.motion.runs import Run
 from rovid.motion.segments import SineRun, find_sines
@@ -20,6 +22,8 @@ _PHASES = 720
 # The response to switching on has to die away before the motion repeats; simulated, after so many cycles it has.
 _DROPPED_CYCLES = 1
 _SETTLED = 20
+# Runs whose scatter exceeds their own errors this much (variance) share no single inertia.
+_BIRGE_LIMIT = 5.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,6 +38,11 @@ class Wave:
     torque: NDArray[np.complex128]
     rate: NDArray[np.complex128]
     seconds: float
+
+    @property
+    def moves(self) -> bool:
+        """Whether there is any acceleration in it."""
+        return bool(self.acceleration().any())
 
     def acceleration(self) -> NDArray[np.complex128]:
         """Complex amplitudes of the acceleration in rad/s^2."""
@@ -71,13 +80,31 @@ class Inertia:
 
 def sine_trials(runs: Sequence[Run]) -> list[SineTrial]:
     """Find the sine runs and take their harmonics."""
-    found = []
+    trials = []
     for run in runs:
         for sine in find_sines(run.trial, run.torque):
             trial = _trial(run, sine)
             if trial is not None:
-                found.append(trial)
-    return found
+                trials.append(trial)
+    return trials
+
+
+def require_motion(trials: Sequence[SineTrial], axis: Axis) -> None:
+    """Refuse sines under which the vehicle does not move: what has no acceleration has no inertia.
+
+    Raises
+    ------
+    DataError
+        There is one, or one that moves in a single period.
+    """
+    for trial in trials:
+        if all(wave.moves for wave in (trial.wave, *trial.without)):
+            continue
+        raise DataError(
+            f"the vehicle never {axis.moves} under the sine-shaped {axis.push} of {trial.source}: its "
+            f"{axis.rate_words} is zero in every period, or in all but one.",
+            mend=f"Check that {axis.measures} in rovid.toml is the vehicle's, or leave that log out.",
+        )
 
 
 def _trial(run: Run, sine: SineRun) -> SineTrial | None:
@@ -179,10 +206,6 @@ def _combine(trials: Sequence[SineTrial], reading: Callable[[Wave], tuple[float,
     for trial, own, own_error in zip(trials, values, errors, strict=True):
         each.append((trial.source, float(own), float(own_error)))
     return Inertia(value=value, standard_error=error, runs=tuple(each), consistent=consistent)
-
-
-# Runs whose scatter exceeds their own errors this much (variance) share no single inertia.
-_BIRGE_LIMIT = 5.0
 
 
 def _jackknife(readings: Sequence[tuple[float, float]]) -> float:

@@ -9,21 +9,10 @@ import numpy as np
 from scipy import linalg, special
 
 from rovid.ground.arrays import FloatArray
-from rovid.identify.innovations import Likelihood
 
 _WHITE_LAGS = 20
 _WHITE_P = 1e-3
 _KURTOSIS = 1.0
-
-
-def likelihood_is_white(likelihood: Likelihood, x: FloatArray) -> bool:
-    """Whether the normalised innovations at ``x`` are white and free of heavy tails."""
-    return innovations_are_white(_normalised(likelihood, x))
-
-
-def colour(likelihood: Likelihood, x: FloatArray) -> float:
-    """Log-likelihood that a model gains at least that leaves the innovations at ``x`` white; see `whitening_gain`."""
-    return whitening_gain(_normalised(likelihood, x))
 
 
 def whitening_gain(series: Sequence[FloatArray]) -> float:
@@ -47,17 +36,7 @@ def _product(series: Sequence[FloatArray], lag: int) -> float:
     return sum(float(z[lag:] @ z[: len(z) - lag]) for z in series if len(z) > lag)
 
 
-def _normalised(likelihood: Likelihood, x: FloatArray) -> list[FloatArray]:
-    """Innovations of each run over their standard deviations."""
-    error, variance = likelihood.innovations(x)
-    trial = likelihood.records.trial
-    if likelihood.counted is not None:
-        trial = trial[likelihood.counted]
-    z = error / np.sqrt(variance)
-    return [z[trial == number] for number in np.unique(trial)]
-
-
-def innovations_are_white(series: Sequence[FloatArray]) -> bool:
+def are_white(series: Sequence[FloatArray]) -> bool:
     """Whether normalised innovations are white (Ljung-Box over all trials) and without heavy tails.
 
     Spikes leave innovations white, so that the kurtosis is looked at too.

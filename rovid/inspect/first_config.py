@@ -130,11 +130,11 @@ def _recognised(looked: _Looked, folder: Path) -> dict[str, Guesses]:
     if not every:
         raise DataError("holds no logs.", where=folder)
     guesses, unknown = {}, []
-    for kind, found in every.items():
-        if found.lacking:
-            unknown.append(_not_recognised(found, looked.logs[kind], folder, looked.problems))
+    for kind, sources in every.items():
+        if sources.lacking:
+            unknown.append(_not_recognised(sources, looked.logs[kind], folder, looked.problems))
         else:
-            guesses[kind] = found
+            guesses[kind] = sources
     if not guesses:
         raise unknown[0]
     looked.problems.extend(map(str, unknown))
@@ -143,15 +143,15 @@ def _recognised(looked: _Looked, folder: Path) -> dict[str, Guesses]:
 
 def _commands(guesses: Mapping[str, Guesses]) -> Iterator[Thrusting]:
     """Those of every format."""
-    for found in guesses.values():
-        yield from found.commands
+    for one in guesses.values():
+        yield from one.commands
 
 
 def _lacking(looked: _Looked, guesses: Mapping[str, Guesses]) -> Iterator[str]:
     """What `rovid check` will say of each log without a signal that is mapped."""
-    for kind, found in guesses.items():
-        mapped = [guessed.source for guessed in found.signals.values()]
-        mapped += _turning(found.commands)
+    for kind, own in guesses.items():
+        mapped = [guessed.source for guessed in own.signals.values()]
+        mapped += _turning(own.commands)
         for name, log in zip(looked.names[kind], looked.logs[kind], strict=True):
             missing = [source for source in mapped if source not in log]
             if missing:
@@ -190,25 +190,25 @@ def _is_table(path: Path) -> bool:
 def _seen(path: Path) -> tuple[str, dict[str, Seen], list[str]]:
     """The clock, everything in one log by source, and what of it cannot be read."""
     form = READERS[path.suffix.lower()]
-    found = form.sources(path)
-    if not found.sources:
-        raise DataError("holds no column of numbers.", where=path, mend=next(iter(found.left_out), ""))
-    raw = form.read(path, _config_of_all(path, form.kind, found))
+    contents = form.sources(path)
+    if not contents.sources:
+        raise DataError("holds no column of numbers.", where=path, mend=next(iter(contents.left_out), ""))
+    raw = form.read(path, _config_of_all(path, form.kind, contents))
     timed = [channel for channel in raw.channels.values() if sensible(channel.time).any()]
     seen = {channel.source: _sane(channel) for channel in timed}
     skipped = [remark.text for remark in raw.remarks if remark.kind == "skipped"]
-    left_out = dict.fromkeys((*found.left_out, *skipped))
-    return found.clock, seen, _few(path, left_out)
+    left_out = dict.fromkeys((*contents.left_out, *skipped))
+    return contents.clock, seen, _few(path, left_out)
 
 
-def _config_of_all(path: Path, kind: str, found: Contents) -> Config:
+def _config_of_all(path: Path, kind: str, contents: Contents) -> Config:
     """A configuration that maps every source of a log, each under its own name."""
     signals = {}
-    for source in found.sources:
+    for source in contents.sources:
         # An orientation is made into a heading where that is asked for.
         name = "heading" if source.endswith(_ORIENTATIONS) else source
         signals[name] = Signal(name=name, sources={kind: source}, optional=True)
-    clock = {kind: found.clock} if found.clock else {}
+    clock = {kind: contents.clock} if contents.clock else {}
     return Config(
         path=path,
         vehicle=Vehicle(name="", thrusters=()),
@@ -236,10 +236,10 @@ def _few(path: Path, texts: Iterable[str]) -> list[str]:
 
 
 def _not_recognised(
-    found: Guesses, logs: Sequence[Mapping[str, Seen]], folder: Path, problems: Sequence[str]
+    guesses: Guesses, logs: Sequence[Mapping[str, Seen]], folder: Path, problems: Sequence[str]
 ) -> DataError:
     there = sorted(set().union(*logs))
-    missing = " and no ".join(found.lacking)
+    missing = " and no ".join(guesses.lacking)
     unread = f" What could not be read: {problems[0]}" if problems else ""
     return DataError(
         f"no {missing} was recognised among {', '.join(there[:20])}.{unread}",
@@ -293,50 +293,51 @@ def outputs_beside(paths: Sequence[Path]) -> tuple[Output, Output]:
     return Output(folder / FILE_NAME, CONFIG), Output(folder / GUESSED_CURVE, GUESSED)
 
 
-def files_of(found: Survey) -> dict[Output, str]:
+def files_of(survey: Survey) -> dict[Output, str]:
     """What to write where: rovid.toml, and the guessed curve where there is no other."""
-    config, curve = outputs_beside([found.folder])
-    files = {config: toml_of(found)}
-    if found.curve_guessed is not None:
-        files[curve] = curve_text(found.curve_guessed.command, found.curve_guessed.thrust)
+    config, curve = outputs_beside([survey.folder])
+    files = {config: toml_of(survey)}
+    if survey.curve_guessed is not None:
+        files[curve] = curve_text(survey.curve_guessed.command, survey.curve_guessed.thrust)
     return files
 
 
-def toml_of(found: Survey) -> str:
+def toml_of(survey: Survey) -> str:
     """The text of rovid.toml; each guess with its reason."""
-    return "\n".join([*_head(found), *_thrusters(found), *_signals(found)]) + "\n"
+    return "\n".join([*_head(survey), *_thrusters(survey), *_signals(survey)]) + "\n"
 
 
-def logs_in_words(found: Survey) -> str:
+def logs_in_words(survey: Survey) -> str:
     """How many logs were looked at."""
-    if found.logs == 1:
+    if survey.logs == 1:
         return "one log"
-    return f"{found.logs} logs"
+    return f"{survey.logs} logs"
 
 
-def _head(found: Survey) -> Iterator[str]:
-    yield f"# Written by `rovid init`, which looked at {logs_in_words(found)}. Each guess says why: correct what is"
+def _head(survey: Survey) -> Iterator[str]:
+    yield f"# Written by `rovid init`, which looked at {logs_in_words(survey)}. Each guess says why: correct what is"
     yield "# wrong."
     yield ""
     yield "[vehicle]"
-    yield f"name = {toml_text(found.folder.resolve().name)}"
+    yield f"name = {toml_text(survey.folder.resolve().name)}"
     yield "# Mass and size are not in the logs; with them rovid tells the added inertia."
     yield "# mass = 100.0     # kg; length and width in m"
     yield "# length = 1.0"
     yield "# width = 0.6"
 
 
-def _thrusters(found: Survey) -> Iterator[str]:
-    if found.curve_guessed is not None:
+def _thrusters(survey: Survey) -> Iterator[str]:
+    if survey.curve_guessed is not None:
         yield ""
-        yield f"# {found.curve} is a guess: thrust in proportion to the command, {_FULL_THRUST:g} N at its end. Until a"
+        proportion = f"thrust in proportion to the command, {_FULL_THRUST:g} N at its end"
+        yield f"# {survey.curve} is a guess: {proportion}. Until a"
         yield "# bench curve takes its place, inertia and drag are right among themselves, not in size, and the"
         yield "# diagnosis finds the drive's dead band as one."
     named: dict[str, dict[str, Thrusting]] = {}
-    for kind, guesses in found.guesses.items():
+    for kind, guesses in survey.guesses.items():
         for command in guesses.commands:
             named.setdefault(command.name, {})[kind] = command
-    turning = {command.name for command in _commands(found.guesses) if command.way}
+    turning = {command.name for command in _commands(survey.guesses) if command.way}
     for name, ones in named.items():
         # Where some are known to turn the vehicle, the others wait for the user to say so.
         mark = "# " if turning and name not in turning else ""
@@ -346,19 +347,19 @@ def _thrusters(found: Survey) -> Iterator[str]:
         yield f"{mark}[[thrusters]]"
         yield f"{mark}name = {toml_text(name)}"
         yield f"{mark}yaw_arm = {way:.1f}     # m: the sense is that of the logs, the distance is not in them"
-        yield f"{mark}curve = {toml_text(found.curve)}"
+        yield f"{mark}curve = {toml_text(survey.curve)}"
         sources = {kind: one.source for kind, one in ones.items()}
         yield f"{mark}command = {_sources(sources)}"
 
 
-def _signals(found: Survey) -> Iterator[str]:
+def _signals(survey: Survey) -> Iterator[str]:
     yield ""
     yield "[signals]"
-    clocks = {kind: clock for kind, clock in found.clocks.items() if clock and kind in found.guesses}
+    clocks = {kind: clock for kind, clock in survey.clocks.items() if clock and kind in survey.guesses}
     if clocks:
         yield f"time = {_sources(clocks)}"
     named: dict[str, dict[str, Guess]] = {}
-    for kind, guesses in found.guesses.items():
+    for kind, guesses in survey.guesses.items():
         for name, signal in guesses.signals.items():
             named.setdefault(name, {})[kind] = signal
     for name, ones in named.items():

@@ -99,12 +99,12 @@ def _motions(
     shared: Mapping[str, Sequence[Seen]], logs: Sequence[Mapping[str, Seen]], heading: Guess | None
 ) -> dict[str, Guess]:
     """Heading, rate and tilts, as far as they are there."""
-    found = {"heading": heading}
+    guesses = {"heading": heading}
     if heading is not None:
-        found["yaw_rate"] = _yaw_rate(shared, logs, heading)
-    found["roll"] = _angle(shared, {"roll", "phi"}, heading)
-    found["pitch"] = _angle(shared, {"pitch", "theta"}, heading)
-    return {name: guessed for name, guessed in found.items() if guessed is not None}
+        guesses["yaw_rate"] = _yaw_rate(shared, logs, heading)
+    guesses["roll"] = _angle(shared, {"roll", "phi"}, heading)
+    guesses["pitch"] = _angle(shared, {"pitch", "theta"}, heading)
+    return {name: guessed for name, guessed in guesses.items() if guessed is not None}
 
 
 def _supply(shared: Iterable[str], taken: set[str]) -> str | None:
@@ -269,8 +269,8 @@ def _commands(
     every: Mapping[str, Sequence[Seen]], logs: Sequence[Mapping[str, Seen]], heading: Guess | None
 ) -> tuple[Thrusting, ...]:
     """By their names; which of them turns the vehicle is told by how its rate changes."""
-    found = _moving(every)
-    neutral = {source: _neutral(values) for source, values in found.items()}
+    moving = _moving(every)
+    neutral = {source: _neutral(values) for source, values in moving.items()}
     # What a person or an autopilot asks for goes to the thrusters by way of their own pulses, where those are logged.
     pulses = {source: rest for source, rest in neutral.items() if rest == _REST}
     neutral = pulses or neutral
@@ -280,7 +280,7 @@ def _commands(
     for source, rest in neutral.items():
         names.append(_thruster(source, names))
         way, sure = ways.get(source, (0, 0.0))
-        values = found[source]
+        values = moving[source]
         why = f"named so; {values.min():.4g} to {values.max():.4g}, no thrust at {rest:g}; {_turns(way, sure)}"
         command = Thrusting(
             name=names[-1],
@@ -297,15 +297,15 @@ def _commands(
 
 def _moving(every: Mapping[str, Sequence[Seen]]) -> dict[str, FloatArray]:
     """Values of each source that is named as a command, and moves."""
-    found = {}
+    moving = {}
     for source, seen in every.items():
         named = words(source)
         if not _commands_something(named) or named & (CLOCK | _SUPPLY):
             continue
         values = _finite(seen)
         if len(values) and np.ptp(values) > 0.0:
-            found[source] = values
-    return found
+            moving[source] = values
+    return moving
 
 
 def _turns(way: int, sure: float) -> str:

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 
 from rovid.ground.numbers import plus_minus
 from rovid.identify.estimate import Estimate
-from rovid.identify.horizons import HorizonLikelihood
-from rovid.identify.innovations import Likelihood
+from rovid.identify.horizon_misfit import HorizonMisfit
+from rovid.identify.innovations import InnovationMisfit
 from rovid.parameters.parameters import Entry
 
 # Joint standard errors beyond which two methods do not say the same.
 _APART = 3.0
-_WHOLE = (Likelihood.method, HorizonLikelihood.method)
+_WHOLE = (InnovationMisfit.method, HorizonMisfit.method)
 _BASE = ("inertia", "quadratic_drag", "linear_drag")
 
 

@@ -259,13 +259,13 @@ def _entries(estimate: Estimate) -> dict[str, Entry]:
 
 def _covariance(estimate: Estimate) -> dict[tuple[str, str], float]:
     """Each pair once, the one that is named first in front."""
-    found = {}
+    covariance = {}
     for i, first in enumerate(estimate.names):
         for j, second in enumerate(estimate.names):
             refused = first in estimate.refused or second in estimate.refused
             if i <= j and not refused:
-                found[first, second] = float(estimate.covariance[i, j])
-    return found
+                covariance[first, second] = float(estimate.covariance[i, j])
+    return covariance
 
 
 def _absolute(paths: Sequence[Path]) -> tuple[Path, ...]:

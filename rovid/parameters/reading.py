@@ -157,15 +157,15 @@ def _covariance(
     return {(first, second): float(written[i, j]) for (i, first), (j, second) in pairs}
 
 
-def _check_covariance(found: FloatArray) -> None:
-    if np.isnan(found).any():
+def _check_covariance(matrix: FloatArray) -> None:
+    if np.isnan(matrix).any():
         raise ValueError("a covariance is nan; a number was expected")
-    spread = np.sqrt(np.maximum(np.diag(found), 0.0))
+    spread = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     most = np.outer(spread, spread)
     # As correlations all are of one size, whatever the units.
-    correlation = np.divide(found, most, out=np.zeros_like(found), where=most > 0.0)
+    correlation = np.divide(matrix, most, out=np.zeros_like(matrix), where=most > 0.0)
     if not np.allclose(correlation, correlation.T, rtol=0.0, atol=_ROUNDING):
         raise ValueError("the covariance is not symmetric")
-    too_large = np.any(np.abs(found) > (1.0 + _ROUNDING) * most)
+    too_large = np.any(np.abs(matrix) > (1.0 + _ROUNDING) * most)
     if too_large or np.linalg.eigvalsh(correlation).min(initial=0.0) < -_ROUNDING:
         raise ValueError("the covariance is none: a variance is negative, or parameters go together more than wholly")

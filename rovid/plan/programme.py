@@ -103,11 +103,10 @@ class Pace:
             edge[row] = where.dead_zone[np.arange(len(most)), side]
             # About a neutral that is off the middle of the curve the same way back would be beyond its end.
             full[row] = np.clip(where.neutral + way * senses * most, *where.ends.T)
-        pushes = np.array([vehicle.thrust(one[None])[0] @ where.arms for one in full])
-        if not pushes[0] < 0.0 < pushes[1]:
+        torques = np.array([vehicle.thrust(one[None])[0] @ where.arms for one in full])
+        if not torques[0] < 0.0 < torques[1]:
             raise DataError("the thrusters push one way only.", mend=f"Look at {vehicle.axis.arm} in rovid.toml.")
-        push = float(np.min(np.abs(pushes)))
-        fast = _steady(model, push)
+        fast = _steady(model, float(np.min(np.abs(torques))))
         slope = 2.0 * model.quadratic_drag * 0.5 * fast + model.linear_drag
         constant = model.inertia / max(slope, 1e-12)
         if model.stiffness > 0.0:
@@ -124,11 +123,11 @@ class Pace:
         return np.asarray(np.where(shares[:, None] == 0.0, neutral, reach))
 
 
-def _steady(model: Model, push: float) -> float:
-    """Rate at which drag balances ``push``."""
+def _steady(model: Model, torque: float) -> float:
+    """Rate at which drag balances ``torque``."""
     quadratic, linear = model.quadratic_drag, model.linear_drag
-    root = math.sqrt(linear**2 + 4.0 * quadratic * push)
-    return 2.0 * push / max(linear + root, 1e-12)
+    root = math.sqrt(linear**2 + 4.0 * quadratic * torque)
+    return 2.0 * torque / max(linear + root, 1e-12)
 
 
 def programme(pace: Pace, thrusters: Sequence[str]) -> list[Planned]:

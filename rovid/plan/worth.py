@@ -13,8 +13,10 @@ from rovid.campaign.vehicle import Vehicle
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
 from rovid.ground.workers import spread
-from rovid.identify.innovations import Likelihood
-from rovid.identify.records import Records
+from rovid.identify.fitted import Fitted
+from rovid.identify.innovations import InnovationMisfit
+from rovid.identify.misfit import UNLIMITED
+from rovid.identify.readings import Readings
 from rovid.model.model import Model
 from rovid.motion.runs import prepare
 from rovid.plan.programme import Limits, Planned
@@ -53,17 +55,17 @@ class Belief:
         return self.disturbance * self.model.restlessness(rate, self.memory)
 
     @classmethod
-    def of(cls, name: str, likelihood: Likelihood, x: FloatArray, covariance: FloatArray) -> Belief:
-        """Of a likelihood at the (q,) coordinates ``x``, with the (p, p) covariance of the model's parameters."""
-        disturbance, memory = likelihood.disturbance(x)
+    def of(cls, name: str, fitted: Fitted, covariance: FloatArray) -> Belief:
+        """Of a fitted model with the (p, p) ``covariance`` of its parameters."""
+        disturbance, memory = fitted.disturbance
         return cls(
             name=name,
-            model=likelihood.model(x),
+            model=fitted.model,
             covariance=covariance,
             disturbance=disturbance,
             memory=memory,
-            noise=likelihood.position_noise(x),
-            integrated=likelihood.records.integrated,
+            noise=fitted.misfit.position_noise(fitted.x),
+            integrated=fitted.records.integrated,
         )
 
 
@@ -105,13 +107,13 @@ def ranked(
         No run stays within the limits.
     """
     tried = spread(lambda run: _worth(run, beliefs, vehicle, limits, narrow), runs)
-    found = [worth for worth in tried if worth is not None]
-    if not found:
+    within = [worth for worth in tried if worth is not None]
+    if not within:
         raise DataError("no run stays within these limits.", mend="Allow a longer run, more turns or a higher rate.")
     # Of the runs that decide the one that does so fastest; where none does, the one that tells most.
     if len(beliefs) > 1:
-        return sorted(found, key=lambda one: (-min(one.gain, DECIDES) / DECIDES, -one.per_minute))
-    return sorted(found, key=lambda one: -one.per_minute)
+        return sorted(within, key=lambda one: (-min(one.gain, DECIDES) / DECIDES, -one.per_minute))
+    return sorted(within, key=lambda one: -one.per_minute)
 
 
 def _worth(run: Planned, beliefs: Sequence[Belief], vehicle: Vehicle, limits: Limits, narrow: str) -> Worth | None:
@@ -141,34 +143,28 @@ def _imagined(run: Planned, belief: Belief, vehicle: Vehicle) -> Trial:
     return replace(trial, rate=rate, position=position, integrated=belief.integrated)
 
 
-def _likelihood(trial: Trial, belief: Belief, vehicle: Vehicle) -> tuple[Likelihood, FloatArray]:
-    """Of the imagined trial under ``belief``, and where it stands."""
+def _slopes(trial: Trial, belief: Belief, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
+    """(N,) normalised innovations of the imagined trial under ``belief``, and their (N, p) slopes.
+
+    By the model's own parameters, in their units.
+    """
     seen = trial if belief.integrated else replace(trial, rate=None)
     # The lowest cut-off that any run of some length takes: the filter has no say here.
     runs = prepare(Campaign(trials=(seen,), sources=()), vehicle, cutoff=0.1 / trial.period).items
     model = belief.model
     bare = replace(model, effects=(), effect_values=())
-    likelihood = Likelihood(Records(runs, vehicle, bare), 1.0, model.effects)
-    scale, units = likelihood.records.drag_scale, likelihood.units
-    own = np.array([*model.restoring_values, *model.effect_values])
-    drags = model.quadratic_drag / scale[0], model.linear_drag / scale[1]
-    noise = math.log(belief.disturbance + 1e-300), math.log(belief.memory), math.log(max(belief.noise, _ROOM))
-    x = np.array([math.log(model.inertia), *drags, *noise, *(own / units)])
-    return likelihood, x
-
-
-def _slopes(likelihood: Likelihood, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(N,) normalised innovations and their (N, p) slopes by the model's own parameters, in their units."""
-    here = likelihood.flatter_slopes(x)
+    misfit = InnovationMisfit(Readings(runs, vehicle, bare), UNLIMITED, model.effects)
+    noise = max(belief.noise, _ROOM)
+    x = misfit.coordinates.at_model(model, belief.disturbance + 1e-300, belief.memory, noise)
+    here = misfit.flatter_slopes(x)
     count = len(here.residual) // 2
-    shown, size = likelihood.of_model(x)
+    shown, size = misfit.coordinates.of_model(x)
     return here.residual[:count], here.matrix[:count][:, shown] / size
 
 
 def _told(trial: Trial, wrong: Belief, vehicle: Vehicle) -> float:
     """Log-likelihood that ``wrong`` loses, though its parameters give way within what is known of them."""
-    likelihood, x = _likelihood(trial, wrong, vehicle)
-    residual, slopes = _slopes(likelihood, x)
+    residual, slopes = _slopes(trial, wrong, vehicle)
     known, scale = _information(wrong.covariance)
     slopes = slopes * scale
     pull = slopes.T @ residual
@@ -186,8 +182,7 @@ def _information(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _narrowed(trial: Trial, belief: Belief, vehicle: Vehicle, name: str) -> float:
     """Logarithm of the parameter's variance before the run over that after it."""
-    likelihood, x = _likelihood(trial, belief, vehicle)
-    _, slopes = _slopes(likelihood, x)
+    _, slopes = _slopes(trial, belief, vehicle)
     at = belief.model.names.index(name)
     known, scale = _information(belief.covariance)
     # In units of the standard deviations of before: the variance before the run is one.

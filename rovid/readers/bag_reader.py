@@ -162,10 +162,10 @@ def _unpacker(chunk: Any) -> Callable[[bytes], bytes]:
     kind = kinds.get(chunk.decompressor)
 
     def unpack(data: bytes) -> bytes:
-        found: bytes = data if kind is None else kind().decompress(data, max_length=_LARGEST + 1)
-        if len(found) > _LARGEST:
+        unpacked: bytes = data if kind is None else kind().decompress(data, max_length=_LARGEST + 1)
+        if len(unpacked) > _LARGEST:
             raise ValueError(f"a chunk holds more than {_LARGEST >> 20} MB")
-        return found
+        return unpacked
 
     return unpack
 
@@ -227,9 +227,9 @@ def _decoder(path: Path, one: _Connection) -> Decoder:
     try:
         store = types.get_typestore(types.Stores.EMPTY if one.definition else types.Stores.LATEST)
         if one.definition:
-            found = types.get_types_from_msg(_short_enough(one.definition), one.kind)
-            _count_fields(found, one.kind, {})
-            store.register(found)
+            layouts = types.get_types_from_msg(_short_enough(one.definition), one.kind)
+            _count_fields(layouts, one.kind, {})
+            store.register(layouts)
     except Exception as error:
         raise LogError(
             f"the type {one.kind} of topic {one.topic!r} cannot be understood ({str(error)[:100]!r}).",

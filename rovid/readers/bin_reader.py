@@ -92,10 +92,10 @@ class _Kind:
     def columns(self, data: mmap | bytes) -> dict[str, NDArray[Any]]:
         """Every field of the messages found, (n,) each, scaled."""
         size = self.layout.itemsize
-        found = bytearray()
+        packed = bytearray()
         for at in self.offsets:
-            found += data[at : at + size]
-        rows = np.frombuffer(found, dtype=self.layout)
+            packed += data[at : at + size]
+        rows = np.frombuffer(packed, dtype=self.layout)
         columns = {label: rows[label] for label in self.labels}
         for label, factor in self.factors.items():
             columns[label] = columns[label] * factor

@@ -33,7 +33,7 @@ Progress = Callable[[Path, int], None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Found:
+class _File:
     """A file to read: where it is and what to call it; ``asked`` for by name rather than found in a folder."""
 
     path: Path
@@ -109,27 +109,27 @@ def find_logs(paths: Sequence[Path], config: Config) -> tuple[list[tuple[str, Pa
         A path does not exist, or there are no logs.
     """
     remarks: list[Remark] = []
-    everything: list[_Found] = []
+    everything: list[_File] = []
     for path in paths:
         everything += _search(path, remarks)
-    found = _named(_once(everything, remarks))
+    files = _named(_once(everything, remarks))
     if config.maps("nmea"):
-        found = _without_companions(found)
-    logs = [one for one in found if _is_log(one, config, remarks)]
+        files = _without_companions(files)
+    logs = [one for one in files if _is_log(one, config, remarks)]
     if not logs:
         # A table alone is read as the log that it was given for, which says what it lacks.
-        logs = [one for one in found if one.asked]
+        logs = [one for one in files if one.asked]
     if not logs:
-        raise _no_logs(paths, found)
+        raise _no_logs(paths, files)
     kept = _without_copies(logs, remarks)
     return [(one.name, one.path) for one in kept], remarks
 
 
-def _without_companions(found: Sequence[_Found]) -> list[_Found]:
+def _without_companions(files: Sequence[_File]) -> list[_File]:
     """Without the logs beside an NMEA text, which are read with it."""
-    texts = {one.path for one in found if one.path.suffix.lower() == ".nmea"}
+    texts = {one.path for one in files if one.path.suffix.lower() == ".nmea"}
     stems = {text.with_suffix("") for text in texts}
-    return [one for one in found if one.path in texts or one.path.with_suffix("") not in stems]
+    return [one for one in files if one.path in texts or one.path.with_suffix("") not in stems]
 
 
 def files_in(paths: Sequence[Path]) -> list[Path]:
@@ -137,15 +137,15 @@ def files_in(paths: Sequence[Path]) -> list[Path]:
     files: list[Path] = []
     for path in paths:
         if path.exists():
-            files += [found.path for found in _search(path, [])]
+            files += [one.path for one in _search(path, [])]
     return files
 
 
-def _search(path: Path, remarks: list[Remark]) -> Iterator[_Found]:
+def _search(path: Path, remarks: list[Remark]) -> Iterator[_File]:
     """The file itself, or what the folder holds, by name."""
     require(path, LogError)
     if not path.is_dir():
-        yield _Found(path=path, name=path.name, asked=True)
+        yield _File(path=path, name=path.name, asked=True)
         return
     inside = search(path, _unreadable)
     for item, what in inside.odd.items():
@@ -153,17 +153,17 @@ def _search(path: Path, remarks: list[Remark]) -> Iterator[_Found]:
         remarks.append(Remark(kind="skipped", count=1, text=text))
     readable = [item for item in inside.files if item.suffix.lower() in READERS]
     for name, item in sorted((item.relative_to(path).as_posix(), item) for item in readable):
-        yield _Found(path=item, name=name, asked=False)
+        yield _File(path=item, name=name, asked=False)
 
 
 def _unreadable(error: OSError) -> None:
     raise LogError(f"cannot be read ({error.strerror}).", where=error.filename) from error
 
 
-def _once(found: Sequence[_Found], remarks: list[Remark]) -> list[_Found]:
+def _once(files: Sequence[_File], remarks: list[Remark]) -> list[_File]:
     """Each file once, though two of the paths lead to it."""
-    first: dict[Path, _Found] = {}
-    for one in found:
+    first: dict[Path, _File] = {}
+    for one in files:
         known = first.setdefault(one.path.resolve(), one)
         if known is not one:
             remarks.append(_left_out(one.name, f"it is the same file as {known.name}"))
@@ -174,17 +174,17 @@ def _left_out(name: str, why: str) -> Remark:
     return Remark(kind="repeated", count=1, text=f"{name} was left out: {why}.")
 
 
-def _named(found: Sequence[_Found]) -> list[_Found]:
+def _named(files: Sequence[_File]) -> list[_File]:
     """Files with names that differ: with more of their path where two folders hold the same name."""
-    counts = Counter(one.name for one in found)
+    counts = Counter(one.name for one in files)
     named = []
-    for one in found:
+    for one in files:
         alone = counts[one.name] == 1
         named.append(one if alone else replace(one, name=one.path.as_posix()))
     return sorted(named, key=lambda one: one.name)
 
 
-def _is_log(one: _Found, config: Config, remarks: list[Remark]) -> bool:
+def _is_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
     """Whether a file is a log; tables may stand beside them, and in a folder files of any use."""
     form = READERS.get(one.path.suffix.lower())
     kind = form.kind if form else ""
@@ -196,7 +196,7 @@ def _is_log(one: _Found, config: Config, remarks: list[Remark]) -> bool:
     return False
 
 
-def _is_csv_log(one: _Found, config: Config, remarks: list[Remark]) -> bool:
+def _is_csv_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
     from rovid.readers.csv_header import read_layout
 
     time = config.time.sources.get("csv", "")
@@ -219,32 +219,32 @@ def _skipped(name: str, why: str) -> Remark:
     return Remark(kind="skipped", count=1, text=f"{name} was left out: {why}.")
 
 
-def _no_logs(paths: Sequence[Path], found: Sequence[_Found]) -> LogError:
+def _no_logs(paths: Sequence[Path], files: Sequence[_File]) -> LogError:
     where = ", ".join(map(str, paths))
-    if not found:
+    if not files:
         return LogError(
             f"holds no logs: no {', '.join(READERS)} file.",
             where=where or "logs",
             mend="Give the folder that holds the logs.",
         )
-    names = [one.name for one in found]
+    names = [one.name for one in files]
     if len(names) > 5:
         names[5:] = ["…"]
     what, also = "tables", ""
-    others = sorted({READERS[one.path.suffix.lower()].kind for one in found} - {"csv"})
+    others = sorted({READERS[one.path.suffix.lower()].kind for one in files} - {"csv"})
     if others:
         what, also = "files", f", and rovid.toml maps nothing for {' or '.join(others)} logs"
     return LogError(
-        f"holds {len(found)} {what} ({', '.join(names)}) but no log: "
+        f"holds {len(files)} {what} ({', '.join(names)}) but no log: "
         f"none has the mapped time and heading columns{also}.",
         where=where,
         mend="Correct [signals] in rovid.toml, or give the folder that holds the logs.",
     )
 
 
-def _without_copies(logs: Sequence[_Found], remarks: list[Remark]) -> list[_Found]:
+def _without_copies(logs: Sequence[_File], remarks: list[Remark]) -> list[_File]:
     """The first of files with the same bytes."""
-    by_size: dict[int, list[_Found]] = {}
+    by_size: dict[int, list[_File]] = {}
     kept = []
     for one in logs:
         size = _size(one.path)

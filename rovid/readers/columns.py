@@ -42,21 +42,21 @@ def channels_of(
         A topic or field is missing, or is no number.
     """
     topics: dict[str, Columns] = {}
-    found: dict[str, tuple[str, NDArray[Any], bool]] = {}
+    mapped: dict[str, tuple[str, NDArray[Any], bool]] = {}
     for name, signal in signals.items():
         one, _, field = signal.sources[kind].partition(".")
         try:
             columns = topics.get(one) or topics.setdefault(one, topic(one))
-            found[name] = (one, *_values(path, field, one, columns, name))
+            mapped[name] = (one, *_values(path, field, one, columns, name))
         except LogError:
             if not signal.optional:
                 raise
-    stamps = {one: _whole(_field(path, clock, one, topics[one], "time")) for one, _, _ in found.values()}
+    stamps = {one: _whole(_field(path, clock, one, topics[one], "time")) for one, _, _ in mapped.values()}
     first = [int(values[0]) for values in stamps.values() if values.dtype.kind == "i"]
     origin = min(first, default=0)
     times = {one: seconds(values, clock, "us", origin) for one, values in stamps.items()}
     channels = {}
-    for name, (one, values, turned) in found.items():
+    for name, (one, values, turned) in mapped.items():
         source = signals[name].sources[kind]
         channels[name] = Channel(source=source, clock=one, time=times[one], values=_float64(values), radians=turned)
     return channels
@@ -64,13 +64,13 @@ def channels_of(
 
 def numeric_sources(topics: Mapping[str, Columns]) -> list[str]:
     """Sources of every number in ``topics``, a quaternion as one, clocks left out."""
-    found: dict[str, None] = {}
+    names: dict[str, None] = {}
     for topic, columns in topics.items():
         for field, values in columns.items():
             name = field.partition("[")[0] if field.startswith("q[") else field
             if values.dtype.kind in "iuf" and not field.lower().startswith("time"):
-                found[f"{topic}.{name}"] = None
-    return list(found)
+                names[f"{topic}.{name}"] = None
+    return list(names)
 
 
 def raw_log(channels: Mapping[str, Channel], remarks: tuple[Remark, ...]) -> RawLog:
@@ -94,10 +94,10 @@ def missing_topic(path: Path, kind: str, name: str, present: Mapping[str, Any]) 
 
 def split_sensor(topic: str) -> tuple[str, int | None]:
     """Name of a message, and which of several sensors it is asked of: ``IMU[1]``."""
-    found = _SENSOR.match(topic)
-    if found is None:
+    match = _SENSOR.match(topic)
+    if match is None:
         return topic, None
-    return found[1], int(found[2])
+    return match[1], int(match[2])
 
 
 def of_sensor(path: Path, kind: str, topic: str, columns: Columns, marker: str, remarks: list[Remark]) -> Columns:

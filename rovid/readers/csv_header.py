@@ -109,12 +109,12 @@ class Layout:
         LogError
             There is none, or more than one.
         """
-        found = [index for index, present in enumerate(self.names) if present == name]
-        if len(found) == 1:
-            return found[0]
-        if found:
+        places = [index for index, present in enumerate(self.names) if present == name]
+        if len(places) == 1:
+            return places[0]
+        if places:
             raise LogError(
-                f"has {len(found)} columns named {name!r}, which is mapped to {signal}; one was expected.",
+                f"has {len(places)} columns named {name!r}, which is mapped to {signal}; one was expected.",
                 where=self.path,
                 mend="Rename the others in the header.",
             )
@@ -141,8 +141,8 @@ def read_layout(path: Path, wanted: Collection[str]) -> Layout:
     with path.open("rb") as file:
         head = file.read(_HEAD)
     if not head.rstrip(b"\0 \t\r\n"):
-        found = "holds only NUL bytes; the recorder never wrote to it" if head.strip() else "is empty"
-        raise LogError(f"{found}.", where=path, mend="Delete it.")
+        what = "holds only NUL bytes; the recorder never wrote to it" if head.strip() else "is empty"
+        raise LogError(f"{what}.", where=path, mend="Delete it.")
     encoding = _encoding(path, head)
     text = _decode(head, encoding)
     lines = list(_lines(text))
@@ -197,9 +197,9 @@ def _encode(text: str, encoding: str) -> bytes:
     return text.encode(encoding, errors="replace")
 
 
-def _binary(path: Path, found: str) -> LogError:
+def _binary(path: Path, what: str) -> LogError:
     return LogError(
-        f"is no text: it holds {found}; a table with a header row was expected.",
+        f"is no text: it holds {what}; a table with a header row was expected.",
         where=path,
         mend="Export it as CSV, or give it the suffix of its format.",
     )
@@ -228,9 +228,9 @@ def _header_line(lines: list[tuple[str, int]], wanted: Collection[str], path: Pa
             number = before[-1]
     if number is None:
         raise LogError("has no header row, only comments.", where=path)
-    found = _NOT_TEXT.search(texts[number])
-    if found:
-        raise _binary(path, f"the control character {found[0]!r}")
+    match = _NOT_TEXT.search(texts[number])
+    if match:
+        raise _binary(path, f"the control character {match[0]!r}")
     return number
 
 

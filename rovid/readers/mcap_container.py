@@ -131,12 +131,12 @@ class Recording:
         if footer.summary_crc and zlib.crc32(tail[:25], zlib.crc32(data)) != footer.summary_crc:
             return None
         try:
-            found = self._parse_summary(data, start)
+            summary = self._parse_summary(data, start)
         except (McapError, ValueError, struct.error, Damage):  # an index is a help; without it the file is scanned
-            found = None
-        if found is None:
+            summary = None
+        if summary is None:
             self._forget()
-        return found
+        return summary
 
     def _forget(self) -> None:
         self.channels.clear()

@@ -22,16 +22,16 @@ def decoder(channel: Channel, schema: Schema | None, where: str) -> Decoder:
     encodings = channel.message_encoding, schema.encoding if schema else ""
     if encodings[0] == "json":
         return _json
-    found: Decoder | None
+    made: Decoder | None
     try:
         if schema is not None and encodings == ("cdr", "ros2msg"):
             from rovid.readers.ros2 import decoder as ros2
 
-            found = ros2(schema.name, schema.data.decode())
+            made = ros2(schema.name, schema.data.decode())
         elif schema is not None and encodings == ("protobuf", "protobuf"):
             from mcap_protobuf.decoder import DecoderFactory as Protobuf
 
-            found = Protobuf().decoder_for("protobuf", schema)
+            made = Protobuf().decoder_for("protobuf", schema)
         else:
             raise _unsupported(channel, encodings, where)
     except LogError:
@@ -42,9 +42,9 @@ def decoder(channel: Channel, schema: Schema | None, where: str) -> Decoder:
             where=where,
             mend="Record the log again, or leave it out.",
         ) from error
-    if found is None:
+    if made is None:
         raise _unsupported(channel, encodings, where)
-    return found
+    return made
 
 
 def _unsupported(channel: Channel, encodings: tuple[str, str], where: str) -> LogError:

@@ -106,20 +106,20 @@ def sources(path: Path) -> Contents:
 
 def _beside(path: Path, config: Config) -> tuple[Path, RawLog]:
     """The log that holds the commands."""
-    found = []
+    logs = []
     for near in sorted(path.parent.glob(f"{escape(path.stem)}.*")):
         form = READERS.get(near.suffix.lower())
         if form is not None and form.kind != KIND and not odd(near):
-            found.append((near, form))
-    if len(found) != 1:
-        there = f"{len(found)} logs of its name stand beside it" if found else "no log of its name stands beside it"
+            logs.append((near, form))
+    if len(logs) != 1:
+        there = f"{len(logs)} logs of its name stand beside it" if logs else "no log of its name stands beside it"
         raise LogError(
             f"holds no commands, and {there}; one was expected.",
             where=path,
             mend=f"Put the log that holds the commands there, as {path.stem}.csv, for instance.",
         )
-    [(beside, form)] = found
-    return beside, form.read(beside, config.of(form.kind))
+    [(log, form)] = logs
+    return log, form.read(log, config.of(form.kind))
 
 
 def _moved(path: Path, text: _Text, beside: Path, log: RawLog) -> dict[int, FloatArray]:

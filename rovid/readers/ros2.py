@@ -63,8 +63,8 @@ _SHORT = {"time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Dur
 
 def _definitions(name: str, text: str) -> dict[str, _Fields]:
     """Fields of each message that ``text`` defines; the first is ``name``, behind each separator another begins."""
-    found: dict[str, _Fields] = dict(_BUILTIN)
-    fields = found[_full(name)] = {}
+    definitions: dict[str, _Fields] = dict(_BUILTIN)
+    fields = definitions[_full(name)] = {}
     package = name.partition("/")[0]
     named = True
     for line in text.splitlines():
@@ -76,14 +76,14 @@ def _definitions(name: str, text: str) -> dict[str, _Fields]:
         elif not named:
             if len(words) != 2 or words[0] != "MSG:":
                 raise ValueError(f"{line[:60]!r} does not name the message that is defined next")
-            fields = found[_full(words[1])] = {}
+            fields = definitions[_full(words[1])] = {}
             package, named = words[1].partition("/")[0], True
         elif not _constant(words):
             label, kind = _field(words, package)
             if label in fields:
                 raise ValueError(f"two fields are called {label[:60]!r}")
             fields[label] = kind
-    return found
+    return definitions
 
 
 def _full(name: str) -> str:
@@ -105,13 +105,13 @@ def _field(words: list[str], package: str) -> tuple[str, _Type]:
 
 @lru_cache(1000)
 def _type(text: str, package: str) -> _Type | None:
-    found = _TYPE.fullmatch(text)
-    if found is None:
+    match = _TYPE.fullmatch(text)
+    if match is None:
         return None
-    kind = _SHORT.get(found["kind"], found["kind"])
+    kind = _SHORT.get(match["kind"], match["kind"])
     if kind not in _NUMBERS and kind != "string":
         kind = _full(kind) if "/" in kind else f"{package}/{kind}"
-    brackets = found["list"] or ""
+    brackets = match["list"] or ""
     size = brackets[1:-1]
     count = int(size) if size.isdigit() else 0
     return _Type(kind, is_list=bool(brackets), count=count)

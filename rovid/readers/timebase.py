@@ -27,7 +27,7 @@ from rovid.ground.errors import LogError
 from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED, TURNING, Kind, clean
 from rovid.readers.ordering import order
 from rovid.readers.raw import Channel, RawLog, typical
-from rovid.readers.series import Base, Series, common_base
+from rovid.readers.timed_series import Series, TimeBase, common_base
 from rovid.readers.units import refuse_wrong_heading, told_by_gyro
 
 _TILTS = ("roll", "pitch")
@@ -299,7 +299,7 @@ def _say_stale(work: _Builder, name: str, time: FloatArray, end: float) -> None:
         work.remark("stale", 1, text)
 
 
-def _continuous(work: _Builder, name: str, logged: Series, base: Base) -> FloatArray | None:
+def _continuous(work: _Builder, name: str, logged: Series, base: TimeBase) -> FloatArray | None:
     """(n,) on the time base; None if it is nowhere known."""
     _say_missing(work, name, logged)
     if not logged.known.size:
@@ -307,7 +307,7 @@ def _continuous(work: _Builder, name: str, logged: Series, base: Base) -> FloatA
     return base.interpolated(logged, angle=name in (*_TILTS, "heading"))
 
 
-def _extra(work: _Builder, name: str, logged: Series, base: Base) -> FloatArray:
+def _extra(work: _Builder, name: str, logged: Series, base: TimeBase) -> FloatArray:
     """(n,) held on the time base; a channel may be silent for long, but one without any reading is a mistake."""
     if not logged.known.size:
         work.remark("missing", logged.missing, f"{work.raw.channels[name].source} ({name}) holds no number.")

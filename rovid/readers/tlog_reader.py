@@ -68,8 +68,8 @@ def sources(path: Path) -> Contents:
     log = Log(path, set(_TELLING))
     present = {name for name, system, _ in log.frames if system == log.system}
     topics = {name: log.columns(name) for name in _TELLING if name in present}
-    found = [source for source in numeric_sources(topics) if not source.endswith(_CLOCK)]
-    return Contents(sources=tuple(found))
+    sources = [source for source in numeric_sources(topics) if not source.endswith(_CLOCK)]
+    return Contents(sources=tuple(sources))
 
 
 class Log:
@@ -101,8 +101,8 @@ class Log:
             following = at + 16 + length  # where the next frame begins
             # Behind damage any byte may pass for a mark: the next one has to be where it should.
             if not length or (lost and following < size and data[following] not in _MARKS):
-                found = _MARK.search(data, at + 9)
-                after = found.start() - 8 if found else size
+                mark = _MARK.search(data, at + 9)
+                after = mark.start() - 8 if mark else size
                 lost += after - at
                 at = after
                 continue

@@ -115,10 +115,10 @@ class Topic:
     def _find_stamp(self, message: Any, *, mapping: bool) -> Getter:
         if self.clock != "header":
             return getter(split_fields(self.clock), mapping=mapping)
-        found = stamp_getter(message, mapping=mapping)
-        if found is None:
+        stamp_of = stamp_getter(message, mapping=mapping)
+        if stamp_of is None:
             raise self._no_stamp(message)
-        return found
+        return stamp_of
 
     def _no_stamp(self, message: Any) -> LogError:
         wanted = "header.stamp" if self.clock == "header" else repr(self.clock)
@@ -231,8 +231,8 @@ class Topics:
 
     def _choose(self, signal: str, source: str) -> tuple[Topic, Pick]:
         """The longest topic that ``source`` begins with, and what it gave."""
-        found = [name for name in self.topics if split_path(source, name) is not None]
-        longest = max(found, key=len, default="")
+        fitting = [name for name in self.topics if split_path(source, name) is not None]
+        longest = max(fitting, key=len, default="")
         topic = self.topics.get(longest)
         if topic is None:
             raise self._missing(

@@ -40,17 +40,17 @@ def refuse_wrong_heading(channel: Channel, signal: Signal, heading: FloatArray, 
     """
     if channel.radians:
         return
-    found = ""
+    looks = ""
     if signal.unit == "deg":
         low = float(np.fmin.reduce(heading) * _DEGREES)
         high = float(np.fmax.reduce(heading) * _DEGREES)
         if max(-low, high) <= _TURN_RAD + 0.01:
-            found = _looks_like_radians(heading[np.isfinite(heading)] * _DEGREES, low, high)
+            looks = _looks_like_radians(heading[np.isfinite(heading)] * _DEGREES, low, high)
     else:
         good = sensible(channel.time) & sensible(channel.values)
-        found = _looks_like_degrees(channel.time[good], channel.values[good])
-    if found:
-        raise _wrong_unit(channel, signal, found, where)
+        looks = _looks_like_degrees(channel.time[good], channel.values[good])
+    if looks:
+        raise _wrong_unit(channel, signal, looks, where)
 
 
 def _looks_like_radians(values: FloatArray, low: float, high: float) -> str:
@@ -83,11 +83,11 @@ def _looks_like_degrees(time: FloatArray, values: FloatArray) -> str:
     return ""
 
 
-def _wrong_unit(channel: Channel, signal: Signal, found: str, where: str) -> LogError:
+def _wrong_unit(channel: Channel, signal: Signal, looks: str, where: str) -> LogError:
     names = {"deg": "degrees", "rad": "radians"}
     other = "rad" if signal.unit == "deg" else "deg"
     return LogError(
-        f"{channel.source} is declared in {names[signal.unit]} but looks like {names[other]}: {found}.",
+        f"{channel.source} is declared in {names[signal.unit]} but looks like {names[other]}: {looks}.",
         where=where,
         mend=f'Set unit = "{other}" in [signals] heading.',
     )

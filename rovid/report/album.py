@@ -289,7 +289,7 @@ def _rivals(evidence: Evidence) -> dict[str, Picture]:
 
 def _rivals_of(finding: Finding) -> Picture:
     axis = finding.estimate.axis
-    shown = [f"{name_of(rival.effect, axis)} {rival.gain:.0f}" for rival in finding.rivals[:RIVALS]]
+    shown = [f"{name_of(rival.effect, axis)} {rival.worth:.0f}" for rival in finding.rivals[:RIVALS]]
     rest = "; ".join(shown)
     return _picture(
         f"rivals_{_file_name(finding.effect.key)}",

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TypeVar
 
 from rovid.campaign.axis import YAW
-from rovid.control.design import Control, control_of
+from rovid.control.loop_design import Control, control_of
 from rovid.control.setting import Options, setting_of
 from rovid.diagnose.parts import parts_of
 from rovid.diagnose.record import Diagnosis
-from rovid.diagnose.signals import is_driver
+from rovid.diagnose.signals import is_signal
 from rovid.export import FORMATS
 from rovid.export.exporting import Exported, export, exporter_of
 from rovid.export.subject import subject_of
@@ -67,13 +67,13 @@ def build_report(
     parameters = Claim([stored.output], force=force, protected=at_hand)
     page = claim_report(folder, force=force, protected=[*at_hand, stored.path])
     drag, drag_refusal = _or_refusal(study.drag)
-    found = {"quadratic_drag": None if drag is None else drag.estimate}
+    estimates = {"quadratic_drag": None if drag is None else drag.estimate}
     # A drag that was found together with the inertia cannot judge it; the steady turns of these logs can.
-    judge = _completed(stored, study, found).drag() or found["quadratic_drag"]
+    judge = _completed(stored, study, estimates).drag() or estimates["quadratic_drag"]
     inertia, inertia_refusal = _or_refusal(lambda: study.inertia(judge))
-    found["inertia"] = None if inertia is None else inertia.estimate
-    if _completed(stored, study, found) is not stored or not stored.path.exists():
-        stored = update(stored, parameters, lambda now: _completed(now, study, found))
+    estimates["inertia"] = None if inertia is None else inertia.estimate
+    if _completed(stored, study, estimates) is not stored or not stored.path.exists():
+        stored = update(stored, parameters, lambda now: _completed(now, study, estimates))
     evidence = Evidence(
         vehicle=study.vehicle,
         parameters=stored,
@@ -108,11 +108,11 @@ def _simulated(evidence: Evidence, study: Study) -> Evidence:
     return replace(evidence, extended=_extended(study, diagnosis), compared=most_improved(study, diagnosis))
 
 
-def _completed(stored: Parameters, study: Study, found: Mapping[str, Estimate | None]) -> Parameters:
+def _completed(stored: Parameters, study: Study, estimates: Mapping[str, Estimate | None]) -> Parameters:
     """With the logs and those of the estimates by name that it lacks; itself where it lacks none."""
     if not stored.logs:
         stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
-    for name, estimate in found.items():
+    for name, estimate in estimates.items():
         if estimate is not None and name not in stored.entries:
             stored = stored.with_estimate(estimate)
     return stored
@@ -174,11 +174,11 @@ def _diagnosis(study: Study, stored: Parameters, report: Callable[[str], None]) 
     def patiently(text: str) -> None:
         report(f"{_PATIENCE} {text}")
 
-    found, refusal = _or_refusal(lambda: study.diagnosis(patiently, drag=stored.drag()))
-    if found is None or found.extended is None:
-        return found, refusal
-    apart = disagreement(stored.entries_of(study.paths), found.extended.estimate)
-    return replace(found, warnings=(*found.warnings, *apart)), refusal
+    diagnosis, refusal = _or_refusal(lambda: study.diagnosis(patiently, drag=stored.drag()))
+    if diagnosis is None or diagnosis.extended is None:
+        return diagnosis, refusal
+    apart = disagreement(stored.entries_of(study.paths), diagnosis.extended.estimate)
+    return replace(diagnosis, warnings=(*diagnosis.warnings, *apart)), refusal
 
 
 def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...]:
@@ -192,7 +192,7 @@ def _extended(study: Study, diagnosis: Diagnosis) -> tuple[TrialSimulation, ...]
     side = diagnosis.extended
     if study.runs is None or side is None or not side.model.effects:
         return ()
-    if any(map(is_driver, side.model.effects)) and parts_of(study.runs.items, study.vehicle, study.runs.cutoff):
+    if any(map(is_signal, side.model.effects)) and parts_of(study.runs.items, study.vehicle, study.runs.cutoff):
         return ()
     return tuple(simulate_runs(study.runs.items, side.model, study.vehicle))
 

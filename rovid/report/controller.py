@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-from rovid.control.design import Control, RunResult
+from rovid.control.loop_design import Control, RunResult
 from rovid.report.table import Column, Grid, Table, of_numbers, of_text, words
 from rovid.report.text import NOTHING, number
 
@@ -70,13 +70,13 @@ def runs_grid(control: Control) -> Grid:
 
 
 def _measures(run: RunResult) -> Iterator[str]:
-    found = run.measures
-    yield number(found.time_constant, ".1f")
-    yield number(found.rise_time, ".1f")
-    yield number(found.settling_time, ".1f")
-    yield number(found.overshoot_deg, ".1f")
-    yield number(found.steady_error_deg, ".2f")
-    yield number(found.effort, ".1f")
+    measures = run.measures
+    yield number(measures.time_constant, ".1f")
+    yield number(measures.rise_time, ".1f")
+    yield number(measures.settling_time, ".1f")
+    yield number(measures.overshoot_deg, ".1f")
+    yield number(measures.steady_error_deg, ".2f")
+    yield number(measures.effort, ".1f")
 
 
 def _aid(run: RunResult) -> str:

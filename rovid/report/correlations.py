@@ -41,9 +41,9 @@ def of_parameters(stored: Parameters) -> Matrix | None:
     names = [name for name in dict.fromkeys((*base, *stored.entries)) if name in stored.entries]
 
     def correlation(first: str, second: str) -> float:
-        found = stored.covariance
-        covariance = found.get((first, second), found.get((second, first), 0.0))
-        errors = math.sqrt(found.get((first, first), 0.0) * found.get((second, second), 0.0))
+        known = stored.covariance
+        covariance = known.get((first, second), known.get((second, first), 0.0))
+        errors = math.sqrt(known.get((first, first), 0.0) * known.get((second, second), 0.0))
         # A file has no other word than zero for what was not found together.
         if errors <= 0.0 or covariance == 0.0:
             return math.nan

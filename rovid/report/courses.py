@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from rovid.control.design import Control
 from rovid.control.loop import Course
+from rovid.control.loop_design import Control
 from rovid.control.setting import paper_runs
 
 # Whether effects act, whether the model aids, whether the aid knows of the effects.

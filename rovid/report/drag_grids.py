@@ -42,8 +42,7 @@ def _drag_units(axis: Axis) -> tuple[str, str]:
 
 def _residuals(fit: DragFit) -> list[str]:
     """With their errors, where these are known."""
-    # An error of one is the weight of a point of which none is known.
-    if not np.any(fit.torque_error != 1.0):
+    if not fit.torque_error_known:
         return in_form(fit.residuals.tolist(), ".2f")
     both = zip(fit.residuals, fit.torque_error, strict=True)
     return [f"{value:.2f} ± {error:.2f}" for value, error in both]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from rovid.campaign.axis import Axis
 from rovid.campaign.trial import Campaign
 from rovid.campaign.vehicle import Vehicle
-from rovid.control.design import Control
+from rovid.control.loop_design import Control
 from rovid.diagnose.record import Diagnosis
 from rovid.export.exporting import Exported
 from rovid.identify.inertia import InertiaFit

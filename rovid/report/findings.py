@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes, Explanation
-from rovid.diagnose.fitted import Rival
 from rovid.diagnose.record import INVISIBLE, Diagnosis, Finding, Side, not_identifiable
-from rovid.diagnose.signals import is_driver
+from rovid.diagnose.rivals import Rival
+from rovid.diagnose.signals import is_signal
 from rovid.effects import Effect
 from rovid.ground.numbers import plus_minus
 from rovid.identify.estimate import Estimate
@@ -75,7 +75,7 @@ def spaced(name: str) -> str:
 
 def standing(finding: Finding, rival: Rival) -> str:
     """What the data say of a rival."""
-    if is_driver(rival.effect):
+    if is_signal(rival.effect):
         return "depends on a signal"
     if any(rival.effect.id == effect.id for effect in finding.undecided):
         return "not ruled out"
@@ -94,9 +94,9 @@ def rivals_grid(finding: Finding) -> Grid:
     )
     table.add(name_of(finding.effect, axis), number(finding.worth, ".0f"), NOTHING, "found")
     for rival in finding.rivals[:RIVALS]:
-        behind = finding.worth - rival.gain
+        behind = finding.worth - rival.worth
         table.add(
-            name_of(rival.effect, axis), number(rival.gain, ".0f"), number(behind, ".0f"), standing(finding, rival)
+            name_of(rival.effect, axis), number(rival.worth, ".0f"), number(behind, ".0f"), standing(finding, rival)
         )
     return table.grid()
 

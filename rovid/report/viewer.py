@@ -28,7 +28,7 @@ COARSEST = 4_000
 _STEP = 4
 
 # Columns of a table, time being the first; of the last two there are as many as simulations.
-_PUSH, _MEASURED = 1, 2
+_TORQUE, _MEASURED = 1, 2
 _SIMULATED, _POSITION_ERROR = (3, 5), (4, 6)
 
 
@@ -134,7 +134,7 @@ def _panels(axis: Axis, *, found: bool) -> list[dict[str, Any]]:
     looks = [("simulated", "simulated")]
     if found:
         looks.append(("with what was found", "found"))
-    pushes = [_line("applied", "applied", _PUSH)]
+    torques = [_line("applied", "applied", _TORQUE)]
     rates = [_line("measured", "measured", _MEASURED)]
     misses, drifts = [], []
     for look, simulated, position_error in zip(looks, _SIMULATED, _POSITION_ERROR, strict=False):
@@ -142,7 +142,7 @@ def _panels(axis: Axis, *, found: bool) -> list[dict[str, Any]]:
         misses.append(_line(*look, simulated, _MEASURED))
         drifts.append(_line(*look, position_error))
     return [
-        _panel(axis.push, axis.push_unit, 110, pushes),
+        _panel(axis.push, axis.push_unit, 110, torques),
         _panel(axis.rate_words, axis.rate_unit, 240, rates),
         _panel(f"{axis.rate_words}, simulated less measured", axis.rate_unit, 130, misses),
         _panel(f"{axis.position_words}, simulated less measured", axis.shown[0], 130, drifts),

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from rovid.campaign.axis import Axis
 from rovid.campaign.vehicle import Vehicle
-from rovid.control.design import Control, RunResult
+from rovid.control.loop_design import Control, RunResult
 from rovid.control.tuning import Margins
 from rovid.diagnose.amplitudes import Amplitudes, Explanation
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
@@ -119,7 +119,7 @@ def _show_finding(console: Console, finding: Finding, axis: Axis) -> None:
     gains = f"  log-likelihood gain {finding.gain:.0f}, on trials not fitted {finding.held_out_gain:.0f}"
     say(console, gains)
     if finding.rivals:
-        rivals = ", ".join(f"{axis.words(rival.effect.title)} {rival.gain:.0f}" for rival in finding.rivals[:3])
+        rivals = ", ".join(f"{axis.words(rival.effect.title)} {rival.worth:.0f}" for rival in finding.rivals[:3])
         say(console, f"  parameters paid for, {finding.worth:.0f}; in its place {rivals}")
     _show_deciding(console, finding)
 

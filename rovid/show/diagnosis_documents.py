@@ -8,7 +8,7 @@ from rovid.campaign.axis import Axis
 from rovid.diagnose.amplitudes import Amplitudes, Explanation, Prediction
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.diagnose.record import Ahead, Diagnosis, Finding, Side, not_identifiable
-from rovid.diagnose.signals import is_driver, signal_of
+from rovid.diagnose.signals import is_signal, signal_of
 from rovid.identify.estimate import Estimate
 from rovid.model.names import unit_of, without_form
 from rovid.show.fit_documents import Document, axis_document, parameter_document, position_errors, units_of
@@ -42,10 +42,10 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
 
 def _unexplained(diagnosis: Diagnosis) -> Document:
     depends_on, signals = [], []
-    for signal, gain in diagnosis.signals:
+    for signal, worth in diagnosis.signals:
         name = signal_of(signal)
         depends_on.append(name)
-        signals.append({"signal": name, "acts_as": signal.form, "log_likelihood_gain": gain})
+        signals.append({"signal": name, "acts_as": signal.form, "log_likelihood_gain": worth})
     return {
         "share_of_torque_variance": diagnosis.unexplained_share,
         # A signal may act in several ways: it is named once.
@@ -149,8 +149,8 @@ def _own_names(parameters: Document) -> Document:
 def _runner_up(finding: Finding) -> Document | None:
     """The best other cause; a dependence on a signal is none."""
     for rival in finding.rivals:
-        if not is_driver(rival.effect):
-            return {"effect": rival.effect.id, "gain": rival.gain}
+        if not is_signal(rival.effect):
+            return {"effect": rival.effect.id, "gain": rival.worth}
     return None
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from rovid.campaign.axis import Axis
 from rovid.campaign.trial import Remark, Trial
-from rovid.control.design import Control, RunResult
+from rovid.control.loop_design import Control, RunResult
 from rovid.export.exporting import Exported, Loss
 from rovid.export.manoeuvre import Mismatch
 from rovid.inspect.advice import Advice
@@ -17,7 +17,7 @@ from rovid.inspect.first_config import Survey
 from rovid.inspect.signals import Guesses
 from rovid.model.simulation import TrialSimulation, overall
 from rovid.parameters.parameters import Entry, Parameters
-from rovid.plan.design import Plan, command_rows
+from rovid.plan.run_design import Plan, command_rows
 from rovid.plan.worth import Worth
 from rovid.show.fit_documents import Document, axis_document, position_errors, units_of
 
@@ -61,23 +61,23 @@ def _trial_simulation(item: TrialSimulation) -> Document:
     }
 
 
-def plan_document(found: Plan, axis: Axis, command_file: str, picture: str) -> Document:
+def plan_document(plan: Plan, axis: Axis, command_file: str, picture: str) -> Document:
     """What `rovid plan --json` prints."""
     between, gain = None, "logarithm of the ratio of variances"
-    if len(found.beliefs) > 1:
-        between = [belief.name for belief in found.beliefs]
+    if len(plan.beliefs) > 1:
+        between = [belief.name for belief in plan.beliefs]
         gain = "expected log-likelihood ratio"
     return {
         "schema": "rovid-plan/1",
         **axis_document(axis),
         "between": between,
-        "narrow": found.narrow or None,
-        "decides": found.decides,
-        "runs": [_run(one) for one in found.runs],
+        "narrow": plan.narrow or None,
+        "decides": plan.decides,
+        "runs": [_run(one) for one in plan.runs],
         "gain": gain,
         "command_file": command_file,
         "picture": picture,
-        "commands": _commands(found),
+        "commands": _commands(plan),
     }
 
 
@@ -85,11 +85,11 @@ def _run(one: Worth) -> Document:
     return {"run": one.run.name, "seconds": one.run.seconds, "gain": one.gain, "gain_per_minute": one.per_minute}
 
 
-def _commands(found: Plan) -> Document:
+def _commands(plan: Plan) -> Document:
     """The best run's commands, a list for each thruster beside that of the times."""
-    times, rows = command_rows(found.best)
+    times, rows = command_rows(plan.best)
     document: Document = {"time_s": times}
-    for place, name in enumerate(found.thrusters):
+    for place, name in enumerate(plan.thrusters):
         document[name] = [row[place] for row in rows]
     return document
 
@@ -121,20 +121,20 @@ def control_document(result: Control, warnings: Sequence[str]) -> Document:
 
 
 def _closed_run(run: RunResult) -> Document:
-    found = run.measures
+    measures = run.measures
     return {
         "name": run.name,
         "effects": list(run.effects),
         "model_aid": run.model_aid,
         "effects_known": run.effects_known,
-        "time_constant": found.time_constant,
-        "rise_time": found.rise_time,
-        "settling_time": found.settling_time,
-        "overshoot_deg": found.overshoot_deg,
-        "steady_error_deg": found.steady_error_deg,
-        "effort": found.effort,
-        "effort_change": found.effort_change,
-        "limit_cycle": None if found.limit_cycle is None else vars(found.limit_cycle),
+        "time_constant": measures.time_constant,
+        "rise_time": measures.rise_time,
+        "settling_time": measures.settling_time,
+        "overshoot_deg": measures.overshoot_deg,
+        "steady_error_deg": measures.steady_error_deg,
+        "effort": measures.effort,
+        "effort_change": measures.effort_change,
+        "limit_cycle": None if measures.limit_cycle is None else vars(measures.limit_cycle),
     }
 
 
@@ -159,16 +159,16 @@ def _mismatch(mismatch: Mismatch) -> Document:
     return {"yaw_rate_percent_of_range": mismatch.percent_of_range, "rms": mismatch.rms, "unit": "rad/s"}
 
 
-def survey_document(found: Survey, written: Sequence[Path]) -> Document:
+def survey_document(survey: Survey, written: Sequence[Path]) -> Document:
     """What `rovid init --json` prints."""
     return {
         "schema": "rovid-init/1",
         "written": [str(path) for path in written],
-        "logs": found.logs,
-        "curve": {"file": found.curve, "guessed": found.curve_guessed is not None},
-        "signals": {kind: _guessed_signals(guesses) for kind, guesses in found.guesses.items()},
-        "commands": {kind: _guessed_commands(guesses) for kind, guesses in found.guesses.items()},
-        "warnings": list(found.lacking),
+        "logs": survey.logs,
+        "curve": {"file": survey.curve, "guessed": survey.curve_guessed is not None},
+        "signals": {kind: _guessed_signals(guesses) for kind, guesses in survey.guesses.items()},
+        "commands": {kind: _guessed_commands(guesses) for kind, guesses in survey.guesses.items()},
+        "warnings": list(survey.lacking),
     }
 
 

@@ -147,7 +147,7 @@ def likelihood_document(fit: LikelihoodFit, study: Study) -> Document:
         "disturbance": _disturbance(fit),
         f"{measured}_noise_fitted": {"value": fit.position_noise, "unit": unit},
         "innovations_white": fit.white,
-        "free_run_r2": {"this_fit": fit.free_run_r2, "simulation_fit": fit.base_r2},
+        "free_run_r2": {"this_fit": fit.free_run_r2, "simulation_fit": fit.simulation_r2},
         **_decay_document(fit, study),
     }
 

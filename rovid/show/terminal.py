@@ -30,7 +30,7 @@ from rovid.inspect.first_config import Survey, logs_in_words
 from rovid.model.simulation import Fit, TrialSimulation, overall
 from rovid.motion.runs import Runs
 from rovid.parameters.parameters import Parameters
-from rovid.plan.design import Plan
+from rovid.plan.run_design import Plan
 from rovid.plan.worth import DECIDES
 from rovid.study import Study
 
@@ -112,8 +112,8 @@ def show_drag(console: Console, fit: DragFit) -> None:
     """Print what `rovid fit-drag` found."""
     console.print(_steady_states(fit))
     if fit.unsteady:
-        found = ", ".join(dict.fromkeys(point.source for point in fit.unsteady))
-        left_out = f"{len(fit.unsteady)} holds left out because the rate was still changing, in {found}"
+        logs = ", ".join(dict.fromkeys(point.source for point in fit.unsteady))
+        left_out = f"{len(fit.unsteady)} holds left out because the rate was still changing, in {logs}"
         say(console, left_out)
     estimate, correlation = fit.estimate, math.nan
     show_parameters(console, estimate)
@@ -208,7 +208,7 @@ def show_likelihood(console: Console, fit: LikelihoodFit) -> None:
     say(
         console,
         f"free-running {axis.rate_words} R² {fit.free_run_r2:.4f}; the fit that looks at nothing else reaches "
-        f"{fit.base_r2:.4f}",
+        f"{fit.simulation_r2:.4f}",
     )
 
 
@@ -288,10 +288,10 @@ def show_bench(console: Console, fit: BenchFit, output: Path) -> None:
     say(console, f"written to {output}")
 
 
-def show_plan(console: Console, found: Plan, written: Sequence[Path]) -> None:
+def show_plan(console: Console, plan: Plan, written: Sequence[Path]) -> None:
     """Print the best runs, and where the first of them went."""
-    console.print(_planned_runs(found))
-    if not found.decides:
+    console.print(_planned_runs(plan))
+    if not plan.decides:
         undecided = (
             f"none is expected to decide: that takes a gain of {DECIDES:.0f}. Allow longer runs or more command, or "
             "play the best several times."
@@ -301,16 +301,16 @@ def show_plan(console: Console, found: Plan, written: Sequence[Path]) -> None:
         console.print(f"written: {path}", highlight=False, soft_wrap=True)
 
 
-def _planned_runs(found: Plan) -> Table:
-    rivals = len(found.beliefs) > 1
+def _planned_runs(plan: Plan) -> Table:
+    rivals = len(plan.beliefs) > 1
     if rivals:
         gain = "log-likelihood"
-        purpose = f"Runs that tell {found.beliefs[0].name} from {found.beliefs[1].name}"
+        purpose = f"Runs that tell {plan.beliefs[0].name} from {plan.beliefs[1].name}"
     else:
         gain = "variance over"
-        purpose = f"Runs that make {found.narrow.replace('_', ' ')} surer"
+        purpose = f"Runs that make {plan.narrow.replace('_', ' ')} surer"
     rows = table(purpose, "run", "minutes", gain, f"{gain} a minute")
-    for one in found.runs[:_RUNS_SHOWN]:
+    for one in plan.runs[:_RUNS_SHOWN]:
         whole, a_minute = one.gain, one.per_minute
         if not rivals:
             # The gain is the logarithm of what the variance is divided by.
@@ -319,19 +319,19 @@ def _planned_runs(found: Plan) -> Table:
     return rows
 
 
-def show_survey(console: Console, found: Survey, written: Sequence[Path]) -> None:
+def show_survey(console: Console, survey: Survey, written: Sequence[Path]) -> None:
     """Print what each signal was taken for, and what to do next."""
-    rows = table(f"Guessed from {logs_in_words(found)}", "signal", "taken from", "unit", "why", left=4)
-    for guesses in found.guesses.values():
+    rows = table(f"Guessed from {logs_in_words(survey)}", "signal", "taken from", "unit", "why", left=4)
+    for guesses in survey.guesses.values():
         for name, one in guesses.signals.items():
             rows.add_row(name, one.source, one.unit, one.why)
         for command in guesses.commands:
             rows.add_row(f"command of {command.name}", command.source, "", command.why)
     console.print(rows)
-    show_warnings(console, found.lacking)
+    show_warnings(console, survey.lacking)
     for path in written:
         console.print(f"written: {path}", highlight=False, soft_wrap=True)
-    then = f"read {written[0].name}, then rovid check {found.folder} and rovid report {found.folder}"
+    then = f"read {written[0].name}, then rovid check {survey.folder} and rovid report {survey.folder}"
     console.print(led("Next:", then), highlight=False, soft_wrap=True)
 
 

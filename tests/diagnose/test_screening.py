@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rovid.diagnose.fitted import Fitted
 from rovid.diagnose.screening import Promise, screen, shortlist
 from rovid.effects import Effect, effect_named
 from rovid.ground.arrays import FloatArray
-from rovid.identify.innovations import Likelihood, Slopes
+from rovid.identify.fitted import Fitted
+from rovid.identify.scoring import Innovations, Slopes, slopes_between, total_cost
 
 
 @dataclass(frozen=True)
 class Keeping:
-    """Stands for a likelihood of which each effect gains what it ``keeps``, wherever its fit would start."""
+    """Stands for a misfit of which each effect gains what it ``keeps``, wherever its fit would start."""
 
     keeps: Mapping[str, float]
     effects: tuple[Effect, ...] = ()
@@ -37,8 +37,8 @@ def listed(promised: Mapping[str, float], keeps: Mapping[str, float] | None = No
         Promise(effect, gain, effect.starts[0], effect.starts[0], 1.0)
         for effect, gain in ((effect_named(key), gain) for key, gain in promised.items())
     ]
-    likelihood: Any = Keeping({**promised, **(keeps or {})})  # stands in for a Likelihood
-    return [promise.effect.key for promise in shortlist(Fitted(likelihood, np.zeros(1), 1000.0), promises, least)]
+    misfit: Any = Keeping({**promised, **(keeps or {})})  # stands in for a Misfit
+    return [promise.effect.key for promise in shortlist(Fitted(misfit, np.zeros(1), 1000.0), promises, least)]
 
 
 def test_the_best_comes_first_and_what_promises_a_tenth_of_it_comes_too() -> None:
@@ -74,12 +74,13 @@ def test_no_more_than_seven_causes_are_fitted() -> None:
 
 @dataclass(frozen=True)
 class RunningAway:
-    """Stands for a likelihood whose last coordinate explains the innovations, and that nothing bears below zero."""
+    """Stands for a misfit whose last coordinate explains the innovations, and that nothing bears below zero."""
 
     effects: tuple[Effect, ...] = ()
-    weight = 1.0
-    slopes_between = Likelihood.slopes_between
-    cost_of = Likelihood.cost_of
+
+    @property
+    def coordinates(self) -> RunningAway:
+        return self
 
     def like(self, effects: tuple[Effect, ...]) -> RunningAway:
         return RunningAway(effects)
@@ -87,22 +88,27 @@ class RunningAway:
     def starts(self) -> list[FloatArray]:
         return self.effects[-1].starts
 
-    def innovations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def innovations(self, x: FloatArray) -> Innovations:
         pattern = np.sin(np.arange(200.0))
         error = 3.0 * pattern * (1.0 - x[-1]) if x[-1] >= 0.0 else np.full(200, np.nan)
-        return error, np.ones(200) if x[-1] >= 0.0 else np.full(200, np.inf)
+        return Innovations(error, np.ones(200) if x[-1] >= 0.0 else np.full(200, np.inf))
+
+    def cost_of(self, here: Innovations) -> float:
+        return total_cost(here, 1.0)
 
     def slopes(self, x: FloatArray) -> Slopes:
-        error, variance = self.innovations(np.zeros(1))
-        here: Any = self
-        return Likelihood.slopes_between(here, (error, variance), [(error, variance)], np.ones(1))
+        here = self.innovations(np.zeros(1))
+        return self.slopes_between(here, [here], np.ones(1))
+
+    def slopes_between(self, centre: Innovations, sides: Sequence[Innovations], step: FloatArray) -> Slopes:
+        return slopes_between(centre, sides, step, 1.0)
 
 
 def test_a_start_that_runs_away_keeps_no_other_start_of_its_form_out() -> None:
     form = effect_named("drag_curvature")
     assert {np.sign(start[0]) for start in form.starts} == {-1.0, 1.0}
-    likelihood: Any = RunningAway()  # stands in for a Likelihood
-    (promise,) = screen(Fitted(likelihood, np.zeros(1), 0.0), [form])
+    misfit: Any = RunningAway()  # stands in for a Misfit
+    (promise,) = screen(Fitted(misfit, np.zeros(1), 0.0), [form])
     # All of half the sum of squares is there to be gained.
     assert promise.gain == pytest.approx(0.5 * 9.0 * 100.0, rel=0.02)
     assert promise.start[0] > 0.0

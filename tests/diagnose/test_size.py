@@ -17,7 +17,7 @@ def test_a_cause_that_acts_has_one_size() -> None:
 
 def test_a_size_that_only_predictions_show_is_told() -> None:
     found, near = fitted("bias_torque", records(disturbance=np.full(len(TIME), 8.0)))
-    at = found.likelihood.base
+    at = len(found.shared)
     twice = found.x.copy()
     twice[at] *= 2.0
     assert not one_size(replace(found, x=twice), near, found.effects[0])

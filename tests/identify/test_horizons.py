@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from rovid.ground.arrays import FloatArray
 from rovid.identify.courses import HORIZONS
-from rovid.identify.horizons import HorizonLikelihood, HorizonRecords, predictions, time_constant
-from rovid.identify.records import Records
+from rovid.identify.horizons import HorizonRecords, predictions, time_constant
+from rovid.identify.readings import Readings
 from rovid.model.model import Model
 from rovid.motion.rates import rates_of
 from tests import synthetic
-from tests.predictions import BIAS, NOISE, TIME, TORQUE, biased, records
+from tests.predictions import NOISE, TIME, TORQUE, biased, records
 
 
 def rms(ahead: HorizonRecords, model: Model) -> FloatArray:
@@ -45,7 +44,7 @@ def test_nothing_is_predicted_across_a_gap() -> None:
     position[gap] = np.nan
     trial = replace(run.trial, position=position)
     cut = replace(run, trial=trial, rates=rates_of(trial, cutoff=1.0))
-    ahead = HorizonRecords.of(Records([cut], synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    ahead = HorizonRecords.of(Readings([cut], synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
     ((begin, end),) = ahead.spans
     assert not ((begin < 701.0) & (end > 759.0)).any()
     assert (end < 700.0).any()
@@ -67,13 +66,3 @@ def test_a_long_log_costs_no_more_predictions() -> None:
 def test_what_is_missing_makes_all_errors_alike() -> None:
     unknown = records(disturbance=np.full(len(TIME), 12.0))
     assert unknown.readings < 0.2 * biased().readings
-
-
-def test_a_constant_torque_is_found_with_its_size() -> None:
-    ahead = biased()
-    plain = HorizonLikelihood(ahead)
-    x, cost = plain.climb(plain.first())
-    likelihood = plain.like((BIAS,))
-    y, better = likelihood.climb(np.concatenate((x, [0.01])))
-    assert cost - better > 20.0
-    assert likelihood.model(y).effect_values[0] == pytest.approx(12.0, rel=0.03)

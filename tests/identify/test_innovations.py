@@ -5,10 +5,11 @@ from __future__ import annotations
 import secrets
 from pathlib import Path
 
+from rovid.identify.climb import End, climb
 from rovid.identify.free_run import fit_free_run
-from rovid.identify.innovations import Likelihood
+from rovid.identify.innovations import InnovationMisfit
 from rovid.identify.likelihood import LIMITS
-from rovid.identify.records import Records
+from rovid.identify.readings import Readings
 from rovid.study import open_study
 from tests.identify.test_likelihood import SHORT, advanced_commands
 from tools.trial_day import write_trial_day
@@ -19,8 +20,10 @@ def test_a_model_that_misses_much_is_fitted_to_the_end(tmp_path: Path) -> None:
     advanced_commands(tmp_path / "day", 32)
     runs = open_study([tmp_path / "day"]).runs
     assert runs is not None
-    likelihood = Likelihood(Records(runs.items, None, fit_free_run(runs.items)), LIMITS[-2])
-    _, soon = likelihood.climb(likelihood.first(), iterations=25)
-    _, late = likelihood.climb(likelihood.first(), iterations=300, tolerance=1e-6)
+    misfit = InnovationMisfit(Readings(runs.items, None, fit_free_run(runs.items)), LIMITS[-2])
+    first = misfit.coordinates.first()
+    soon, late = climb(misfit, first, iterations=25), climb(misfit, first, iterations=300, tolerance=1e-6)
     # By scoring alone it would still be thousands away.
-    assert soon - late < 1.0
+    assert soon.cost - late.cost < 1.0
+    assert climb(misfit, late.x).end is End.REACHED
+    assert climb(misfit, first, iterations=1).end is End.OUT_OF_STEPS

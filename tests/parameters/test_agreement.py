@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rovid.identify.estimate import Estimate
-from rovid.identify.innovations import Likelihood
+from rovid.identify.innovations import InnovationMisfit
 from rovid.parameters.agreement import disagreement
 from rovid.parameters.parameters import Entry
 
@@ -28,7 +28,8 @@ def entries(inertia: float, error: float, method: str) -> Mapping[str, Entry]:
 
 
 @pytest.mark.parametrize(
-    ("before", "now", "believed"), [(ORBIT, Likelihood.method, "this one"), (Likelihood.method, ORBIT, "the other")]
+    ("before", "now", "believed"),
+    [(ORBIT, InnovationMisfit.method, "this one"), (InnovationMisfit.method, ORBIT, "the other")],
 )
 def test_methods_far_apart_are_told_in_a_line(before: str, now: str, believed: str) -> None:
     (text,) = disagreement(entries(67.0, 2.0, before), estimate(17.0, 1.0, now))
@@ -37,7 +38,7 @@ def test_methods_far_apart_are_told_in_a_line(before: str, now: str, believed: s
 
 
 def test_methods_within_their_errors_are_not_told() -> None:
-    assert disagreement(entries(67.0, 2.0, ORBIT), estimate(62.0, 1.0, Likelihood.method)) == []
-    assert disagreement({}, estimate(62.0, 1.0, Likelihood.method)) == []
+    assert disagreement(entries(67.0, 2.0, ORBIT), estimate(62.0, 1.0, InnovationMisfit.method)) == []
+    assert disagreement({}, estimate(62.0, 1.0, InnovationMisfit.method)) == []
     # The same command again, on logs that have grown.
     assert disagreement(entries(67.0, 2.0, ORBIT), estimate(17.0, 1.0, ORBIT)) == []

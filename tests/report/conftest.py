@@ -11,7 +11,7 @@ import pytest
 
 from rovid.campaign.trial import Campaign, Remark, Trial
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
-from rovid.control.design import Control
+from rovid.control.loop_design import Control
 from rovid.ground.arrays import FloatArray
 from rovid.identify.inertia import fit_inertia
 from rovid.identify.steady import fit_drag

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from rovid.campaign.vehicle import ThrustCurve, Thruster
-from rovid.control.design import Control
+from rovid.control.loop_design import Control
 from rovid.export import FORMATS
 from rovid.parameters.parameters import Parameters
 from rovid.report import build

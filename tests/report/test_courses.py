@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rovid.control.design import Control
+from rovid.control.loop_design import Control
 from rovid.control.measures import limit_cycle
 from rovid.report.courses import courses_of
 from rovid.report.evidence import Evidence

@@ -141,7 +141,7 @@ def test_rivals_that_are_not_ruled_out_stand_out(lagged: Evidence, finding: Find
     labels = [label.get_text() for label in figure.legends[0].get_texts()]
     assert labels == ["found", "not ruled out", "ruled out"]
     assert figure.axes[0].get_yticklabels()[0].get_text() == "thruster lag"
-    assert finding.worth > finding.rivals[0].gain
+    assert finding.worth > finding.rivals[0].worth
     canvas.png(figure)
     box = figure.get_tightbbox()
     assert box.x0 >= 0.0

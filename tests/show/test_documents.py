@@ -14,8 +14,8 @@ from rovid.export.manoeuvre import Mismatch
 from rovid.inspect.advice import Advice
 from rovid.model.simulation import simulate_runs
 from rovid.parameters.parameters import Entry, Parameters
-from rovid.plan.design import Plan
 from rovid.plan.programme import Planned
+from rovid.plan.run_design import Plan
 from rovid.plan.worth import Worth
 from rovid.show.documents import check_document, export_document, plan_document, simulation_document
 from tests import synthetic

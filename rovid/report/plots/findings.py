@@ -26,7 +26,7 @@ def rival_gains(finding: Finding) -> Figure:
     names, gains, labels = [name_of(finding.effect, axis)], [finding.worth], ["found"]
     for rival in finding.rivals[:RIVALS]:
         names.append(name_of(rival.effect, axis))
-        gains.append(rival.gain)
+        gains.append(rival.worth)
         labels.append(standing(finding, rival))
     figure, ((panel,),) = sheet([(0.3 * len(gains) + 0.15, 1)], left=3.2, right=0.55)
     for label, (colour, hatch) in _LOOKS.items():

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rovid.campaign.axis import Axis
-from rovid.plan.design import Plan
+from rovid.plan.run_design import Plan
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, PALE, png, sheet, shortened, styled
 
 _LOOKS = ((BLUE, "-"), (ORANGE, "--"))
@@ -16,52 +16,52 @@ _ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "
 
 
 @styled
-def planned(found: Plan, axis: Axis) -> Figure:
+def planned(plan: Plan, axis: Axis) -> Figure:
     """Commands, predicted rates, and by how much these differ beside what the disturbance drives."""
-    rivals = len(found.beliefs) > 1
+    rivals = len(plan.beliefs) > 1
     rows = [(1.4, 1), (2.0, 1)]
     if rivals:
         rows.append((1.4, 1))
     figure, panels = sheet(rows, left=1.05, down=0.42, top=0.75, share_x=True)
     (command,), (rate,), *more = panels
-    _commands(command, found)
-    figure.suptitle(shortened(found.best.run.name, 90), x=0.115, ha="left", fontsize=11)
-    _rates(rate, found, axis)
+    _commands(command, plan)
+    figure.suptitle(shortened(plan.best.run.name, 90), x=0.115, ha="left", fontsize=11)
+    _rates(rate, plan, axis)
     if rivals:
         rate.legend(**_ABOVE, ncols=2)
     for (apart,) in more:
-        _difference(apart, found, axis)
+        _difference(apart, plan, axis)
     panels[-1][0].set_xlabel("time, s")
     return figure
 
 
-def _commands(panel: Axes, found: Plan) -> None:
+def _commands(panel: Axes, plan: Plan) -> None:
     """Four kinds of dashes in each of two colours: as many thrusters can be told apart, and have a legend."""
-    run = found.best.run
-    for at, name in enumerate(found.thrusters):
+    run = plan.best.run
+    for at, name in enumerate(plan.thrusters):
         dashes = ("-", "--", ":", "-.")[at % 4]
         colour = (BLACK, GREY)[at // 4 % 2]
         panel.step(run.time, run.commands[:, at], dashes, where="post", color=colour, linewidth=1.0, label=name)
     panel.set_ylabel("command")
-    if len(found.thrusters) <= 8:
+    if len(plan.thrusters) <= 8:
         panel.legend(**_ABOVE, ncols=4)
 
 
-def _rates(panel: Axes, found: Plan, axis: Axis) -> None:
-    best = found.best
-    for belief, values, (colour, dashes) in zip(found.beliefs, best.rates, _LOOKS, strict=False):
+def _rates(panel: Axes, plan: Plan, axis: Axis) -> None:
+    best = plan.best
+    for belief, values, (colour, dashes) in zip(plan.beliefs, best.rates, _LOOKS, strict=False):
         panel.plot(best.run.time, values, dashes, color=colour, label=belief.name.replace("_", " "))
     panel.set_ylabel(f"{axis.rate_words},\n{axis.rate_unit}")
 
 
-def _difference(panel: Axes, found: Plan, axis: Axis) -> None:
-    best, band = found.best, found.noise_rate
+def _difference(panel: Axes, plan: Plan, axis: Axis) -> None:
+    best, band = plan.best, plan.noise_rate
     panel.axhspan(-band, band, color=PALE, alpha=0.5, label="what the disturbance drives, ± one sd")
     panel.plot(best.run.time, best.rates[0] - best.rates[1], color=BLACK, linewidth=1.0, label="difference")
     panel.set_ylabel(f"difference,\n{axis.rate_unit}")
     panel.legend(**_ABOVE, ncols=2)
 
 
-def picture(found: Plan, axis: Axis) -> bytes:
+def picture(plan: Plan, axis: Axis) -> bytes:
     """The same as PNG."""
-    return png(planned(found, axis), "plan")
+    return png(planned(plan, axis), "plan")

@@ -85,13 +85,11 @@ def _reach(estimate: Estimate, rate: FloatArray) -> FloatArray | None:
 
 
 def _points(panel: Axes, fit: DragFit, rate: FloatArray, values: FloatArray) -> None:
-    # An error of one is the weight of a point of which none is known.
-    known = bool(np.any(fit.torque_error != 1.0))
     axis = fit.estimate.axis
     for rows, filled, text in ((rate > 0, BLACK, "growing"), (rate < 0, "white", "falling")):
         if not rows.any():
             continue
-        errors = fit.torque_error[rows] if known else None
+        errors = fit.torque_error[rows] if fit.torque_error_known else None
         label = f"{steady_state(axis)}, {axis.position_words} {text}"
         _error_bars(panel, rate[rows], values[rows], errors, filled, label)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,27 +10,32 @@ from functools import cached_property
 
 import numpy as np
 
-from rovid.diagnose.fitted import Fitted, climbed, worth
 from rovid.diagnose.heldout import cross_validate, log_likelihood
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence
 from rovid.diagnose.parts import Piece
+from rovid.diagnose.rivals import is_plausible, quickly_climbed, worth
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
-from rovid.identify.innovations import BASE, DISTURBANCE, Likelihood
-from rovid.identify.likelihood import UNLIMITED
-from rovid.identify.records import Records
+from rovid.identify.coordinates import COMMON, DISTURBANCE, MEMORY
+from rovid.identify.fitted import Fitted
+from rovid.identify.innovations import InnovationMisfit
+from rovid.identify.misfit import UNLIMITED, Misfit
+from rovid.identify.readings import Readings
 
 _FIRST_ITERATIONS, _ITERATIONS = 3, 20
 _BEGUN = 3
+# Sizes of the disturbance, of the torque in use, and memories in s, to begin with.
+_SHARES, _MEMORIES = (0.01, 0.1, 1.0), (0.3, 4.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Swell:
+class Waves:
     """A model by the next reading without and with waves; what they gain there, and on pieces that were not fitted.
 
     ``fitted`` is None where waves gain nothing.
     """
 
+    records: Readings
     plain: Fitted
     pieces: Sequence[Piece]
     fitted: Fitted | None = None
@@ -73,44 +79,50 @@ class Swell:
         return self.fitted.effects[-1].rivals
 
 
-def swell(records: Records, beside: Fitted, wave: Effect | None, pieces: Sequence[Piece]) -> Swell:
+def look_for_waves(records: Readings, beside: Fitted, wave: Effect | None, pieces: Sequence[Piece]) -> Waves:
     """Look for ``wave`` beside the effects of a model that predictions found.
 
     Two kinds of disturbance are compared: one that fades, of any size, and that with waves besides.
     """
     # The plain disturbance may be as large as it likes: waves have to be more than that.
-    likelihood = Likelihood(records, UNLIMITED, beside.effects)
-    begin = likelihood.first()
-    other = np.r_[0:DISTURBANCE, BASE : len(begin)]
+    misfit = InnovationMisfit(records, UNLIMITED, beside.effects)
+    begin = misfit.coordinates.first()
+    other = np.r_[0:DISTURBANCE, COMMON : len(begin)]
     begin[other] = beside.x[other]
-    plain = climbed(likelihood, likelihood.disturbed(begin), _ITERATIONS)
+    plain = quickly_climbed(misfit, _disturbed(misfit, begin), _ITERATIONS)
     if wave is None:
-        return Swell(plain, pieces)
-    wavy = likelihood.like((*beside.effects, wave))
-    begins = [np.concatenate((plain.x, start)) for start in wavy.starts()]
+        return Waves(records, plain, pieces)
+    wavy = misfit.like((*beside.effects, wave))
+    begins = [np.concatenate((plain.x, start)) for start in wavy.coordinates.starts()]
     nearest = sorted(begins, key=wavy.cost)[:_BEGUN]
-    tried = [climbed(wavy, begin, _FIRST_ITERATIONS) for begin in nearest]
+    tried = [quickly_climbed(wavy, begin, _FIRST_ITERATIONS) for begin in nearest]
     best = min(tried, key=lambda fitted: fitted.cost)
-    found = climbed(wavy, best.x, _ITERATIONS)
-    if not found.plausible or worth(found) <= worth(plain):
-        return Swell(plain, pieces)
+    with_waves = quickly_climbed(wavy, best.x, _ITERATIONS)
+    if not is_plausible(with_waves) or worth(with_waves) <= worth(plain):
+        return Waves(records, plain, pieces)
     # Readings whose misfits are not white tell less than they seem to: no more than the stretches of time bear out.
-    borne_out = min(worth(found) - worth(plain), _borne_out(found, plain))
-    return Swell(plain, pieces, found, plain.cost - found.cost, borne_out)
+    borne_out = min(worth(with_waves) - worth(plain), _borne_out(with_waves, plain))
+    return Waves(records, plain, pieces, with_waves, plain.cost - with_waves.cost, borne_out)
+
+
+def _disturbed(misfit: Misfit, x: FloatArray) -> FloatArray:
+    """``x`` with the likeliest of a few disturbances: unlimited, a climb from one far too small goes astray."""
+    begins = []
+    for share, memory in itertools.product(_SHARES, _MEMORIES):
+        begin = x.copy()
+        begin[DISTURBANCE] = math.log(share * misfit.records.torque)
+        begin[MEMORY] = math.log(memory)
+        begins.append(np.clip(begin, *misfit.coordinates.bounds))
+    return min(begins, key=misfit.cost)
 
 
 def _borne_out(better: Fitted, plain: Fitted) -> float:
     """Log-likelihood of a gain in every stretch of time, by the scatter between them (Vuong 1989)."""
-    block = plain.likelihood.records.block
-    gains = np.bincount(block, weights=_costs(plain) - _costs(better))
+    block = plain.records.block
+    gains = np.bincount(block, weights=plain.misfit.costs(plain.x) - better.misfit.costs(better.x))
     gains = gains[np.bincount(block) > 0]
     count = len(gains)
     spread = float(np.std(gains, ddof=1)) * math.sqrt(count) if count > 1 else math.inf
     away = float(gains.sum()) / max(spread, 1e-300)
     # As Student's distribution has it, for the scatter is known no better than the stretches are many.
     return math.copysign(0.5 * count * math.log1p(away**2 / count), away)
-
-
-def _costs(fitted: Fitted) -> FloatArray:
-    """(N,) negative log-likelihood of each reading."""
-    return fitted.likelihood.pieces(*fitted.likelihood.innovations(fitted.x))

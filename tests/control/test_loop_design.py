@@ -10,8 +10,8 @@ import pytest
 
 from rovid.campaign.vehicle import Vehicle
 from rovid.control.allocation import allocate
-from rovid.control.design import choose_bandwidth, law_for, loop_of, run_manoeuvre, unaided
 from rovid.control.loop import Plant, run_closed
+from rovid.control.loop_design import choose_bandwidth, law_for, loop_of, run_manoeuvre, unaided
 from rovid.control.setting import Manoeuvre, Setting, manoeuvres, paper_runs
 from rovid.control.tuning import gains
 from rovid.effects import Effect, forms_for

@@ -7,9 +7,9 @@ import math
 import numpy as np
 from scipy import special
 
-from rovid.diagnose.fitted import Fitted, climbed
+from rovid.diagnose.rivals import quickly_climbed
 from rovid.effects import Effect, supply_sag
-from rovid.identify.certainty import covariance, physical
+from rovid.identify.fitted import Fitted
 
 # By so much, as a share, a supply, a propeller and a temperature differ from trial to trial, before the logs are looked
 # at; so many trials more would tell as much.
@@ -28,25 +28,25 @@ def stands_out(fitted: Fitted, effect: Effect) -> float:
     The outlier's test of Student's t, for as many trials as were looked at: where the model's form is not nature's,
     each kind of run asks for a thrust of its own, and one of them is always the oddest.
     """
-    likelihood = fitted.likelihood
-    trials = dict.fromkeys(run.trial.whole or run.trial.name for run in likelihood.records.runs)
+    trials = dict.fromkeys(run.trial.whole or run.trial.name for run in fitted.records.runs)
     others = [one for one in map(supply_sag.of_trial, trials) if one.key != effect.key]
     rest, x = fitted.without(effect)
     # The first of the others is what all are measured by.
-    free = likelihood.like((*rest, effect, *others[1:]))
+    free = fitted.misfit.like((*rest, effect, *others[1:]))
     start = np.concatenate((x, fitted.own(effect), np.ones(len(others) - 1)))
-    best = climbed(free, start, _ITERATIONS)
-    # The gain of the trial itself first, and last that of the one by which all are measured.
-    gains = np.concatenate((physical(free, best.x)[-len(others) :], [1.0]))
-    beside = np.full(len(gains), -1.0 / len(others))
+    best = quickly_climbed(free, start, _ITERATIONS)
+    # The thrust of the trial itself first, and last that of the one by which all are measured.
+    last = slice(-len(others), None)
+    thrusts = np.concatenate((best.model.values[last], [1.0]))
+    beside = np.full(len(thrusts), -1.0 / len(others))
     beside[0] = 1.0
-    fitted_gains = covariance(free, best.x, sandwich=True)[-len(others) :, -len(others) :]
-    known = beside[:-1] @ fitted_gains @ beside[:-1]
-    deviations = gains[1:] - gains[1:].mean()
+    covariance = best.covariance(sandwich=True)[last, last]
+    known = beside[:-1] @ covariance @ beside[:-1]
+    deviations = thrusts[1:] - thrusts[1:].mean()
     scatter = float(np.sum(deviations**2)) + _AS_TRIALS * _USUAL**2
     freedom = len(others) - 1 + _AS_TRIALS
-    # Of a new trial: what trials differ by, how well their mean is known, and how well each gain is.
+    # Of a new trial: what trials differ by, how well their mean is known, and how well each thrust is.
     variance = scatter / freedom * (1.0 + 1.0 / len(others)) + float(known)
-    odd = abs(float(gains @ beside)) / math.sqrt(variance)
+    odd = abs(float(thrusts @ beside)) / math.sqrt(variance)
     beyond = float(special.stdtr(freedom, -odd))
-    return max(0.0, 1.0 - 2.0 * len(gains) * beyond)
+    return max(0.0, 1.0 - 2.0 * len(thrusts) * beyond)

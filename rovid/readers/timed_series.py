@@ -67,7 +67,7 @@ class Series:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Base:
+class TimeBase:
     """The instants of a trial.
 
     Attributes
@@ -112,7 +112,7 @@ class Base:
         return np.where(exact | (inside & near), np.interp(self.time, stamps, known), np.nan)
 
 
-def common_base(heading: Series, commands: Sequence[Series], begin: float, end: float) -> Base:
+def common_base(heading: Series, commands: Sequence[Series], begin: float, end: float) -> TimeBase:
     """Instants from ``begin`` to ``end`` (s) at which the heading was measured or a command changed."""
     if all(command.time is heading.time for command in commands):
         return _one_clock(heading, commands, begin, end)
@@ -120,10 +120,10 @@ def common_base(heading: Series, commands: Sequence[Series], begin: float, end: 
     changes = [command.time[command.changed] for command in commands]
     inside = [times[(times > begin) & (times < end)] for times in changes]
     times = np.sort(np.concatenate([stamps, *inside]), kind="stable")  # merges runs, where unique would sort anew
-    return Base(time=times[np.diff(times - times[0], prepend=-1.0) > 0.0])  # distinct to what a float can hold
+    return TimeBase(time=times[np.diff(times - times[0], prepend=-1.0) > 0.0])  # distinct to what a float can hold
 
 
-def _one_clock(heading: Series, commands: Sequence[Series], begin: float, end: float) -> Base:
+def _one_clock(heading: Series, commands: Sequence[Series], begin: float, end: float) -> TimeBase:
     first, last = np.searchsorted(heading.time, (begin, end)).tolist()
     rows: BoolArray | slice = slice(first, last + 1)
     if heading.missing:
@@ -131,4 +131,4 @@ def _one_clock(heading: Series, commands: Sequence[Series], begin: float, end: f
         for command in commands:
             rows |= command.changed
         rows[:first] = rows[last + 1 :] = False
-    return Base(time=heading.time[rows], clock=heading.time, rows=rows)
+    return TimeBase(time=heading.time[rows], clock=heading.time, rows=rows)

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 import pytest
 
-from rovid.diagnose.fitted import climbed
+from rovid.diagnose.odd_trial import stands_out
 from rovid.diagnose.odds import ESTABLISHED
-from rovid.diagnose.scatter import stands_out
+from rovid.diagnose.rivals import quickly_climbed
 from rovid.effects import effect_named
-from rovid.identify.horizons import HorizonLikelihood, HorizonRecords
-from rovid.identify.records import Records
+from rovid.identify.horizon_misfit import HorizonMisfit
+from rovid.identify.horizons import HorizonRecords
+from rovid.identify.readings import Readings
 from tests import synthetic
 from tests.predictions import weakened
 
@@ -29,11 +30,11 @@ from tests.predictions import weakened
     ],
 )
 def test_a_trial_has_to_stand_out_from_the_others(shares: Sequence[float], stands: bool) -> None:
-    ahead = HorizonRecords.of(Records(weakened(shares), synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    ahead = HorizonRecords.of(Readings(weakened(shares), synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
     odd = effect_named("supply_sag:trial run_2")
-    likelihood = HorizonLikelihood(ahead, effects=(odd,))
-    begin = likelihood.first()
+    misfit = HorizonMisfit(ahead, effects=(odd,))
+    begin = misfit.coordinates.first()
     begin[-1] = 0.8
-    fitted = climbed(likelihood, begin, 20)
+    fitted = quickly_climbed(misfit, begin, 20)
     assert fitted.x[-1] < 0.99
     assert (stands_out(fitted, odd) >= ESTABLISHED) is stands

@@ -61,12 +61,12 @@ def plan(
     runs = [replace(run, reference=trials[0].reference) for run in programme(pace, names)]
     if not narrow and len(beliefs) == 1:
         narrow = widest(beliefs[0])
-    found = ranked(runs, beliefs, vehicle, limits, narrow=narrow)
-    rate = float(np.sqrt(np.mean(found[0].rates ** 2)))
+    worths = ranked(runs, beliefs, vehicle, limits, narrow=narrow)
+    rate = float(np.sqrt(np.mean(worths[0].rates ** 2)))
     return Plan(
         beliefs=tuple(beliefs),
         narrow=narrow,
-        runs=tuple(found),
+        runs=tuple(worths),
         thrusters=names,
         noise_rate=beliefs[0].driven_rate(rate),
     )
@@ -119,13 +119,13 @@ def command_rows(worth: Worth) -> tuple[list[float], list[list[float]]]:
     return times, np.round(commands[rows], 5).tolist()
 
 
-def command_text(found: Plan) -> str:
+def command_text(runs: Plan) -> str:
     """The best run as CSV: time_s and a column for each actuator; each row holds until the next.
 
     The quotes about time_s are the mark of what rovid wrote.
     """
-    times, rows = command_rows(found.best)
-    lines = [f'"time_s",{csv_line(found.thrusters)}']
+    times, rows = command_rows(runs.best)
+    lines = [f'"time_s",{csv_line(runs.thrusters)}']
     for time, row in zip(times, rows, strict=True):
         lines.append(",".join(f"{value:g}" for value in (time, *row)))
     return "\n".join(lines) + "\n"

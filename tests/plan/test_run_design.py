@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rovid.plan.design import Plan, command_text
 from rovid.plan.programme import Planned
+from rovid.plan.run_design import Plan, command_text
 from rovid.plan.worth import Worth
 
 

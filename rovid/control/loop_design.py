@@ -216,21 +216,21 @@ def spread_of(
     """Monte Carlo over the covariance of the parameter file, the controller held; None where it has no covariance."""
     if not any(value > 0.0 for value in parameters.covariance.values()):
         return None
-    found = []
+    every = []
     for model in drawn(parameters, _DRAWS, seed=0):
         moved = replace(loop, motion=linearised(model))
         if model.acts_on_drive:
             amplitude = _amplitude(allocation, setting)
             moved = replace(moved, actuators=actuators(model, vehicle, allocation, setting.period, amplitude))
-        found.append(moved.margins())
+        every.append(moved.margins())
     low, high = 5.0, 95.0
     return Spread(
-        draws=len(found),
-        stable=float(np.mean([margins.stable for margins in found])),
-        gain_db=float(np.percentile([margins.gain_db for margins in found], low)),
-        phase_deg=float(np.percentile([margins.phase_deg for margins in found], low)),
-        delay_s=float(np.percentile([margins.delay_s for margins in found], low)),
-        sensitivity_peak=float(np.percentile([margins.sensitivity_peak for margins in found], high)),
+        draws=len(every),
+        stable=float(np.mean([margins.stable for margins in every])),
+        gain_db=float(np.percentile([margins.gain_db for margins in every], low)),
+        phase_deg=float(np.percentile([margins.phase_deg for margins in every], low)),
+        delay_s=float(np.percentile([margins.delay_s for margins in every], low)),
+        sensitivity_peak=float(np.percentile([margins.sensitivity_peak for margins in every], high)),
     )
 
 
@@ -286,10 +286,10 @@ def run_manoeuvre(
     wanted = np.full(count, math.radians(manoeuvre.wanted))
     time = law.period * np.arange(count)
     steady = np.where(time >= 0.25 * time[-1], manoeuvre.current, 0.0)
-    push: FloatArray = steady + manoeuvre.waves * np.sin(2.0 * math.pi / WAVE_PERIOD * time)
+    outside: FloatArray = steady + manoeuvre.waves * np.sin(2.0 * math.pi / WAVE_PERIOD * time)
     start = math.radians(manoeuvre.start)
-    course = run_closed(law, allocation, plant, wanted, start, push=push, seed=seed)
-    quiet = run_closed(law, allocation, plant.quiet(), wanted, start, push=steady)
+    course = run_closed(law, allocation, plant, wanted, start, outside=outside, seed=seed)
+    quiet = run_closed(law, allocation, plant.quiet(), wanted, start, outside=steady)
     return measure(course, quiet), quiet
 
 

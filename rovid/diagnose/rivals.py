@@ -1,0 +1,77 @@
+"""What a fitted model is worth, and the causes that it has or might have compared."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from rovid.effects import Effect, EffectParameter
+from rovid.ground.arrays import FloatArray
+from rovid.identify.fitted import Fitted, climbed
+from rovid.identify.misfit import Misfit
+
+# Of log-likelihood: a search looks no closer.
+_TOLERANCE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """Another cause in the place of one that was found, and what it is worth there; see `worth`."""
+
+    effect: Effect
+    worth: float
+    fitted: Fitted
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """One effect of the final model.
+
+    Attributes
+    ----------
+    gain
+        Log-likelihood that its removal would lose, all else fitted again.
+    worth
+        The same less the price of its parameters.
+    rivals
+        The best form of each other cause in its place, best first.
+    """
+
+    effect: Effect
+    gain: float
+    worth: float
+    rivals: tuple[Rival, ...] = ()
+
+
+def worth(fitted: Fitted) -> float:
+    """Log-likelihood less the price of the effects' parameters: half the logarithm of the samples (Schwarz 1978)."""
+    # Logs too short for any prediction count none.
+    count = max(fitted.misfit.count, 1.0)
+    price = 0.5 * math.log(count) * len(fitted.misfit.coordinates.parameters)
+    return -fitted.cost - price
+
+
+def quickly_climbed(misfit: Misfit, x: FloatArray, iterations: int) -> Fitted:
+    """The model that so many steps from ``x`` lead to, near enough for a search."""
+    return climbed(misfit, x, iterations=iterations, tolerance=_TOLERANCE)
+
+
+def is_plausible(fitted: Fitted) -> bool:
+    """Whether the last effect is of a size that there is, none of its parameters at the edge, nor the inertia."""
+    if not fitted.is_physical:
+        return False
+    effect = fitted.effects[-1]
+    values = fitted.own(effect)
+    return not any(map(_at_edge, values.tolist(), effect.parameters))
+
+
+def is_beyond(fitted: Fitted, effect: Effect) -> bool:
+    """Whether ``effect`` would be larger than there is: its size is at the edge."""
+    return _at_edge(float(fitted.own(effect)[0]), effect.parameters[0])
+
+
+def _at_edge(value: float, parameter: EffectParameter) -> bool:
+    """Whether ``value`` is as far from nothing as there is; where a bound is nothing itself it is no edge."""
+    above = value >= parameter.high and parameter.high != parameter.null
+    below = value <= parameter.low and parameter.low != parameter.null
+    return above or below

@@ -1,0 +1,179 @@
+"""How to climb a likelihood: Fisher scoring with Levenberg-Marquardt steps, within bounds."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rovid.ground.arrays import FloatArray
+from rovid.identify.coordinates import LOGARITHMS
+from rovid.identify.scoring import Innovations
+
+if TYPE_CHECKING:
+    from rovid.identify.misfit import Misfit
+
+ITERATIONS, TOLERANCE = 60, 0.01
+# Share of the information's diagonal that is added to it (Marquardt): at first, at least, and where a step is given up.
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-7, 1e6
+# So many times as much after a step that failed or gained little, and after one that gained what it promised.
+_MORE_DAMPING, _LESS_DAMPING = 10.0, 0.1
+# What a step gains, by what was expected of it: above the one the slopes are believed more, below the other less.
+_AS_PROMISED, _TOO_LITTLE = 0.75, 0.4
+# No step changes a logarithm by more: far from the top the slopes promise too much.
+_LONGEST = 1.0
+# Curvature of less than this share of the promised is noise of the slopes.
+_LEAST_CURVATURE = 1e-3
+# Even a coordinate along which nothing changes has to be solved for: by this share of the largest.
+_FLOOR = 1e-12
+
+
+class End(Enum):
+    """Why a climb ended."""
+
+    REACHED = "no more than the tolerance is left to gain"
+    BLOCKED = "no step gains anything, though the slopes promise it"
+    OUT_OF_STEPS = "as many steps as were allowed were taken"
+    RUNAWAY = "the model runs away: there are no slopes"
+
+
+@dataclass(frozen=True, eq=False)
+class Climb:
+    """Where a climb ended and why.
+
+    Attributes
+    ----------
+    x
+        (p,) coordinates.
+    cost
+        Negative log-likelihood there.
+    """
+
+    x: FloatArray
+    cost: float
+    end: End
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Coordinates with what is known there, and the damping of the step from there."""
+
+    x: FloatArray
+    innovations: Innovations
+    cost: float
+    damping: float
+
+    @classmethod
+    def at(cls, misfit: Misfit, x: FloatArray, damping: float) -> _Point:
+        innovations = misfit.innovations(x)
+        return cls(x, innovations, misfit.cost_of(innovations), damping)
+
+
+def climb(misfit: Misfit, start: FloatArray, *, iterations: int = ITERATIONS, tolerance: float = TOLERANCE) -> Climb:
+    """Most likely coordinates from (p,) ``start``, by Fisher scoring within the bounds.
+
+    Ends when less than ``tolerance`` of log-likelihood is still to be gained.
+    """
+    bounds = misfit.coordinates.bounds
+    here, end = _Point.at(misfit, np.clip(start, *bounds), _FIRST_DAMPING), End.OUT_OF_STEPS
+    # Points and gradients of before.
+    been: list[tuple[FloatArray, FloatArray]] = []
+    for _ in range(iterations):
+        slopes = misfit.slopes(here.x, here.innovations)
+        gradient, information = slopes.gradient, slopes.information
+        if not np.isfinite(information).all():
+            end = End.RUNAWAY
+            break
+        been = [*been, (here.x, gradient)][-misfit.remembered - 1 :]
+        information = with_curvature(information, been)
+        ahead = _step(misfit, here, gradient, information, tolerance)
+        if isinstance(ahead, End):
+            end = ahead
+            break
+        gained, here = here.cost - ahead.cost, ahead
+        if gained < tolerance:
+            end = End.REACHED
+            break
+    misfit.forget()
+    return Climb(here.x, here.cost, end)
+
+
+def _step(
+    misfit: Misfit, here: _Point, gradient: FloatArray, information: FloatArray, tolerance: float
+) -> _Point | End:
+    """A point that costs less; where no step is worth it, why the climb ends."""
+    bounds, damping = misfit.coordinates.bounds, here.damping
+    while damping < _MOST_DAMPING:
+        step = _shortened(bounded_step(here.x, gradient, information, damping, bounds))
+        promised = -float(gradient @ step)
+        ahead = _Point.at(misfit, np.clip(here.x + step, *bounds), damping)
+        if ahead.cost < here.cost:
+            expected = promised - 0.5 * float(step @ information @ step)
+            ratio = (here.cost - ahead.cost) / max(expected, 1e-300)
+            return replace(ahead, damping=damped(damping, ratio))
+        if promised < tolerance:
+            return End.REACHED
+        damping *= _MORE_DAMPING
+    return End.BLOCKED
+
+
+def _shortened(step: FloatArray) -> FloatArray:
+    longest = float(np.max(np.abs(step[LOGARITHMS])))
+    return step * min(1.0, _LONGEST / max(longest, 1e-300))
+
+
+def bounded_step(
+    x: FloatArray,
+    gradient: FloatArray,
+    information: FloatArray,
+    damping: float,
+    bounds: tuple[FloatArray, FloatArray],
+) -> FloatArray:
+    """Levenberg-Marquardt step from ``x``; coordinates that would leave their lower and upper ``bounds`` stay."""
+    low, high = bounds
+    free = ~(((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0)))
+    step = np.zeros(len(x))
+    size = np.diag(information)
+    floor = _FLOOR * float(size.max()) + _FLOOR
+    for _ in range(len(x)):
+        if not free.any():
+            break
+        part = np.ix_(free, free)
+        matrix = information[part] + np.diag(damping * size[free] + floor)
+        step[:] = 0.0
+        step[free] = np.linalg.lstsq(matrix, -gradient[free], rcond=None)[0]
+        # A coordinate at its bound that the others press outward is held there too.
+        out = free & (((x <= low) & (step < 0.0)) | ((x >= high) & (step > 0.0)))
+        if not out.any():
+            break
+        free &= ~out
+    return step
+
+
+def damped(damping: float, ratio: float) -> float:
+    """Damping of the next step, by the ``ratio`` of what the last one gained to what was expected of it."""
+    if ratio > _AS_PROMISED:
+        return max(damping * _LESS_DAMPING, _LEAST_DAMPING)
+    if ratio < _TOO_LITTLE:
+        return damping * _MORE_DAMPING
+    return damping
+
+
+def with_curvature(information: FloatArray, been: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
+    """``information`` with the curvature between the points and gradients of before, last of all the latest.
+
+    Far from white innovations the information promises too little of it, and scoring alone crawls. It is told by
+    differences of gradients (BFGS: Nocedal & Wright 2006, section 6.1), which change nothing where it is right.
+    """
+    matrix = information.copy()
+    for (x, gradient), (following, slope) in itertools.pairwise(been):
+        step, change = following - x, slope - gradient
+        expected = matrix @ step
+        met, promised = float(step @ change), float(step @ expected)
+        if met > _LEAST_CURVATURE * promised > 0.0:
+            matrix += np.outer(change, change) / met - np.outer(expected, expected) / promised
+    return matrix

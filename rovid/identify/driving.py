@@ -1,0 +1,95 @@
+"""What drives each run of a campaign, worked out once for a model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from rovid.campaign.vehicle import Vehicle
+from rovid.effects.base import Actuation, actuation
+from rovid.ground.arrays import IntArray
+from rovid.model.drive import MOST_PARTS, Drive
+from rovid.model.model import Model
+from rovid.motion.runs import Run
+
+# Of the position's noise: so much of an angle may be lost by a mean torque.
+_LOST = 0.1
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Driving:
+    """What drives some runs.
+
+    Attributes
+    ----------
+    vehicle
+        None where effects between command and torque have nothing to act on.
+    inertia
+        kg m^2, about.
+    position_noise
+        Standard deviation of the noise of what is measured.
+    steps
+        (n,) of each run, at which of the log's instants a filter looks; None for all.
+    """
+
+    runs: Sequence[Run]
+    vehicle: Vehicle | None
+    inertia: float
+    position_noise: float
+    steps: list[IntArray] | None
+    _actuations: dict[int, list[Actuation]] = field(default_factory=dict, init=False, repr=False)
+
+    def at_instants(self, model: Model) -> list[Drive]:
+        """At all instants of each run's log."""
+        if self.vehicle is None or not model.acts_on_drive:
+            return self._held
+        return [model.drive(self.vehicle, run.trial) for run in self.runs]
+
+    def between_steps(self, model: Model) -> list[Drive]:
+        """Of each run, from each of its steps to the next."""
+        if self.vehicle is None or not model.acts_on_drive:
+            return self._held_between
+        steps: list[IntArray | None] = [None] * len(self.runs)
+        if self.steps is not None:
+            steps = [*self.steps]
+        drives = []
+        for run, where, at in zip(self.runs, self._where(self.vehicle, model), steps, strict=True):
+            drives.append(model.driven(self.vehicle, where, run.trial.commands, at))
+        return drives
+
+    def _where(self, vehicle: Vehicle, model: Model) -> list[Actuation]:
+        """What the effects between command and torque know of each run, cut as finely as ``model`` asks for."""
+        parts = min(self._parts, model.parts)
+        if parts not in self._actuations:
+            self._actuations[parts] = [actuation(vehicle, run.trial, parts) for run in self.runs]
+        return self._actuations[parts]
+
+    @cached_property
+    def _held(self) -> list[Drive]:
+        return [Drive.held(run.torque) for run in self.runs]
+
+    @cached_property
+    def _held_between(self) -> list[Drive]:
+        if self.steps is None:
+            return self._held
+        drives = []
+        for run, held, at in zip(self.runs, self._held, self.steps, strict=True):
+            drives.append(held.between(run.trial.time, at))
+        return drives
+
+    @cached_property
+    def _parts(self) -> int:
+        """How finely a torque that changes between two samples has to be known.
+
+        What a mean in its place does to the angle is to be lost in the position's noise.
+        """
+        period = float(np.median([run.trial.period for run in self.runs]))
+        most = max(float(np.max(np.abs(run.torque))) for run in self.runs)
+        # A parabola over the interval and its chord are so far apart in the middle.
+        lost = most / self.inertia * period**2 / 8.0
+        parts = math.ceil(math.sqrt(lost / (_LOST * self.position_noise)))
+        return int(np.clip(parts, 1, MOST_PARTS))

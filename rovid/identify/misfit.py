@@ -1,0 +1,210 @@
+"""What every misfit that is fitted has in common: its coordinates, its cost, its slopes."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from rovid.effects import Effect
+from rovid.ground.arrays import BoolArray, FloatArray, IntArray
+from rovid.ground.workers import spread
+from rovid.identify.coordinates import Coordinates
+from rovid.identify.records import Records
+from rovid.identify.scoring import Innovations, Slopes, costs, slopes_between, total_cost
+from rovid.model.drive import Drive
+from rovid.model.model import Model
+
+# How many drives are kept as one climbs: where one is, and the latest two beside it.
+_DRIVES = 3
+# A disturbance as large as the torque in use has no limit at all.
+UNLIMITED = 1.0
+
+# What tells one model of the same records from another: how much disturbance it is allowed, and its effects.
+Key = tuple[float, frozenset[str]]
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit(ABC):
+    """Negative log-likelihood of what was measured, as a function of scaled coordinates.
+
+    Attributes
+    ----------
+    limit
+        Of the disturbance, as a share of the torque in use; infinite where nothing is set aside as a disturbance.
+    effects
+        Their parameters are the last coordinates, behind those of what weight and buoyancy do.
+    counted
+        (N,) which innovations count; all of them if None.
+    method
+        What is likely.
+    remembered
+        How many points of before tell the curvature, as one climbs.
+    profiled
+        Whether the variance is that of the innovations themselves: it has no slopes of its own then.
+    """
+
+    records: Records
+    limit: float = UNLIMITED
+    effects: tuple[Effect, ...] = ()
+    counted: BoolArray | None = None
+    _drives: dict[tuple[float, ...], list[Drive]] = field(default_factory=dict, init=False, repr=False)
+
+    method: ClassVar[str]
+    remembered: ClassVar[int]
+    profiled: ClassVar[bool]
+
+    @property
+    @abstractmethod
+    def coordinates(self) -> Coordinates:
+        """What the coordinates stand for, and their bounds."""
+
+    @property
+    @abstractmethod
+    def weight(self) -> float | FloatArray:
+        """Of every innovation, or of each that counts; below one where neighbours tell much the same."""
+
+    @property
+    @abstractmethod
+    def caveats(self) -> tuple[str, ...]:
+        """What has to be said wherever this is what was fitted, in full sentences."""
+
+    @abstractmethod
+    def innovations(self, x: FloatArray) -> Innovations:
+        """(N,) errors of predictions and their variances; those not counted are left out."""
+
+    @abstractmethod
+    def held_out_costs(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[float]:
+        """Cost of each of ``tests`` with the coordinates that were fitted to others."""
+
+    @abstractmethod
+    def recounted(self, model: Model) -> Self:
+        """The same with as many innovations counted as the errors of ``model`` leave; itself where all count anyway."""
+
+    @abstractmethod
+    def short_and_long(self) -> tuple[Self, Self] | None:
+        """What looks a short time ahead alone, and what looks far; None where all look at the next reading."""
+
+    @abstractmethod
+    def at_limit(self, x: FloatArray) -> bool:
+        """Whether the disturbance would be larger if it might."""
+
+    @abstractmethod
+    def disturbance(self, x: FloatArray) -> tuple[float, float]:
+        """Standard deviation of the disturbance torque in N m, and its memory in s."""
+
+    @abstractmethod
+    def driven_rate(self, x: FloatArray) -> float:
+        """Standard deviation of the rate that the disturbance drives, about the usual rate."""
+
+    @abstractmethod
+    def position_noise(self, x: FloatArray) -> float:
+        """Standard deviation of the noise of what is measured."""
+
+    def like(self, effects: tuple[Effect, ...], counted: BoolArray | None = None) -> Self:
+        """The same question asked of a model with other effects, or of other innovations."""
+        return replace(self, effects=effects, counted=counted)
+
+    def under(self, limit: float) -> Self:
+        """The same with another limit of the disturbance."""
+        return replace(self, limit=limit)
+
+    @property
+    def key(self) -> Key:
+        """What tells it from others of the same records."""
+        return self.limit, frozenset(effect.key for effect in self.effects)
+
+    @property
+    def count(self) -> float:
+        """How many independent innovations there are."""
+        number = len(self.records.trial) if self.counted is None else int(self.counted.sum())
+        return float(np.sum(np.broadcast_to(self.weight, number)))
+
+    def cost(self, x: FloatArray) -> float:
+        """Negative log-likelihood."""
+        return self.cost_of(self.innovations(x))
+
+    def cost_of(self, here: Innovations) -> float:
+        """Negative log-likelihood of innovations."""
+        return total_cost(here, self.weight)
+
+    def costs(self, x: FloatArray) -> FloatArray:
+        """(N,) what each innovation adds to the cost."""
+        return np.asarray(self.weight * costs(*self.innovations(x)))
+
+    def of_counted(self, series: IntArray) -> IntArray:
+        """(n,) those of (N,) ``series`` that belong to innovations that count."""
+        return series if self.counted is None else series[self.counted]
+
+    def scores(self, here: Slopes, group: IntArray) -> FloatArray:
+        """(m, p) gradient of the cost over each (N,) ``group``; their scatter tells what the information does not."""
+        group = self.of_counted(group)
+        score = here.matrix * here.residual[:, None]
+        # Those of the innovations, and of their variances below.
+        score = score[: len(group)] + score[len(group) :]
+        used, number = np.unique(group, return_inverse=True)
+        sums = [np.bincount(number, weights=column, minlength=len(used)) for column in score.T]
+        return np.column_stack(sums)
+
+    def slopes(self, x: FloatArray, centre: Innovations | None = None) -> Slopes:
+        """Slopes at ``x`` by forward differences, backward at an upper bound; on all cores at once.
+
+        ``centre`` is what `innovations` gives at ``x``, where that is known already.
+        """
+        step = self.coordinates.steps(x)
+        centre = self.innovations(x) if centre is None else centre
+        inward = np.where(x + step > self.coordinates.high, -step, step)
+        return self._slopes_over(inward, x, centre, range(len(x)))
+
+    def flatter_slopes(self, x: FloatArray) -> Slopes:
+        """As ``slopes``, but of the slopes ahead and behind the flatter for each innovation.
+
+        Where a change cuts an interval of the filter into one step more, innovations jump by a part of their error.
+        Over the short step of a slope that is more than all others together, but on one side alone.
+        """
+        low, high = self.coordinates.bounds
+        step, centre = self.coordinates.steps(x), self.innovations(x)
+        here = self.slopes(x, centre)
+        # At a bound there is one side, and along stairs all that is told is told by jumps.
+        both = (x + step <= high) & (x - step >= low)
+        both[self.coordinates.stairs()] = False
+        twice = np.flatnonzero(both)
+        ahead = here.matrix[:, twice]
+        behind = self._slopes_over(-step, x, centre, twice.tolist()).matrix
+        here.matrix[:, twice] = np.where(np.abs(behind) < np.abs(ahead), behind, ahead)
+        return here
+
+    def _slopes_over(self, step: FloatArray, x: FloatArray, centre: Innovations, coordinates: Sequence[int]) -> Slopes:
+        sides = spread(lambda k: self._aside(x, centre, k, float(step[k])), coordinates)
+        return self.slopes_between(centre, sides, step[list(coordinates)])
+
+    def _aside(self, x: FloatArray, centre: Innovations, coordinate: int, step: float) -> Innovations:
+        """Innovations one ``step`` aside along a coordinate; ``centre`` are those at ``x``."""
+        if self.coordinates.held()[coordinate]:
+            return centre
+        moved = x.copy()
+        moved[coordinate] += step
+        return self.innovations(moved)
+
+    def slopes_between(self, centre: Innovations, sides: Sequence[Innovations], step: FloatArray) -> Slopes:
+        """Slopes from the innovations at a point and one ``step`` aside along each coordinate."""
+        if self.profiled:
+            sides = [side._replace(variance=centre.variance) for side in sides]
+        return slopes_between(centre, sides, step, self.weight)
+
+    def drives(self, model: Model) -> list[Drive]:
+        """What drives each run after the effects between command and torque, held between the instants."""
+        key = model.drive_values
+        drives = self._drives.pop(key, None) or self.records.drives_between(model)
+        # The slopes along all other parameters ask for the same again, and so does the next step.
+        self._drives[key] = drives
+        for old in list(self._drives)[:-_DRIVES]:
+            self._drives.pop(old, None)
+        return drives
+
+    def forget(self) -> None:
+        """Let go of the drives that were kept."""
+        self._drives.clear()

@@ -1,0 +1,102 @@
+"""How large what is measured usually is: the units in which a fit searches."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from rovid.campaign.trial import Trial
+from rovid.campaign.vehicle import Vehicle
+from rovid.effects.base import SPEEDS, Scales, neutral_commands, race
+from rovid.ground.arrays import FloatArray
+from rovid.motion.runs import Run
+
+# It is divided by.
+_NOT_NOTHING = 1e-9
+_HOUR = 3600.0
+
+
+def usual(series: Sequence[FloatArray]) -> float:
+    """Root mean square of what is known, but never nothing."""
+    values = np.concatenate(series)
+    return max(float(np.sqrt(np.nanmean(values**2))), _NOT_NOTHING)
+
+
+def usual_rate(runs: Sequence[Run]) -> float:
+    """Root mean square of the rate, rad/s or m/s."""
+    return usual([run.rates.rate for run in runs])
+
+
+def in_use(values: FloatArray) -> float:
+    """Root mean square of those ``values`` that are not nothing."""
+    some = values[np.abs(values) > 0.0]
+    return float(np.sqrt(np.mean(some**2)))
+
+
+def scales_of(trials: Sequence[Trial], vehicle: Vehicle | None, torque: float, rate: float, *, driven: bool) -> Scales:
+    """What one unit of each effect's parameter is, by the ``torque`` in N m and the ``rate`` in rad/s in use.
+
+    ``driven`` is whether anything drives the vehicle.
+    """
+    race, root, load = math.sqrt(torque), math.sqrt(torque), 1.0
+    if vehicle is not None and driven:
+        race, root = _races(trials, vehicle)
+        load = _load(trials, vehicle)
+    surge, sway = (_speed(trials, name) for name in SPEEDS)
+    longest, day = _hours(trials)
+    return Scales(
+        command=_command(trials, vehicle),
+        torque=torque,
+        rate=rate,
+        race=race,
+        root=root,
+        surge=surge,
+        sway=sway,
+        load=load,
+        longest=longest,
+        day=day,
+    )
+
+
+def _command(trials: Sequence[Trial], vehicle: Vehicle | None) -> float:
+    """Farthest command from neutral."""
+    neutral = 0.0 if vehicle is None else neutral_commands(vehicle)
+    farthest = [np.max(np.abs(trial.commands - neutral), initial=0.0) for trial in trials]
+    return float(max(farthest))
+
+
+def _races(trials: Sequence[Trial], vehicle: Vehicle) -> tuple[float, float]:
+    """Of the race in use, N^0.5 m^2, and of the root of a thrust in use, N^0.5."""
+    arms = np.array([thruster.arm for thruster in vehicle.thrusters])
+    thrust = np.concatenate([vehicle.thrust(trial.commands) for trial in trials])
+    return in_use(race(thrust, arms)), in_use(np.sqrt(np.abs(thrust)))
+
+
+def _load(trials: Sequence[Trial], vehicle: Vehicle) -> float:
+    """Heaviest load of all thrusters together, as a share of their full thrust; 1 where there is none."""
+    full = sum(thruster.full_thrust for thruster in vehicle.thrusters)
+    heaviest = 0.0
+    for trial in trials:
+        load = np.abs(vehicle.thrust(trial.commands)).sum(axis=1)
+        heaviest = max(heaviest, float(load.max(initial=0.0)))
+    return heaviest / full or 1.0
+
+
+def _speed(trials: Sequence[Trial], name: str) -> float:
+    """Root mean square of a logged speed, m/s; 1 where there is none."""
+    logged = np.concatenate([trial.extras.get(name, np.zeros(0)) for trial in trials])
+    known = logged[np.isfinite(logged)]
+    if not known.any():
+        return 1.0
+    return float(np.sqrt(np.mean(known**2)))
+
+
+def _hours(trials: Sequence[Trial]) -> tuple[float, float]:
+    """Of the longest log, and of all from the beginning of the first to the end of the last."""
+    longest, day = 0.0, 0.0
+    for trial in trials:
+        span = float(np.ptp(trial.time))
+        longest, day = max(longest, span), max(day, trial.since + span)
+    return longest / _HOUR, day / _HOUR
