@@ -56,6 +56,14 @@ def test_paper_table_by_ordinary_least_squares() -> None:
     assert fit.left_out[-1] == pytest.approx([4158, 19.9, -13.8], rel=0.01)
 
 
+def test_only_logs_tell_how_well_their_torque_is_known() -> None:
+    table = fit_drag(points_from_table(read_table(PAPER)))
+    assert not table.torque_error_known
+    assert (table.torque_error == 1.0).all()
+    logs = fit_drag([point(r, truth(r), error=1e-4) for r in (-0.2, -0.1, -0.03, 0.03, 0.1, 0.2)])
+    assert logs.torque_error_known
+
+
 def test_exact_data_give_exact_drag() -> None:
     fit = fit_drag([point(r, truth(r), error=1e-4) for r in (-0.2, -0.1, -0.03, 0.03, 0.1, 0.2)])
     assert fit.estimate.values == pytest.approx([3532.0, 132.0], rel=1e-9)
