@@ -4,7 +4,9 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 JOBS   ?= auto
 
-.PHONY: demo test test-slow lint docs bench sweep torture clean
+ROVID  ?= $(BIN)/rovid
+
+.PHONY: demo demo-alone test test-slow lint docs release bench sweep torture clean
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -12,13 +14,20 @@ $(VENV)/installed: pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group dev --editable .
 	touch $@
 
-demo: $(VENV)/installed  ## identify the sample trial day and write its page
-	$(BIN)/rovid check sample_logs/rosub_tank
-	$(BIN)/rovid fit-drag sample_logs/rosub_tank -p demo/parameters.toml
-	$(BIN)/rovid fit-inertia -p demo/parameters.toml
-	$(BIN)/rovid simulate -p demo/parameters.toml
+define DEMO
+	$(ROVID) check sample_logs/rosub_tank
+	$(ROVID) fit-drag sample_logs/rosub_tank -p demo/parameters.toml
+	$(ROVID) fit-inertia -p demo/parameters.toml
+	$(ROVID) simulate -p demo/parameters.toml
 	@echo "The finished page:"
-	@$(BIN)/rovid report -p demo/parameters.toml -o demo/report
+	@$(ROVID) report -p demo/parameters.toml -o demo/report
+endef
+
+demo: $(VENV)/installed  ## identify the sample trial day and write its page
+	$(DEMO)
+
+demo-alone:  ## the same by an installed ROVID, in whatever folder holds the sample logs
+	$(DEMO)
 
 test: $(VENV)/installed lint  ## all tests; fails when none ran
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal
@@ -34,6 +43,11 @@ lint: $(VENV)/installed
 docs: $(VENV)/installed  ## the documentation: build/docs/index.html
 	$(BIN)/python -m sphinx -W --keep-going -q -b html -d build/doctrees docs build/docs
 	@echo "The documentation: build/docs/index.html"
+
+release: $(VENV)/installed  ## sdist and wheel in dist/, and the demo from that wheel outside the tree; uploads nothing
+	rm -rf dist
+	$(BIN)/python -m build
+	.ci/try_wheel $(PYTHON)
 
 bench: $(VENV)/installed  ## timings, as ratios measured in one run, and whether standard errors hold
 	$(BIN)/python -m benchmarks.reading
@@ -53,4 +67,4 @@ torture: $(VENV)/installed  ## an hour: a million bad inputs, kills, full disks;
 	$(BIN)/python -m benchmarks.torture.faults --state build/faults.jsonl
 
 clean:
-	rm -rf $(VENV) demo build/docs build/doctrees
+	rm -rf $(VENV) demo dist build/docs build/doctrees build/release

@@ -1,15 +1,18 @@
 """Write the pages and pictures of docs/effects from the catalogue of effects and docs/effects/notes.toml.
 
-Run from the checkout as ``python docs/make_effects.py``. The pages are text alone, so that a test can compare them.
+Run from the checkout as ``python docs/make_effects.py``. With the ids of effects behind it, it draws the pictures of
+those alone, and writes all pages none the less, for they speak of each other. The pages are text alone, so that a test
+can compare them.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 import textwrap
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +28,13 @@ from rovid.effects import CATALOGUE, FORMS, Effect, EffectParameter
 from rovid.effects.base import SPEEDS, OnCommand, OnHeading, OnThrust, OnTorque, Term, Wave
 from rovid.effects.thruster_imbalance import BESIDE, of_thruster
 from rovid.ground.arrays import FloatArray
+from rovid.ground.errors import ConfigError, RovidError, nearest
 from rovid.model.drive import Drive
 from rovid.model.model import Model
 from rovid.report.plots.canvas import BLACK, BLUE, ORANGE, PALE, png, sheet, styled
 
 FOLDER = Path(__file__).parent / "effects"
+NOTES = FOLDER / "notes.toml"
 INDEX = "README.md"
 _CONFIG = Path(__file__).parent.parent / "sample_logs" / "rosub_tank" / "rovid.toml"
 _INERTIA, _QUADRATIC, _LINEAR = 5057.0, 3532.0, 132.0
@@ -84,6 +89,11 @@ class Note:
     stiffness: float = 0.0
 
 
+_KEYS = tuple(key.name for key in fields(Note))
+# Those without which there is no page.
+_WANTED = tuple(key.name for key in fields(Note) if key.default is MISSING)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Course:
     """One simulated run, (n,) each, with the effect and without it.
@@ -101,25 +111,49 @@ class Course:
 
 
 def notes() -> dict[str, Note]:
-    """The hand-written part, by id."""
-    with (FOLDER / "notes.toml").open("rb") as file:
+    """The hand-written part, by id.
+
+    Raises
+    ------
+    ConfigError
+        An effect has no entry or half of one, or an entry is of no effect.
+    """
+    with NOTES.open("rb") as file:
         document = tomllib.load(file)
-    missing = [effect.id for effect in CATALOGUE if effect.id not in document]
+    ids = [effect.id for effect in CATALOGUE]
+    for name in ids:
+        if name not in document:
+            raise _refused(f"has no entry [{name}], which is to hold {_listed(_WANTED)}.")
+    for name in document:
+        if name not in ids:
+            raise _refused(f"[{name}] is the id of no effect. {nearest(name, ids)}")
+    return {name: _note(name, entry) for name, entry in document.items()}
+
+
+def _note(name: str, entry: dict[str, Any]) -> Note:
+    missing = [key for key in _WANTED if key not in entry]
     if missing:
-        msg = f"notes.toml has no entry [{missing[0]}]: it needs text, sizes, values, hold, period and against"
-        raise ValueError(msg)
-    return {name: Note(**_checked(name, entry)) for name, entry in document.items()}
-
-
-def _checked(name: str, entry: dict[str, Any]) -> dict[str, Any]:
-    entry["text"] = " ".join(entry["text"].split())
-    entry["sizes"] = tuple(entry["sizes"])
-    entry["speeds"] = tuple(entry.get("speeds", (0.0, 0.0)))
+        raise _refused(f"[{name}] has no {_listed(missing)}.")
+    unknown = [key for key in entry if key not in _KEYS]
+    if unknown:
+        raise _refused(f"[{name}] has {unknown[0]}. {nearest(unknown[0], _KEYS)}")
     wanted = [parameter.name for parameter in _plain(name).parameters]
     if list(entry["values"]) != wanted:
-        msg = f"notes.toml, {name}: values are of {list(entry['values'])}, the effect's parameters are {wanted}"
-        raise ValueError(msg)
-    return entry
+        raise _refused(f"[{name}]: values are of {_listed(entry['values'])}; the parameters are {_listed(wanted)}.")
+    if entry["against"] not in _AXES:
+        raise _refused(f"[{name}]: against is {entry['against']!r}. {nearest(entry['against'], _AXES)}")
+    plain = entry | {"text": " ".join(entry["text"].split()), "sizes": tuple(entry["sizes"])}
+    if "speeds" in entry:
+        plain["speeds"] = tuple(entry["speeds"])
+    return Note(**plain)
+
+
+def _refused(text: str) -> ConfigError:
+    return ConfigError(text, where=NOTES.name, mend="The head of the file explains the keys.")
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(names)
 
 
 def _plain(name: str) -> Effect:
@@ -516,12 +550,22 @@ def _item(text: str) -> str:
 
 
 def main() -> None:
-    """Write all pages and pictures."""
-    for name, text in pages().items():
+    """Write all pages, and the pictures of the effects that are named, or of all."""
+    ids = [effect.id for effect in CATALOGUE]
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("ids", nargs="*", metavar="ID", help="effects whose pictures are drawn; all without any")
+    chosen = parser.parse_args().ids or ids
+    try:
+        for name in chosen:
+            if name not in ids:
+                raise ConfigError(f"is {name!r}, the id of no effect. {nearest(name, ids)}", where="ID")
+        told, texts = notes(), pages()
+    except RovidError as error:
+        parser.exit(2, f"{error}\n")
+    for name, text in texts.items():
         (FOLDER / name).write_text(text, encoding="utf-8")
-    told = notes()
-    for effect in CATALOGUE:
-        (FOLDER / f"{effect.id}.png").write_bytes(png(picture(effect, told[effect.id])))
+    for name in chosen:
+        (FOLDER / f"{name}.png").write_bytes(png(picture(_plain(name), told[name])))
 
 
 if __name__ == "__main__":

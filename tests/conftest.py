@@ -46,6 +46,15 @@ def rovid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Rovid:
     return run_rovid
 
 
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder, empty, beside what a test writes."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
 def run_rovid(*arguments: object) -> Done:
     out, err = io.StringIO(), io.StringIO()
     argv, sys.argv = sys.argv, ["rovid", *map(str, arguments)]

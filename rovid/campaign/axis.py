@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from rovid.ground.errors import ConfigError, nearest
@@ -162,3 +162,20 @@ def axis_named(name: str) -> Axis:
             f"is {name!r}; one of {', '.join(AXES)} was expected.", where="--axis", mend=nearest(name, AXES)
         )
     return AXES[name]
+
+
+def described(signals: Collection[str], keys: Collection[str]) -> list[str]:
+    """Names of the axes but yaw that a rovid.toml is about.
+
+    One of its ``signals`` measures the motion along them, and a force or one of its thrusters, whose ``keys`` name
+    their levers, drives it; where there are no thrusters, gravity may.
+    """
+    found = []
+    for axis in AXES.values():
+        fixed = bool(axis.fixes) and set(axis.fixes) <= set(signals)
+        measured = fixed or not {*axis.positions, axis.rate}.isdisjoint(signals)
+        pushed = axis.arm in keys or axis.push in signals
+        swings = axis.rights and not keys
+        if axis is not YAW and measured and (pushed or swings):
+            found.append(axis.name)
+    return found

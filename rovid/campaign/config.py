@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from rovid.campaign.axis import AXES, YAW, Axis
-from rovid.campaign.tables import CURVE_COLUMNS, read_table
-from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.campaign.axis import AXES, YAW, Axis, described
+from rovid.campaign.formats import KINDS
+from rovid.campaign.tables import read_curve
+from rovid.campaign.vehicle import Thruster, Vehicle
 from rovid.ground.errors import NAME_LENGTH, ConfigError, nearest
 from rovid.ground.files import settle
-from rovid.ground.places import odd, refuse_odd, require
+from rovid.ground.places import odd, require
 from rovid.ground.toml import number_wanted, read_toml
 
 FILE_NAME = "rovid.toml"
@@ -53,8 +52,6 @@ _VEHICLE_KEYS = ("name", *_VEHICLE_NUMBERS)
 _ARMS = tuple(axis.arm for axis in AXES.values())
 _THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside")
 _NOT_SOURCES = ("unit", "sign")
-# Keys of a signal that say where it stands: the formats of `rovid.readers`.
-FORMATS = ("csv", "mcap", "parquet", "bag", "bin", "tlog", "nmea", "ulg")
 
 _ATTITUDE = {"heading": "yaw", "roll": "roll", "pitch": "pitch"}
 # Format -> signal -> (source, unit): what every log of the format calls by one name, so that [signals] need not.
@@ -224,7 +221,7 @@ class _Reader:
             raise self.complain("thrusters", "must be written [[thrusters]], one block each.")
         thrusters, commands = self.drive(blocks, signals)
         kinds: set[str] = set().union(*(command.sources for command in commands))
-        measured = self.measured(signals, kinds)
+        measured = self.measured(signals, kinds, blocks)
         self.check_drive(blocks, thrusters)
         return Config(
             path=self.path,
@@ -263,7 +260,7 @@ class _Reader:
         if len(set(names)) < len(names):
             raise self.complain("[[thrusters]]", f"two have the same name among {names}.", "Name each differently.")
 
-    def measured(self, signals: Mapping[str, Signal], kinds: Iterable[str]) -> str:
+    def measured(self, signals: Mapping[str, Signal], kinds: Iterable[str], blocks: Sequence[Any]) -> str:
         """Name of the signal that tells where the vehicle is; logs of ``kinds`` may hold it by a standard name."""
         axis = self.axis
         there = set(signals)
@@ -276,7 +273,12 @@ class _Reader:
         if not measured or (axis.angular and measured == axis.rate):
             wanted = axis.position if axis.angular else f"{' or '.join(axis.positions)} and no {axis.rate}"
             unit = _DEFAULT_UNIT[axis.position]
-            mend = f'Add {axis.position} = {{ csv = "<column>", unit = "{unit}" }}.'
+            missing = f'{axis.position} = {{ csv = "<column>", unit = "{unit}" }}'
+            mend = f"Add {missing}."
+            others = described(signals, _keys(blocks))
+            if axis is YAW and others:
+                # Yaw is what is taken where no axis is named.
+                mend = f"These logs are of {' and '.join(others)}: give --axis {others[0]}, or for yaw add {missing}."
             raise self.complain("[signals]", f"has no {wanted}.", mend)
         return measured
 
@@ -348,7 +350,7 @@ class _Reader:
         entry = {"csv": value} if isinstance(value, str) else value
         if not isinstance(entry, dict) or not entry:
             raise self.complain(place, f'is {value!r}; {{ csv = "<column>", mcap = "<topic.field>" }} was expected.')
-        self.known(entry, (*FORMATS, *_NOT_SOURCES), place)
+        self.known(entry, (*KINDS, *_NOT_SOURCES), place)
         for key, text in entry.items():
             if key != "sign" and not isinstance(text, str):
                 raise self.complain(f"{place} {key}", f"is {text!r}; text was expected.")
@@ -367,33 +369,10 @@ class _Reader:
         return Signal(name=name, sources=sources, unit=unit, factor=sign * factor)
 
 
+def _keys(blocks: Sequence[Any]) -> set[str]:
+    """All keys of the blocks that are such."""
+    return {key for block in blocks if isinstance(block, dict) for key in block}
+
+
 def _example(axis: Axis) -> str:
     return "0.43" if axis.angular else "1.0"
-
-
-def read_curve(path: Path) -> ThrustCurve:
-    """Thrust curve from a CSV with the columns command and thrust_N.
-
-    Raises
-    ------
-    RovidError
-        The file is missing, has other columns, text in a number, fewer than two points or a repeated command.
-    """
-    refuse_odd(path)
-    if not path.is_file():
-        raise ConfigError(
-            "there is no such thrust curve.",
-            where=path,
-            mend="Make one from bench readings with `rovid fit-thruster BENCH.csv -o " + path.name + "`.",
-        )
-    table = read_table(path)
-    command, thrust = map(table.numbers, CURVE_COLUMNS)
-    order = np.argsort(command, kind="stable")
-    command, thrust = command[order], thrust[order]
-    if len(command) < 2 or np.any(np.diff(command) <= 0):
-        raise ConfigError(
-            f"has {len(command)} points, some at one command; two or more different commands were expected.",
-            where=path,
-            mend="`rovid fit-thruster` turns repeated bench readings into a curve.",
-        )
-    return ThrustCurve(command=command, thrust=thrust)

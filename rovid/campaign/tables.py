@@ -11,16 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
+from rovid.campaign.formats import FORMATS
+from rovid.campaign.vehicle import ThrustCurve
 from rovid.ground.arrays import FloatArray
-from rovid.ground.errors import LogError, nearest
+from rovid.ground.errors import ConfigError, LogError, nearest
 from rovid.ground.places import refuse_odd, require, search
 from rovid.ground.toml import LARGEST
 
 _FINEST = 1e-3
 # Bytes: a day of bench readings, and no log.
 _SIZE = 64_000_000
-# What makes a folder one of logs and not of tables; a CSV may be either.
-LOG_SUFFIXES = (".mcap", ".parquet", ".bag", ".db3", ".bin", ".tlog", ".nmea", ".ulg")
 _LOOKED_AT = 50  # rows, of which one has to hold a number
 CURVE_COLUMNS = ("command", "thrust_N")
 STEADY_COLUMNS = ("yaw_rate_rad_s", "torque_Nm")
@@ -211,8 +211,9 @@ def find_table(paths: Sequence[Path], columns: Sequence[str]) -> Path | None:
 
 
 def _is_log(path: Path) -> bool:
+    """Whether it makes a folder one of logs and not of tables; a CSV may be either."""
     suffix = path.suffix.lower()
-    return suffix in LOG_SUFFIXES or (suffix == ".csv" and not _is_table(path))
+    return suffix in FORMATS and not (suffix == ".csv" and _is_table(path))
 
 
 def _is_table(path: Path) -> bool:
@@ -228,3 +229,31 @@ def curve_text(command: FloatArray, thrust: FloatArray) -> str:
     rows = [f"{c:.10g},{t:.7g}" for c, t in zip(command, thrust, strict=True)]
     first, second = CURVE_COLUMNS
     return "\n".join([f'"{first}",{second}', *rows]) + "\n"
+
+
+def read_curve(path: Path) -> ThrustCurve:
+    """Thrust curve from a CSV with the columns command and thrust_N.
+
+    Raises
+    ------
+    RovidError
+        The file is missing, has other columns, text in a number, fewer than two points or a repeated command.
+    """
+    refuse_odd(path)
+    if not path.is_file():
+        raise ConfigError(
+            "there is no such thrust curve.",
+            where=path,
+            mend="Make one from bench readings with `rovid fit-thruster BENCH.csv -o " + path.name + "`.",
+        )
+    table = read_table(path)
+    command, thrust = map(table.numbers, CURVE_COLUMNS)
+    order = np.argsort(command, kind="stable")
+    command, thrust = command[order], thrust[order]
+    if len(command) < 2 or np.any(np.diff(command) <= 0):
+        raise ConfigError(
+            f"has {len(command)} points, some at one command; two or more different commands were expected.",
+            where=path,
+            mend="`rovid fit-thruster` turns repeated bench readings into a curve.",
+        )
+    return ThrustCurve(command=command, thrust=thrust)

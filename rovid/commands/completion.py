@@ -8,11 +8,11 @@ from pathlib import Path
 import typer
 
 from rovid.campaign.axis import AXES, YAW
+from rovid.export import FORMATS
 from rovid.ground.errors import RovidError
 from rovid.ground.toml import read_toml
 
-# In the order of `rovid.export.EXPORTERS`, and of `rovid.identify.bench.THRUST_UNITS`; a test compares.
-FORMATS = ("gz-sim", "uuv", "vrx", "stonefish", "mujoco", "ros2", "matlab", "json", "python-vehicle-simulator")
+# In the order of `rovid.identify.bench.THRUST_UNITS`; a test compares.
 THRUST_UNITS = ("N", "kN", "kgf", "gf", "lbf")
 # What every model has; of its effects only the parameter file knows.
 BASE = ("inertia", "quadratic_drag", "linear_drag")

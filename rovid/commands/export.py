@@ -11,6 +11,7 @@ from rovid.commands import completion
 from rovid.commands.manual import Page
 from rovid.commands.options import Force, Json, ParameterFile
 from rovid.commands.session import busy, claim_of, console, known_at, of_yaw, opened, print_json
+from rovid.export import FORMATS
 
 PAGE = Page(
     text="""
@@ -35,7 +36,7 @@ def export(
         str,
         typer.Argument(
             metavar="FORMAT",
-            help=f"One of {', '.join(completion.FORMATS)}.",
+            help=f"One of {', '.join(FORMATS)}.",
             autocompletion=completion.formats,
         ),
     ],
@@ -55,8 +56,9 @@ def export(
     json: Json = False,
 ) -> None:
     """Write the model in the format of a simulator."""
-    from rovid.export import export as make
-    from rovid.export import exporter, subject_of
+    from rovid.export.exporting import export as make
+    from rovid.export.exporting import exporter
+    from rovid.export.subject import subject_of
     from rovid.show.documents import export_document
     from rovid.show.terminal import show_export
 

@@ -23,7 +23,7 @@ class Page:
     text
         What it reads, what it writes, when to use it; paragraphs.
     examples
-        (what for, command line); see ``tests/test_help.py``, which runs them.
+        (what for, command line); see ``tests/commands/test_manual.py``, which runs them.
     see
         Related commands and pages.
     """
@@ -51,8 +51,9 @@ class ManualCommand(TyperCommand):
         arguments = [(one.metavar or one.name, one.help or "") for one in own if _is_argument(one)]
         options = [one.get_help_record(ctx) for one in own if not _is_argument(one)]
         for heading, rows in (("Arguments", arguments), ("Options", options)):
-            with formatter.section(heading):
-                formatter.write_dl([row for row in rows if row])
+            if rows:
+                with formatter.section(heading):
+                    formatter.write_dl([row for row in rows if row])
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002, D102 - typer's
         formatter.write(f"\n{self.epilog}\n")

@@ -13,8 +13,10 @@ import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.effects.actuation import Actuation, actuation
-from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves
+from rovid.export.curves import Curve, curve_comment, curve_keys, curves
 from rovid.export.manoeuvre import march, thrust_torque
+from rovid.export.subject import Subject
+from rovid.export.target import Target
 from rovid.ground.arrays import FloatArray
 from rovid.ground.files.form import export_mark
 from rovid.ground.quoting import xml_attribute, xml_comment

@@ -11,7 +11,8 @@ from scipy.signal import lfilter
 
 from rovid.campaign.trial import Trial
 from rovid.effects.actuation import neutral_commands
-from rovid.export.base import Curve, Subject
+from rovid.export.curves import Curve
+from rovid.export.subject import Subject
 from rovid.ground.arrays import FloatArray
 from rovid.model.model import Model
 

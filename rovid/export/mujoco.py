@@ -11,8 +11,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rovid.export.base import Curve, Subject, Target, curve_keys, curves, numbers
+from rovid.export.curves import Curve, curve_keys, curves, numbers
 from rovid.export.manoeuvre import lagged, march, stepped
+from rovid.export.subject import Subject
+from rovid.export.target import Target
 from rovid.ground.arrays import FloatArray
 from rovid.ground.files.form import export_mark
 from rovid.ground.quoting import xml_attribute

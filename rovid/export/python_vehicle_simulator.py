@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from rovid.export.base import Curve, Subject, Target, curve_keys, curves
+from rovid.export.curves import Curve, curve_keys, curves
 from rovid.export.manoeuvre import stepped
+from rovid.export.subject import Subject
+from rovid.export.target import Target
 from rovid.ground.arrays import FloatArray
 from rovid.ground.files.form import export_mark
 from rovid.ground.quoting import python_docstring
@@ -25,61 +27,10 @@ _TERMS = {
     "tether_torsion": " - {stiffness!r} * psi",
 }
 _LAGS = ("thruster_lag", "thruster_lag:command")
+# The class, with the numbers of the subject to be put in.
+_MODULE = '''"""Yaw of {title}, identified by rovid, as a vehicle of PythonVehicleSimulator.
 
-
-def export(subject: Subject) -> Target:
-    """A module with the class RovidVehicle."""
-    propulsion = curves(subject)
-    lag = next((key for key in subject.effects if key in _LAGS), "")
-    content = _module(subject, propulsion, lag)
-
-    def plant(commands: FloatArray, period: float) -> FloatArray:
-        space: dict[str, Any] = {}
-        exec(compile(content, "rovid_vehicle.py", "exec"), space)  # noqa: S102 - our own text, run as its user will
-        vehicle = space["RovidVehicle"]()
-        nu, actual, eta, rates = vehicle.nu, vehicle.u_actual, np.zeros(6), []
-        for control in stepped(commands, period, _STEP):
-            rates.append(nu[5])
-            nu, actual = vehicle.dynamics(eta, nu, actual, control, _STEP)
-            eta[5] += _STEP * nu[5]
-        return np.array(rates[:: round(period / _STEP)])
-
-    stated = {key for key in subject.effects if key in _TERMS or key == lag}
-    return Target(
-        content=content,
-        plant=plant,
-        holds=curve_keys(subject) | stated,
-        notes=(
-            "Axes are NED, as rovid's: no sign changes.",
-            "Yaw alone moves: surge to pitch keep their velocity.",
-            "The simulator's vehicles share no base class: the class has what its main loop calls.",
-        ),
-    )
-
-
-def _module(subject: Subject, propulsion: list[Curve], lag: str) -> str:
-    model = subject.model
-    terms = ""
-    for key, values in subject.effects.items():
-        if key in _TERMS:
-            terms += _TERMS[key].format(**values)
-    tables, names = "", []
-    for curve in propulsion:
-        command, thrust = curve.command.tolist(), curve.thrust.tolist()
-        tables += f"            ({curve.arm!r}, {curve.neutral!r}, {command!r}, {thrust!r}),\n"
-        names.append(f"{curve.name} command")
-    if lag == "thruster_lag":
-        # What acts late is the thrust, behind the curves.
-        acting, push, goal = "thrust", "float(np.dot(self.arms, u))", "self.thrusts(u_control)"
-        start = [0.0] * len(propulsion)
-    else:
-        acting, push, goal = "command", "self.torque(u)", "u_control"
-        start = [curve.neutral for curve in propulsion]
-    time_constant = subject.effects[lag]["time_constant"] if lag else 0.0
-    title = python_docstring(subject.vehicle.name)
-    return f'''"""Yaw of {title}, identified by rovid, as a vehicle of PythonVehicleSimulator.
-
-{export_mark("python-vehicle-simulator")}.
+{mark}.
 
 NED: the yaw rate nu[5] in rad/s and the heading eta[5] in rad are positive clockwise from above.
 """
@@ -96,13 +47,13 @@ class RovidVehicle:
     """
 
     def __init__(self):
-        self.name = {subject.vehicle.name!r}
-        self.L = {subject.vehicle.length or 1.0!r}
+        self.name = {name!r}
+        self.L = {length!r}
         self.controlMode = "stepInput"
         self.controlDescription = "Step commands"
-        self.I = {model.inertia!r}  # kg m^2
-        self.DQ = {model.quadratic_drag!r}  # N m s^2/rad^2
-        self.DL = {model.linear_drag!r}  # N m s/rad
+        self.I = {inertia!r}  # kg m^2
+        self.DQ = {quadratic_drag!r}  # N m s^2/rad^2
+        self.DL = {linear_drag!r}  # N m s/rad
         self.lag = {time_constant!r}  # s
         # Yaw arm in m, command of no thrust, commands, thrusts in N of each thruster.
         self.thrusters = [
@@ -141,3 +92,83 @@ class RovidVehicle:
     def stepInput(self, t):
         return np.array([table[-1] if 10.0 < t < 60.0 else neutral for _, neutral, table, _ in self.thrusters])
 '''
+
+
+def export(subject: Subject) -> Target:
+    """A module with the class RovidVehicle."""
+    propulsion = curves(subject)
+    lag = next((key for key in subject.effects if key in _LAGS), "")
+    content = _module(subject, propulsion, lag)
+
+    def plant(commands: FloatArray, period: float) -> FloatArray:
+        space: dict[str, Any] = {}
+        exec(compile(content, "rovid_vehicle.py", "exec"), space)  # noqa: S102 - our own text, run as its user will
+        vehicle = space["RovidVehicle"]()
+        nu, actual, eta, rates = vehicle.nu, vehicle.u_actual, np.zeros(6), []
+        for control in stepped(commands, period, _STEP):
+            rates.append(nu[5])
+            nu, actual = vehicle.dynamics(eta, nu, actual, control, _STEP)
+            eta[5] += _STEP * nu[5]
+        return np.array(rates[:: round(period / _STEP)])
+
+    stated = {key for key in subject.effects if key in _TERMS or key == lag}
+    return Target(
+        content=content,
+        plant=plant,
+        holds=curve_keys(subject) | stated,
+        notes=(
+            "Axes are NED, as rovid's: no sign changes.",
+            "Yaw alone moves: surge to pitch keep their velocity.",
+            "The simulator's vehicles share no base class: the class has what its main loop calls.",
+        ),
+    )
+
+
+def _module(subject: Subject, propulsion: list[Curve], lag: str) -> str:
+    model, vehicle = subject.model, subject.vehicle
+    return _MODULE.format(
+        title=python_docstring(vehicle.name),
+        mark=export_mark("python-vehicle-simulator"),
+        name=vehicle.name,
+        length=vehicle.length or 1.0,
+        inertia=model.inertia,
+        quadratic_drag=model.quadratic_drag,
+        linear_drag=model.linear_drag,
+        time_constant=subject.effects[lag]["time_constant"] if lag else 0.0,
+        terms=_terms(subject),
+        tables=_tables(propulsion),
+        names=[f"{curve.name} command" for curve in propulsion],
+        **_acting(propulsion, lag),
+    )
+
+
+def _terms(subject: Subject) -> str:
+    """Further terms of the equation of motion."""
+    terms = [_TERMS[key].format(**values) for key, values in subject.effects.items() if key in _TERMS]
+    return "".join(terms)
+
+
+def _tables(propulsion: list[Curve]) -> str:
+    """A line for each thruster."""
+    lines = ""
+    for curve in propulsion:
+        command, thrust = curve.command.tolist(), curve.thrust.tolist()
+        lines += f"            ({curve.arm!r}, {curve.neutral!r}, {command!r}, {thrust!r}),\n"
+    return lines
+
+
+def _acting(propulsion: list[Curve], lag: str) -> dict[str, Any]:
+    """What acts late: the thrust, behind the curves, or the command; where it starts and what it goes to."""
+    if lag == "thruster_lag":
+        return {
+            "acting": "thrust",
+            "push": "float(np.dot(self.arms, u))",
+            "goal": "self.thrusts(u_control)",
+            "start": [0.0] * len(propulsion),
+        }
+    return {
+        "acting": "command",
+        "push": "self.torque(u)",
+        "goal": "u_control",
+        "start": [curve.neutral for curve in propulsion],
+    }

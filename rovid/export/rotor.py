@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.export.base import Curve, Subject
+from rovid.export.curves import Curve
+from rovid.export.subject import Subject
 
 BEHIND = "thruster_lag"
 AHEAD = "thruster_lag:command"

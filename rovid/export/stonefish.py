@@ -8,14 +8,18 @@ no |r|*r. Axes are FRD, z down, as rovid's: no sign changes.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import nnls
 
-from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves, numbers
+from rovid.campaign.vehicle import Vehicle
+from rovid.export.curves import Curve, curve_comment, curve_keys, curves, numbers
 from rovid.export.gz_sim import side_of
 from rovid.export.manoeuvre import march, thrust_torque
 from rovid.export.rotor import BEHIND, first_order, input_notes, inputs_of
+from rovid.export.subject import Subject
+from rovid.export.target import Target
 from rovid.ground.arrays import FloatArray
 from rovid.ground.files.form import export_mark
 from rovid.ground.quoting import xml_attribute
@@ -26,103 +30,160 @@ _SUBDIVISIONS = 3  # of a face of Stonefish's box
 _RATES = 200
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Drag:
+    """``linear`` * r + ``cubic`` * r^3 in N m; ``off`` by at most such a share of the largest torque."""
+
+    linear: float
+    cubic: float
+    off: float
+
+    def __call__(self, rate: float) -> float:
+        return (self.linear + self.cubic * rate * rate) * rate
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Hull:
+    """The box, in m, that stands in for the mesh, and the two coefficients that give it the drag."""
+
+    length: float
+    width: float
+    quadratic_drag: float
+    viscous_drag: float
+
+
 def export(subject: Subject) -> Target:
     """A robot for Stonefish whose body is a box."""
-    model, tables = subject.model, curves(subject)
-    size = (subject.vehicle.length or 1.0, subject.vehicle.width or 1.0)
-    linear, cubic = _fitted(subject)
-    form_drag, friction = _mesh_integrals(*size)
+    tables = curves(subject)
+    drag = _fitted(subject)
+    hull = _hull(subject.vehicle, drag)
     lag, form = first_order(subject)
-    inputs = inputs_of(tables, form)
-    rates = np.linspace(0.0, subject.largest_rate, _RATES)
-    wanted = _drag(subject, rates)
-    off = linear * rates + cubic * rates**3 - wanted
-    worst = float(np.max(np.abs(off)) / wanted[-1]) if wanted[-1] > 0.0 else 0.0
-    coefficients = (cubic / (0.5 * _DENSITY * form_drag), linear / (_DENSITY * friction))
-    why = (
-        f"Stonefish has a linear and a cubic drag, no |r|*r: {linear:.4g}*r + {cubic:.4g}*r^3 is fitted to the drag up "
-        f"to {subject.largest_rate:.3g} rad/s, off by up to {100.0 * worst:.2g} % of its largest torque, wrong beyond"
-    )
     stated = {key for key in subject.effects if key in {"drag_curvature", form}}
-    box = f"a box of {size[0]:g} x {size[1]:g} x {size[1]:g} m"
-    if subject.vehicle.length is None or subject.vehicle.width is None:
-        box += " (length or width not known: 1 m)"
     return Target(
-        content=_scenario(subject, size, coefficients, (linear, cubic), inputs, tables, lag),
-        plant=_plant(subject, (linear, cubic), tables, lag, form),
+        content=_scenario(subject, hull, drag, inputs_of(tables, form), tables, lag),
+        plant=_plant(subject, drag, tables, lag, form),
         holds=curve_keys(subject) | stated,
-        misses=() if model.quadratic_drag == 0.0 else (("quadratic_drag", why),),
-        notes=(
-            "Axes are FRD, z down, as rovid's: no sign changes.",
-            (
-                f"The drag coefficients hold for {box}; for another mesh divide the two torques in the file by its own "
-                "integrals."
-            ),
-            "physics is 'floating' and the inertia the whole one: 'submerged' would add Stonefish's own added inertia.",
-            "A newer Stonefish makes both terms quadratic; there neither coefficient is right.",
-            *input_notes(form),
-        ),
+        misses=_misses(subject, drag),
+        notes=(*_notes(subject.vehicle, hull), *input_notes(form)),
     )
 
 
-def _drag(subject: Subject, rates: FloatArray) -> FloatArray:
-    cubic = subject.effects.get("drag_curvature", {}).get("cubic", 0.0)
-    return subject.model.drag(rates) + cubic * rates**3
+def _misses(subject: Subject, drag: _Drag) -> tuple[tuple[str, str], ...]:
+    if subject.model.quadratic_drag == 0.0:
+        return ()
+    why = (
+        f"Stonefish has a linear and a cubic drag, no |r|*r: {drag.linear:.4g}*r + {drag.cubic:.4g}*r^3 is fitted to "
+        f"the drag up to {subject.largest_rate:.3g} rad/s, off by up to {100.0 * drag.off:.2g} % of its largest "
+        "torque, wrong beyond"
+    )
+    return (("quadratic_drag", why),)
 
 
-def _fitted(subject: Subject) -> tuple[float, float]:
-    """Linear and cubic drag, neither negative, nearest to the model's up to the largest rate."""
-    rates = np.linspace(0.0, subject.largest_rate, _RATES)
-    share = rates / subject.largest_rate
-    found, _ = nnls(np.column_stack([share, share**3]), _drag(subject, rates))
-    return float(found[0] / subject.largest_rate), float(found[1] / subject.largest_rate**3)
+def _notes(vehicle: Vehicle, hull: _Hull) -> tuple[str, ...]:
+    box = f"a box of {hull.length:g} x {hull.width:g} x {hull.width:g} m"
+    if vehicle.length is None or vehicle.width is None:
+        box += " (length or width not known: 1 m)"
+    return (
+        "Axes are FRD, z down, as rovid's: no sign changes.",
+        (
+            f"The drag coefficients hold for {box}; for another mesh divide the two torques in the file by its own "
+            "integrals."
+        ),
+        "physics is 'floating' and the inertia the whole one: 'submerged' would add Stonefish's own added inertia.",
+        "A newer Stonefish makes both terms quadratic; there neither coefficient is right.",
+    )
+
+
+def _fitted(subject: Subject) -> _Drag:
+    """Neither part negative, and the nearest to the model's drag up to the largest rate."""
+    largest = subject.largest_rate
+    rates = np.linspace(0.0, largest, _RATES)
+    own_cubic = subject.effects.get("drag_curvature", {}).get("cubic", 0.0)
+    wanted = subject.model.drag(rates) + own_cubic * rates**3
+    # Against shares of the largest rate: both columns are of one size.
+    share = rates / largest
+    columns = np.column_stack([share, share**3])
+    torques, _ = nnls(columns, wanted)
+    worst = float(np.max(np.abs(columns @ torques - wanted)))
+    return _Drag(
+        linear=float(torques[0] / largest),
+        cubic=float(torques[1] / largest**3),
+        off=worst / float(wanted[-1]) if wanted[-1] > 0.0 else 0.0,
+    )
+
+
+def _hull(vehicle: Vehicle, drag: _Drag) -> _Hull:
+    length, width = vehicle.length or 1.0, vehicle.width or 1.0
+    form_drag, friction = _mesh_integrals(length, width)
+    return _Hull(
+        length=length,
+        width=width,
+        quadratic_drag=drag.cubic / (0.5 * _DENSITY * form_drag),
+        viscous_drag=drag.linear / (_DENSITY * friction),
+    )
 
 
 def _mesh_integrals(length: float, width: float) -> tuple[float, float]:
     """Form drag over r^3 in m^7 and friction over r in m^4 of a box turning about z, over the faces of its mesh."""
-    half = 0.5 * np.array([length, width, width])
-    corners, _ = _box(half)
-    a, b, c = corners
+    a, b, c = _box(0.5 * np.array([length, width, width]))
     normal = np.cross(b - a, c - a)
     area = 0.5 * np.linalg.norm(normal, axis=1)
     normal /= 2.0 * area[:, None]
     centre = (a + b + c) / 3.0
+    # Past a face, at a rate of 1 rad/s.
     flow = -np.cross(np.array([0.0, 0.0, 1.0]), centre)
+    speed = np.linalg.norm(flow, axis=1)
     approach = np.einsum("ij,ij->i", flow, normal)
     tangent = flow - approach[:, None] * normal
-    speed = np.linalg.norm(flow, axis=1)
     facing = np.where(approach < 0.0, -approach, 0.0)
-    form_drag = -np.sum(np.cross(centre, flow)[:, 2] * speed * facing * area)
-    return float(form_drag), float(-np.sum(np.cross(centre, tangent)[:, 2] * area))
+    form_drag = -np.sum(_about_z(centre, flow) * speed * facing * area)
+    friction = -np.sum(_about_z(centre, tangent) * area)
+    return float(form_drag), float(friction)
 
 
-def _box(half: FloatArray) -> tuple[tuple[FloatArray, FloatArray, FloatArray], int]:
+def _about_z(arm: FloatArray, force: FloatArray) -> FloatArray:
+    return np.asarray(np.cross(arm, force)[:, 2])
+
+
+def _box(half: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The three (n, 3) corners of each triangle of a box's mesh; ``half`` its edges in m."""
     triangles = []
     for axis in range(3):
-        u, v = (axis + 1) % 3, (axis + 2) % 3
         for way in (1.0, -1.0):
-            quad = np.zeros((4, 3))
-            quad[:, axis] = way * half[axis]
-            quad[:, u] = half[u] * np.array([-1.0, 1.0, 1.0, -1.0])
-            quad[:, v] = way * half[v] * np.array([-1.0, -1.0, 1.0, 1.0])
-            triangles += [quad[[0, 1, 2]], quad[[0, 2, 3]]]
+            side = _side(half, axis, way)
+            triangles += [side[[0, 1, 2]], side[[0, 2, 3]]]
     mesh = np.array(triangles)
     for _ in range(_SUBDIVISIONS):
-        a, b, c = mesh.transpose(1, 0, 2)
-        ab, bc, ca = (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0
-        quarters = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-        mesh = np.concatenate([np.stack(corners, axis=1) for corners in quarters])
+        mesh = _quartered(mesh)
     a, b, c = mesh.transpose(1, 0, 2)
-    return (a, b, c), len(mesh)
+    return a, b, c
+
+
+def _side(half: FloatArray, axis: int, way: float) -> FloatArray:
+    """(4, 3) corners of the side that looks along ``axis``, or against it, seen from outside counter-clockwise."""
+    u, v = (axis + 1) % 3, (axis + 2) % 3
+    side = np.zeros((4, 3))
+    side[:, axis] = way * half[axis]
+    side[:, u] = half[u] * np.array([-1.0, 1.0, 1.0, -1.0])
+    side[:, v] = way * half[v] * np.array([-1.0, -1.0, 1.0, 1.0])
+    return side
+
+
+def _quartered(mesh: FloatArray) -> FloatArray:
+    """Each of the (n, 3, 3) triangles as four, by the middles of its edges."""
+    a, b, c = mesh.transpose(1, 0, 2)
+    ab, bc, ca = (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0
+    quarters = [np.stack(corners, axis=1) for corners in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+    return np.concatenate(quarters)
 
 
 def _plant(
-    subject: Subject, drag: tuple[float, float], propulsion: list[Curve], lag: float, form: str
+    subject: Subject, drag: _Drag, propulsion: list[Curve], lag: float, form: str
 ) -> Callable[[FloatArray, float], FloatArray]:
-    inertia, (linear, cubic) = subject.model.inertia, drag
+    inertia = subject.model.inertia
 
     def advance(rate: float, _: float, torque: float) -> float:
-        return rate + _STEP * (torque - (linear + cubic * rate * rate) * rate) / inertia
+        return rate + _STEP * (torque - drag(rate)) / inertia
 
     def plant(commands: FloatArray, period: float) -> FloatArray:
         if form == BEHIND:
@@ -134,34 +195,26 @@ def _plant(
     return plant
 
 
-def _scenario(
-    subject: Subject,
-    size: tuple[float, float],
-    coefficients: tuple[float, float],
-    torques: tuple[float, float],
-    inputs: list[Curve],
-    tables: list[Curve],
-    lag: float,
-) -> str:
-    inertia, (length, width) = subject.model.inertia, size
+def _scenario(subject: Subject, hull: _Hull, drag: _Drag, inputs: list[Curve], tables: list[Curve], lag: float) -> str:
+    inertia = subject.model.inertia
     thrusters = []
     for index, thruster in enumerate(subject.vehicle.thrusters):
         if thruster.curve is not None:
             thrusters.append(_thruster(inputs[index], tables[index], side_of(index), lag))
     return f"""<?xml version="1.0"?>
 <!-- {export_mark("stonefish")}. Yaw identified by rovid; z down, a yaw rate is the heading's.
-     Torque of drag: {torques[0]:.10g}*r + {torques[1]:.10g}*r^3 N m. -->
+     Torque of drag: {drag.linear:.10g}*r + {drag.cubic:.10g}*r^3 N m. -->
 <scenario>
   <robot name={xml_attribute(subject.vehicle.name)} fixed="false" self_collisions="false">
     <base_link name="base_link" type="box" physics="floating">
-      <dimensions xyz="{length:.10g} {width:.10g} {width:.10g}"/>
+      <dimensions xyz="{hull.length:.10g} {hull.width:.10g} {hull.width:.10g}"/>
       <origin xyz="0 0 0" rpy="0 0 0"/>
       <material name="Neutral"/>
       <look name="Yellow"/>
       <mass value="{subject.mass:.10g}"/>
       <inertia xyz="{inertia:.10g} {inertia:.10g} {inertia:.10g}"/>
       <cg xyz="0 0 0" rpy="0 0 0"/>
-      <hydrodynamics viscous_drag="0 0 {coefficients[1]:.10g}" quadratic_drag="0 0 {coefficients[0]:.10g}"/>
+      <hydrodynamics viscous_drag="0 0 {hull.viscous_drag:.10g}" quadratic_drag="0 0 {hull.quadratic_drag:.10g}"/>
     </base_link>
 {"".join(thrusters)}    <world_transform xyz="0 0 5" rpy="0 0 0"/>
   </robot>

@@ -10,10 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from rovid.export.base import Curve, Subject, Target, curve_comment, curve_keys, curves, numbers
+from rovid.export.curves import Curve, curve_comment, curve_keys, curves, numbers
 from rovid.export.gz_sim import frame_notes, place, side_of
 from rovid.export.manoeuvre import march, settling_time, thrust_torque
 from rovid.export.rotor import AHEAD, first_order, input_notes, inputs_of
+from rovid.export.subject import Subject
+from rovid.export.target import Target
 from rovid.ground.arrays import FloatArray
 from rovid.ground.files.form import export_mark
 from rovid.ground.quoting import identifiers

@@ -15,10 +15,13 @@ from pathlib import Path
 def keeps_compiled() -> bool:
     """Whether compiled code can be kept: where numba does by itself, else in a private folder.
 
-    Said on standard error when that folder is made, and in each run in which there is none.
+    Said on standard error when that folder is made, and in each run in which there is none. Where NUMBA_DISABLE_JIT
+    is set there is nothing to keep.
     """
     import numba
 
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # numba ships no types
+        return False
     if _numba_keeps():
         return True
     private = _private_folder()

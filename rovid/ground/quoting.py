@@ -106,14 +106,30 @@ def words(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:
 
 
 def _distinct(names: Sequence[str], taken: Collection[str]) -> list[str]:
-    given: list[str] = []
+    """Each of ``names``, not too long; the second of a name and what is ``taken`` with a number behind."""
+    gone = set(taken)
+    # What is another's own name stays that one's.
+    own = gone.union(names)
+    last: dict[str, int] = {}
+    given = []
     for name in names:
         start = one = name[:_LONGEST]
-        count = 1
-        # What is another's own name stays that one's.
-        while one in taken or one in given or (count > 1 and one in names):
-            count += 1
-            end = f"_{count}"
-            one = start[: _LONGEST - len(end)] + end
+        if one in gone:
+            # All numbers up to the last that its like got are gone.
+            one, last[start] = _numbered(start, last.get(start, 1), own)
+        gone.add(one)
+        own.add(one)
         given.append(one)
     return given
+
+
+def _numbered(start: str, last: int, gone: Collection[str]) -> tuple[str, int]:
+    """``start`` with the first number behind ``last`` that makes it another name, and that number."""
+    number = last + 1
+    while (one := _ended(start, f"_{number}")) in gone:
+        number += 1
+    return one, number
+
+
+def _ended(start: str, end: str) -> str:
+    return start[: _LONGEST - len(end)] + end

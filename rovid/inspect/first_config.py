@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.campaign.config import FILE_NAME, Config, Signal, read_curve
-from rovid.campaign.tables import CURVE_COLUMNS, curve_text
+from rovid.campaign.config import FILE_NAME, Config, Signal
+from rovid.campaign.tables import CURVE_COLUMNS, curve_text, read_curve
 from rovid.campaign.vehicle import ThrustCurve, Vehicle
 from rovid.ground.errors import LINE_LENGTH, DataError, RovidError, shown
 from rovid.ground.files import Output

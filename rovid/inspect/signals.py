@@ -393,6 +393,8 @@ def _thruster(source: str, taken: Sequence[str]) -> str:
     name = "_".join(parts).lower()
     if not name or name.isdigit():
         name = f"thruster_{name}"
-    if name in taken:
-        return f"{name}_{len(taken) + 1}"
-    return name
+    own, number = name, len(taken)
+    while own in taken:
+        number += 1
+        own = f"{name}_{number}"
+    return own

@@ -1,8 +1,8 @@
 """From files to frozen trials: one file a format, one time base for all.
 
-A reader is a function ``read(path, config) -> RawLog`` that hands over channels as logged. A new format is one
-such file, one line in ``READERS``, its suffix in `rovid.campaign.tables.LOG_SUFFIXES` and a line in docs/logs.md;
-ordering, units, unwrapping, outliers, gaps and the common time base are the same for all (`rovid.readers.timebase`).
+A reader is a function ``read(path, config) -> RawLog`` that hands over channels as logged. A new format is one such
+file, one line in `rovid.campaign.formats` and one in docs/logs.md; ordering, units, unwrapping, outliers, gaps and the
+common time base are the same for all (`rovid.readers.timebase`).
 """
 
 from __future__ import annotations

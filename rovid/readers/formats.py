@@ -7,9 +7,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import cast
 
 from rovid.campaign.config import Config
+from rovid.campaign.formats import FORMATS
 from rovid.campaign.trial import Trial
 from rovid.ground.errors import LogError
 from rovid.ground.places import refuse_odd
@@ -23,24 +25,26 @@ class Format:
     Attributes
     ----------
     kind
-        Its key in the sources of a signal in rovid.toml.
-    module
-        Holds ``read(path, config) -> RawLog`` and ``sources(path)``; imported when the first such file is read, for
-        start-up time.
+        Its key in the sources of a signal in rovid.toml, and the name of its reader: a file that holds
+        ``read(path, config) -> RawLog`` and ``sources(path)``.
     """
 
     kind: str
-    module: str
+
+    @property
+    def _reader(self) -> ModuleType:
+        """Imported when the first such file is read, for start-up time."""
+        return import_module(f"rovid.readers.{self.kind}_reader")
 
     def read(self, path: Path, config: Config) -> RawLog:
         """Raw channels of ``path``."""
         with _opened(path):
-            return cast("Callable[[Path, Config], RawLog]", import_module(self.module).read)(path, config)
+            return cast("Callable[[Path, Config], RawLog]", self._reader.read)(path, config)
 
     def sources(self, path: Path) -> Contents:
         """What of ``path`` can be read."""
         with _opened(path):
-            return cast("Callable[[Path], Contents]", import_module(self.module).sources)(path)
+            return cast("Callable[[Path], Contents]", self._reader.sources)(path)
 
 
 @contextmanager
@@ -55,17 +59,7 @@ def _opened(path: Path) -> Iterator[None]:
         raise LogError("needs more memory than there is.", where=path, mend="Split the log.") from error
 
 
-READERS: Mapping[str, Format] = {
-    ".csv": Format(kind="csv", module="rovid.readers.csv_reader"),
-    ".mcap": Format(kind="mcap", module="rovid.readers.mcap_reader"),
-    ".parquet": Format(kind="parquet", module="rovid.readers.parquet_reader"),
-    ".bag": Format(kind="bag", module="rovid.readers.bag_reader"),
-    ".db3": Format(kind="bag", module="rovid.readers.bag_reader"),
-    ".bin": Format(kind="bin", module="rovid.readers.bin_reader"),
-    ".tlog": Format(kind="tlog", module="rovid.readers.tlog_reader"),
-    ".nmea": Format(kind="nmea", module="rovid.readers.nmea_reader"),
-    ".ulg": Format(kind="ulg", module="rovid.readers.ulg_reader"),
-}
+READERS: Mapping[str, Format] = {suffix: Format(kind=kind) for suffix, kind in FORMATS.items()}
 
 
 def read_log(path: Path, config: Config, name: str | None = None) -> Trial:

@@ -13,7 +13,9 @@ from rovid.control.setting import Options, setting_of
 from rovid.diagnose.parts import parts_of
 from rovid.diagnose.record import Diagnosis
 from rovid.diagnose.signals import is_signal
-from rovid.export import EXPORTERS, Exported, export, subject_of
+from rovid.export import FORMATS
+from rovid.export.exporting import Exported, export, exporter_of
+from rovid.export.subject import subject_of
 from rovid.ground.errors import DataError
 from rovid.ground.files import Claim
 from rovid.identify.estimate import Estimate
@@ -160,10 +162,7 @@ def every_export(
     def every() -> Mapping[str, Exported]:
         _model_of(study, stored)
         subject = subject_of(stored, study)
-        made = {}
-        for name, (function, _) in EXPORTERS.items():
-            made[name] = export(function, subject)
-        return made
+        return {name: export(exporter_of(name), subject) for name in FORMATS}
 
     report("Simulating what simulators make of it (--no-export leaves it out) …")
     return _or_refusal(every)

@@ -10,7 +10,7 @@ from rovid.campaign.trial import Campaign
 from rovid.campaign.vehicle import Vehicle
 from rovid.control.loop_design import Control
 from rovid.diagnose.record import Diagnosis
-from rovid.export import Exported
+from rovid.export.exporting import Exported
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.steady import DragFit
 from rovid.model.simulation import TrialSimulation

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rovid.export import EXPORTERS, Exported, Loss
+from rovid.export import FORMATS
+from rovid.export.exporting import Exported, Loss
 from rovid.report.table import Grid, Table, of_numbers, of_text, of_unlike
 from rovid.report.text import NOTHING, number
 
@@ -22,12 +23,11 @@ def formats_grid(exports: Mapping[str, Exported]) -> Grid:
         of_text("not held, % of range"),
     )
     for name, made in exports.items():
-        _, file = EXPORTERS[name]
         off_by = number(made.mismatch.percent_of_range, ".2g")
         rms = number(made.mismatch.rms, ".2g")
         of_held = number(made.held.percent_of_range, ".2g")
         not_held = "; ".join(map(_sized, made.losses)) or NOTHING
-        table.add(name, file, off_by, rms, of_held, not_held)
+        table.add(name, FORMATS[name], off_by, rms, of_held, not_held)
     return table.grid()
 
 

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from rovid.campaign.axis import Axis
 from rovid.campaign.trial import Campaign, Trial
 from rovid.campaign.vehicle import Vehicle
 from rovid.ground.arrays import FloatArray
 from rovid.ground.numbers import plus_minus
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
-from rovid.identify.steady import DragFit
-from rovid.identify.steady_points import SteadyPoint
 from rovid.model.names import base_names, unit_of
 from rovid.model.simulation import HORIZONS, TrialSimulation, overall
 from rovid.parameters.parameters import sha256
@@ -25,7 +23,6 @@ from rovid.report.table import Column, Grid, Table, numbers, of_numbers, of_text
 from rovid.report.text import NOTHING, arm, column, like, number, positions, steady_state, title, unit
 
 _NORMAL = 1.959964  # two-sided 95 % of the normal distribution
-_DIRECTIONS = {"up": "growing", "down": "falling"}
 
 
 def parameters_grid(evidence: Evidence) -> Grid:
@@ -149,100 +146,6 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def steady_grid(fit: DragFit) -> Grid:
-    """Steady states with residuals and leave-one-out."""
-    axis = fit.estimate.axis
-    quadratic, linear = _drag_units(axis)
-    without_quadratic, without_linear, missed = fit.left_out.T
-    columns = [
-        *_point_columns(fit.points),
-        _torques(axis, fit.points),
-        numbers(axis.rate_words, axis.rate_unit, [_rate(point) for point in fit.points]),
-        numbers("residual", axis.push_unit, _residuals(fit)),
-        numbers("without it: DQ", quadratic, column([*without_quadratic], 4)),
-        numbers("DL", linear, column([*without_linear], 4)),
-        numbers("predicted off by", axis.push_unit, _hundredths(missed)),
-    ]
-    return Grid(caption=f"{steady_state(axis).capitalize()}s that were fitted", columns=tuple(columns))
-
-
-def _drag_units(axis: Axis) -> tuple[str, str]:
-    return unit(unit_of("quadratic_drag", axis)), unit(unit_of("linear_drag", axis))
-
-
-def _residuals(fit: DragFit) -> list[str]:
-    """With their errors, where these are known."""
-    if not fit.torque_error_known:
-        return _hundredths(fit.residuals)
-    return [f"{value:.2f} ± {error:.2f}" for value, error in zip(fit.residuals, fit.torque_error, strict=True)]
-
-
-def _hundredths(values: FloatArray) -> list[str]:
-    return [number(value, ".2f") for value in values]
-
-
-def _rate(point: SteadyPoint) -> str:
-    if math.isfinite(point.rate_error):
-        return plus_minus(point.rate, point.rate_error)
-    return f"{point.rate:.4g}"
-
-
-def _torques(axis: Axis, points: Sequence[SteadyPoint]) -> Column:
-    return numbers(axis.push, axis.push_unit, [number(point.torque, ".2f") for point in points])
-
-
-def _point_columns(points: Sequence[SteadyPoint]) -> list[Column]:
-    """Where the points come from, as far as it is known."""
-    columns = [words("source", [point.source for point in points])]
-    if any(math.isfinite(point.start) for point in points):
-        columns.append(words("from … to, s", [f"{point.start:.0f} … {point.stop:.0f}" for point in points]))
-    if any(np.isfinite(point.command).any() for point in points):
-        columns.append(words("command", [_commands(point) for point in points]))
-    return columns
-
-
-def _commands(point: SteadyPoint) -> str:
-    return "; ".join(f"{value:.4g}" for value in point.command)
-
-
-def unsteady_grid(fit: DragFit) -> Grid:
-    """Held commands that were not fitted."""
-    points, axis = fit.unsteady, fit.estimate.axis
-    changes = [plus_minus(point.drift, point.drift_error) for point in points]
-    columns = (
-        *_point_columns(points),
-        _torques(axis, points),
-        numbers("mean rate", axis.rate_unit, [number(point.rate, ".4f") for point in points]),
-        numbers("change over it", axis.rate_unit, changes),
-    )
-    return Grid(caption="Held commands left out, because the rate was still changing", columns=columns)
-
-
-def directions_grid(fit: DragFit) -> Grid:
-    """Drag of each direction alone beside that of both."""
-    axis = fit.estimate.axis
-    quadratic, linear = _drag_units(axis)
-    table = Table(
-        "Drag from each direction alone",
-        of_text("turns" if axis.angular else "direction"),
-        of_numbers(f"{steady_state(axis)}s"),
-        of_numbers("DQ", quadratic),
-        of_numbers("DL", linear),
-    )
-    rows = {"both": fit.estimate}
-    for name, each in fit.directions.items():
-        rows[f"{axis.position_words} {_DIRECTIONS.get(name, name)}"] = each
-    for name, each in rows.items():
-        table.add(name, str(each.samples), _of(each, "quadratic_drag"), _of(each, "linear_drag"))
-    return table.grid()
-
-
-def _of(estimate: Estimate, name: str) -> str:
-    if name in estimate.refused:
-        return NOTHING
-    return plus_minus(estimate.value(name), estimate.standard_error(name))
-
-
 def methods_grid(fit: InertiaFit, rigid_body: float | None) -> Grid:
     """Inertia by every method."""
     its_unit = unit(fit.estimate.unit("inertia"))
@@ -264,7 +167,9 @@ def methods_grid(fit: InertiaFit, rigid_body: float | None) -> Grid:
 
 def _reach(fit: InertiaFit, name: str, text: str) -> str:
     interval = method_interval(fit, name)
-    return NOTHING if interval is None else _from_to(text, interval)
+    if interval is None:
+        return NOTHING
+    return _from_to(text, interval)
 
 
 def _remark(fit: InertiaFit, name: str) -> str:
@@ -279,9 +184,13 @@ def _remark(fit: InertiaFit, name: str) -> str:
 
 def sine_grid(fit: InertiaFit) -> Grid:
     """Each sine run, and what each method reads from it."""
-    readings = {name: _runs(fit, name) for name in METHODS if name in fit.methods and fit.methods[name].runs}
+    readings = {}
     # A dict for a set that keeps the order.
-    keys = dict.fromkeys(key for runs in readings.values() for key in runs)
+    keys: dict[tuple[str, int], None] = {}
+    for name in METHODS:
+        if name in fit.methods and fit.methods[name].runs:
+            readings[name] = _runs(fit, name)
+            keys |= dict.fromkeys(readings[name])
     columns = [words("sine run", [source for source, _ in keys])]
     if len(fit.trials) == len(keys):
         columns += _sine_columns(fit)
@@ -294,12 +203,16 @@ def sine_grid(fit: InertiaFit) -> Grid:
 
 def _sine_columns(fit: InertiaFit) -> list[Column]:
     axis = fit.estimate.axis
-    waves = [trial.wave for trial in fit.trials]
-    torques = [_peak(wave.over_one_period(wave.torque)) for wave in waves]
-    rates = [_peak(wave.over_one_period(wave.rate)) for wave in waves]
+    periods, cycles, torques, rates = [], [], [], []
+    for trial in fit.trials:
+        wave = trial.wave
+        periods.append(f"{trial.period:.4g}")
+        cycles.append(str(trial.cycles))
+        torques.append(_peak(wave.over_one_period(wave.torque)))
+        rates.append(_peak(wave.over_one_period(wave.rate)))
     return [
-        numbers("period", "s", [f"{trial.period:.4g}" for trial in fit.trials]),
-        numbers("periods used", "", [str(trial.cycles) for trial in fit.trials]),
+        numbers("period", "s", periods),
+        numbers("periods used", "", cycles),
         numbers(f"peak {axis.push}", axis.push_unit, column(torques, 4)),
         numbers("peak rate", axis.rate_unit, column(rates, 3)),
     ]
@@ -311,28 +224,36 @@ def _peak(values: FloatArray) -> float:
 
 def _runs(fit: InertiaFit, name: str) -> dict[tuple[str, int], str]:
     """(source, how often it came before) -> reading: a log may hold more than one sine run."""
-    readings: dict[tuple[str, int], str] = {}
+    before = Counter[str]()
+    readings = {}
     for source, value, error in fit.methods[name].runs:
-        repeat = sum(source == other for other, _ in readings)
-        readings[source, repeat] = plus_minus(value, error)
+        readings[source, before[source]] = plus_minus(value, error)
+        before[source] += 1
     return readings
 
 
 def simulation_grid(simulations: Sequence[TrialSimulation]) -> Grid:
     """How well each trial is simulated, and all together."""
     axis = simulations[0].run.trial.axis
-    names = [item.run.trial.name for item in simulations]
-    fits = [*(item.fit for item in simulations), overall(simulations)]
+    names, fits = [item.run.trial.name for item in simulations], [item.fit for item in simulations]
+    names.append("all together")
+    fits.append(overall(simulations))
+    samples, shares, percents, errors = [], [], [], []
+    for fit in fits:
+        samples.append(str(fit.samples))
+        shares.append(number(fit.r2, ".4f"))
+        percents.append(number(fit.fit_percent, ".1f"))
+        errors.append(fit.rmse)
     columns = [
-        words("trial", [*names, "all together"]),
-        numbers("samples", "", [str(fit.samples) for fit in fits]),
-        numbers("R²", "", [number(fit.r2, ".4f") for fit in fits]),
-        numbers("fit", "%", [number(fit.fit_percent, ".1f") for fit in fits]),
-        numbers("rate RMSE", axis.rate_unit, column([fit.rmse for fit in fits], 2)),
+        words("trial", names),
+        numbers("samples", "", samples),
+        numbers("R²", "", shares),
+        numbers("fit", "%", percents),
+        numbers("rate RMSE", axis.rate_unit, column(errors, 2)),
     ]
     for horizon in HORIZONS:
-        errors = [axis.in_shown(item.position_errors.get(horizon)) for item in simulations]
-        cells = column([*errors, typical_position_error(simulations, horizon)], 2)
+        ahead = [axis.in_shown(item.position_errors.get(horizon)) for item in simulations]
+        cells = column([*ahead, typical_position_error(simulations, horizon)], 2)
         columns.append(numbers(f"{axis.position_words} after {horizon:.0f} s", axis.shown[0], cells))
     return Grid(caption="Free-running simulation against measurement", columns=tuple(columns), total=True)
 
@@ -370,4 +291,6 @@ def _trials_by_name(evidence: Evidence) -> dict[str, Trial]:
 
 
 def _hash(trial: Trial) -> str:
-    return sha256(trial.path) if trial.path.is_file() else NOTHING
+    if trial.path.is_file():
+        return sha256(trial.path)
+    return NOTHING

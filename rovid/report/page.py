@@ -22,7 +22,7 @@ from rovid.ground.numbers import plus_minus
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.model.names import base_names
 from rovid.model.simulation import HORIZONS, overall
-from rovid.report import controller, correlations, exports, findings, grids
+from rovid.report import controller, correlations, drag_grids, exports, findings, grids
 from rovid.report.album import Album, make_album, plots_in
 from rovid.report.assets import read_assets
 from rovid.report.evidence import Evidence
@@ -157,6 +157,7 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "decides": deciding_experiment,
         "next_experiment": next_experiment,
         "grids": grids,
+        "drag_grids": drag_grids,
         "album": album,
         "viewer": viewer_document(evidence) if simulations else None,
         "assets": read_assets(),
@@ -175,7 +176,7 @@ def _position_errors(evidence: Evidence) -> Iterator[tuple[float, float]]:
     """Each horizon in s that is reached, and the typical error at it in deg or m."""
     for horizon in HORIZONS:
         error = grids.typical_position_error(evidence.simulations, horizon)
-        if error:
+        if error is not None:
             yield horizon, error
 
 

@@ -31,19 +31,17 @@ def recording_paths(target: Path, trials: Sequence[Trial]) -> list[Path]:
     ConfigError
         ``target`` names one file, and there are more trials; or a log would be written over.
     """
+    place = f"--mcap {target}"
     paths = [target]
     if target.suffix.lower() != _SUFFIX or target.is_dir():
         paths = [target / name for name in _names(trials)]
     elif len(trials) > 1:
-        raise ConfigError(
-            f"names one file, but there are {len(trials)} trials.",
-            where=f"--mcap {target}",
-            mend="Name a folder, for one file a trial.",
-        )
+        several = f"names one file, but there are {len(trials)} trials."
+        raise ConfigError(several, where=place, mend="Name a folder, for one file a trial.")
     logs = {trial.path.resolve() for trial in trials}
-    over = next((path for path in paths if path.resolve() in logs), None)
-    if over is not None:
-        raise ConfigError(f"would write over the log {over}.", where=f"--mcap {target}", mend="Choose another place.")
+    for path in paths:
+        if path.resolve() in logs:
+            raise ConfigError(f"would write over the log {path}.", where=place, mend="Choose another place.")
     return paths
 
 
@@ -95,23 +93,37 @@ def topics_of(simulation: TrialSimulation, residual: Residual, vehicle: Vehicle)
     """Rate, position, torques and commands of one trial; rates and torques behind the filter they share."""
     trial, rates = simulation.run.trial, simulation.run.rates
     axis = trial.axis
-    unit, factor = axis.shown
     residuals = simulation.measured - simulation.simulated
     rate = {"measured": simulation.measured, "simulated": simulation.simulated, "residual": residuals}
-    measured = np.full(len(trial.time), np.nan) if trial.integrated else trial.position
-    position = {"measured": measured * factor, "simulated": simulation.position * factor}
     push = {"drive": residual.drive, "disturbance": residual.left}
-    names = words([thruster.name for thruster in vehicle.thrusters])
-    commands = dict(zip(names, trial.commands.T, strict=True))
     return [
         _topic(axis.rate, rates.time, rate, axis.rate_unit),
-        _topic(axis.position, trial.time, position, unit),
+        _topic(axis.position, trial.time, _positions(simulation), axis.shown[0]),
         _topic(axis.push, residual.run.rates.time, push, axis.push_unit),
-        _topic("commands", trial.time, commands, ""),
+        _topic("commands", trial.time, _commands(trial, vehicle), ""),
     ]
 
 
+def _positions(simulation: TrialSimulation) -> dict[str, FloatArray]:
+    """(n,) in deg or m; what was integrated from a rate was not measured."""
+    trial = simulation.run.trial
+    _, factor = trial.axis.shown
+    positions = {"simulated": simulation.position * factor}
+    if trial.integrated:
+        return positions
+    return {"measured": trial.position * factor} | positions
+
+
+def _commands(trial: Trial, vehicle: Vehicle) -> dict[str, FloatArray]:
+    """(n,) of each thruster, as logged."""
+    names = words([thruster.name for thruster in vehicle.thrusters])
+    return dict(zip(names, trial.commands.T, strict=True))
+
+
 def _topic(name: str, time: FloatArray, fields: dict[str, FloatArray], unit: str) -> Topic:
-    known = {field: values for field, values in fields.items() if np.isfinite(values).any()}
-    named = {with_unit(field, unit): values for field, values in known.items()}
+    """What is known of the ``fields``."""
+    named = {}
+    for field, values in fields.items():
+        if np.isfinite(values).any():
+            named[with_unit(field, unit)] = values
     return Topic(name=f"/{name}", time=time, fields=named, units=dict.fromkeys(named, unit))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from statistics import median_high
 
 from rovid.campaign.axis import YAW, Axis
 
@@ -37,9 +38,16 @@ def number(value: float | None, form: str = ".4g") -> str:
     return format(value, form)
 
 
+def in_form(values: Sequence[float | None], form: str) -> list[str]:
+    """Each of ``values`` as by `number`."""
+    return [number(value, form) for value in values]
+
+
 def unit(text: str) -> str:
     """A unit with its powers raised; nothing for a plain number."""
-    return "" if text == "1" else _UNITS.get(text, text)
+    if text == "1":
+        return ""
+    return _UNITS.get(text, text)
 
 
 def title(name: str) -> str:
@@ -81,13 +89,18 @@ def prose(text: str) -> str:
 
 def column(values: Sequence[float | None], significant: int = 3) -> list[str]:
     """All ``values`` with as many decimals as show the middle one to so many significant digits."""
-    known = [abs(value) for value in values if value is not None and math.isfinite(value)]
-    # Zero has no first digit.
-    sizes = sorted(size for size in known if size != 0.0)
-    middle = sizes[len(sizes) // 2] if sizes else 1.0
-    place_of_first = math.floor(math.log10(middle))
+    place_of_first = math.floor(math.log10(_middle(values)))
     decimals = min(max(significant - 1 - place_of_first, 0), 8)
     return [number(value, f".{decimals}f") for value in values]
+
+
+def _middle(values: Sequence[float | None]) -> float:
+    """The middling size; 1 where nothing is known but zeros, which have no first digit."""
+    known = [abs(value) for value in values if value is not None and math.isfinite(value)]
+    sizes = [size for size in known if size > 0.0]
+    if not sizes:
+        return 1.0
+    return median_high(sizes)
 
 
 def like(text: str, value: float) -> str:
@@ -98,26 +111,33 @@ def like(text: str, value: float) -> str:
 
 def aligned(texts: Sequence[str]) -> list[str]:
     """Right-aligned numbers, or pairs with ± between, filled up so that points and signs stand in line."""
-    if not all(map(_is_number, texts)):
-        # Words and dashes keep out of the way of the rest.
-        rest = iter(aligned([text for text in texts if _is_number(text)]))
-        return [next(rest) if _is_number(text) else text for text in texts]
+    found = list(texts)
+    # Words and dashes keep out of the way of the rest.
+    at = [place for place, text in enumerate(texts) if _is_number(text)]
+    for place, text in zip(at, _lined_up([texts[place] for place in at]), strict=True):
+        found[place] = text
+    return found
+
+
+def _lined_up(texts: Sequence[str]) -> list[str]:
+    """The same of numbers alone."""
     if not texts:
         return []
-    values, signs, errors = zip(*(text.partition(_SIGN) for text in texts), strict=True)
+    parts = [text.partition(_SIGN) for text in texts]
+    values, signs, errors = zip(*parts, strict=True)
     if not any(errors):
         return _filled(values)
-    lined_up = []
+    lines = []
     for value, sign, error in zip(_filled(values), signs, _to_the_right(_filled(errors)), strict=True):
         # Where a value stands without an error, spaces stand for the sign too.
         between = sign or _POINT_SPACE * len(_SIGN)
-        lined_up.append(value + between + error)
-    return lined_up
+        lines.append(value + between + error)
+    return lines
 
 
 def _to_the_right(texts: Sequence[str]) -> list[str]:
-    wide = max(len(text) for text in texts)
-    return [_FIGURE_SPACE * (wide - len(text)) + text for text in texts]
+    wide = max(map(len, texts))
+    return [text.rjust(wide, _FIGURE_SPACE) for text in texts]
 
 
 def _is_number(text: str) -> bool:
@@ -125,7 +145,7 @@ def _is_number(text: str) -> bool:
 
 
 def _filled(texts: Sequence[str]) -> list[str]:
-    places = max((_decimals(text) for text in texts), default=0)
+    places = max(map(_decimals, texts))
     return [text + _fill(places, _decimals(text)) for text in texts]
 
 

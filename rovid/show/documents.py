@@ -9,7 +9,7 @@ from typing import Any
 from rovid.campaign.axis import Axis
 from rovid.campaign.trial import Remark, Trial
 from rovid.control.loop_design import Control, RunResult
-from rovid.export import Exported, Loss
+from rovid.export.exporting import Exported, Loss
 from rovid.export.manoeuvre import Mismatch
 from rovid.inspect.advice import Advice
 from rovid.inspect.check import remark_document

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from rovid.campaign.axis import YAW
 from rovid.campaign.trial import Trial
-from rovid.export import Exported
+from rovid.export.exporting import Exported
 from rovid.ground.numbers import plus_minus
 from rovid.ground.screen import led
 from rovid.identify.bench import BenchFit

@@ -20,9 +20,9 @@ from rovid.campaign.config import load_config
 from rovid.ground.errors import RovidError
 from rovid.inspect.first_config import survey
 from rovid.readers import bag_reader, read_log
+from tests.inspect.test_first_config import changed
 from tests.readers.logs import EPOCH, campaign, csv_text, standard, toml, turning
 from tests.readers.recordings import CHANGES, RECORDINGS, TIME, bag, said
-from tests.test_init_survives import changed
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="Linux tells how much memory was taken")
 _MB = 1 << 20

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +11,17 @@ import pytest
 
 from rovid.campaign.trial import Campaign, Remark, Trial
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.control.loop_design import Control
 from rovid.ground.arrays import FloatArray
 from rovid.identify.inertia import fit_inertia
 from rovid.identify.steady import fit_drag
 from rovid.identify.steady_points import steady_points
 from rovid.model.simulation import simulate_runs
 from rovid.motion.runs import prepare
-from rovid.parameters.parameters import Parameters
+from rovid.parameters.parameters import Entry, Parameters
+from rovid.report import build
 from rovid.report.evidence import Evidence
+from rovid.study import Study
 
 INERTIA, QUADRATIC, LINEAR = 30.0, 40.0, 10.0
 PERIOD = 0.05  # s between samples
@@ -130,3 +134,31 @@ GAP = Remark(kind="gap", count=1, text="The heading is missing for 1.5 s from 12
 def day(tmp_path_factory: pytest.TempPathFactory) -> Evidence:
     """Holds both ways, two sines and a step, identified."""
     return make_evidence(tmp_path_factory.mktemp("day"))
+
+
+BIAS = Entry(value=1.0, standard_error=0.05, unit="N m", method="maximum likelihood")
+
+
+def silent(_: str) -> None:
+    """What `build` is given where nobody watches."""
+
+
+def study_of(day: Evidence) -> Study:
+    return Study(paths=(), vehicle=day.vehicle, campaign=day.campaign, runs=day.runs)
+
+
+def designed(day: Evidence, **entries: Entry) -> Control:
+    stored = replace(day.parameters, entries={**day.parameters.entries, **entries})
+    control, refusal = build.designed_control(study_of(day), stored, silent)
+    assert control is not None, refusal
+    return control
+
+
+@pytest.fixture(scope="module")
+def control(day: Evidence) -> Control:
+    return designed(day)
+
+
+@pytest.fixture(scope="module")
+def pushed(day: Evidence) -> Control:
+    return designed(day, **{"bias_torque.torque": BIAS})

@@ -142,6 +142,12 @@ def test_every_trial_is_in_the_tables_and_has_its_plot(page: str, folder: Path, 
     assert page.count("<img ") == len(png)
 
 
+def test_a_simulation_that_misses_nothing_says_so(day: Evidence) -> None:
+    exact = [replace(item, position_errors=dict.fromkeys(item.position_errors, 0.0)) for item in day.simulations]
+    page = without_plots(replace(day, simulations=tuple(exact)))
+    assert "its heading is off by 0.0 deg after 10 s" in shown_text(page)
+
+
 def test_page_says_how_it_was_done_and_what_it_cannot_tell(page: str, day: Evidence) -> None:
     text = shown_text(page)
     assert day.runs is not None

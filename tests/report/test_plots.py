@@ -7,13 +7,11 @@ from dataclasses import replace
 
 import matplotlib as mpl
 import numpy as np
-import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
 from rovid.campaign.axis import YAW
 from rovid.campaign.vehicle import Thruster
-from rovid.report import album
 from rovid.report.evidence import Evidence
 from rovid.report.plots import canvas, inertia, residuals, simulations, sines, steady, thrust
 from rovid.report.residual import residuals_of
@@ -141,10 +139,3 @@ def test_long_names_keep_their_end() -> None:
     assert canvas.shortened("short.csv", 20) == "short.csv"
     assert canvas.shortened("2026-03-07/tank/hold_17.csv", 13) == "…/hold_17.csv"
     assert len(canvas.shortened("x" * 300, 22)) == 22
-
-
-@pytest.mark.parametrize(("count", "suffixes"), [(1, [""]), (6, [""]), (13, ["_01", "_02", "_03"])])
-def test_sheets_hold_all_items(count: int, suffixes: list[str]) -> None:
-    sheets = list(album.sheets(range(count), 6))
-    assert [suffix for _, suffix in sheets] == suffixes
-    assert [item for part, _ in sheets for item in part] == list(range(count))

@@ -19,7 +19,7 @@ from rovid.ground.errors import ConfigError
 from rovid.readers import read_log
 from rovid.report.recordings import recording_paths
 from tests.conftest import SAMPLES, Rovid, run_rovid
-from tests.test_bad_input import assert_one_message
+from tests.whole.test_bad_input import assert_one_message
 
 TANK = SAMPLES / "rosub_tank"
 LOGS = ("steps.mcap", "sine_40s_a.csv", "hold_03.csv")

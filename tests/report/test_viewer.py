@@ -18,7 +18,6 @@ import pytest
 from rovid.ground.arrays import FloatArray
 from rovid.model.simulation import TrialSimulation
 from rovid.report.album import Album
-from rovid.report.assets import read_assets
 from rovid.report.evidence import Evidence
 from rovid.report.page import render_page
 from rovid.report.viewer import COARSEST, VALUES, series_of, shares, thinned, viewer_document
@@ -181,16 +180,6 @@ def test_only_the_pages_own_script_may_run_and_nothing_is_fetched(day: Evidence)
     digest = base64.b64encode(hashlib.sha256(scripts(page)[1].encode()).digest()).decode()
     assert f"script-src 'sha256-{digest}'" in policy.group(1)
     assert policy.group(1).startswith("default-src 'none'")
-
-
-def test_the_library_comes_with_its_licence_and_fits_into_a_page() -> None:
-    assets = read_assets()
-    assert "The MIT License (MIT)" in assets.script
-    assert "uPlot (v1.6.32)" in assets.script
-    assert "</script" not in assets.script.lower()
-    assert "<!--" not in assets.script
-    assert "url(" not in assets.style
-    assert "@import" not in assets.style
 
 
 def test_without_simulation_there_is_no_viewer(day: Evidence) -> None:

@@ -1,0 +1,74 @@
+"""`rovid plan`: the run to make next decides when it is made."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from benchmarks.decisions import DECIDES, FEW, PAIRS, decided
+from tests.conftest import Rovid
+from tools.cases import all_cases
+from tools.trial_day import write_trial_day
+from tools.truth import ROSUB
+
+
+@pytest.fixture(scope="module")
+def few(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A hold or two and a sine, with a lag that they hardly show."""
+    folder = tmp_path_factory.mktemp("few")
+    case = next(case for case in all_cases(ROSUB) if case.name == "thruster_lag-first_order-weak")
+    write_trial_day(folder, seed=3, truth=case.of(ROSUB), formats="csv", campaign=FEW)
+    return folder
+
+
+def test_two_causes_are_told_apart_by_a_fast_command(few: Path, tmp_path: Path, rovid: Rovid) -> None:
+    document = rovid("plan", few, "--between", "thruster_lag", "--between", "command_delay", "--json").document
+    assert document["decides"]
+    assert "fast random" in document["runs"][0]["run"]
+    log = pd.read_csv(tmp_path / "plan.csv")
+    assert list(log.columns) == ["time_s", "fore", "aft"]
+    assert log["time_s"].iloc[-1] == pytest.approx(document["runs"][0]["seconds"], abs=1e-3)
+    assert document["commands"]["fore"] == pytest.approx(log["fore"].tolist(), abs=1e-4)
+    assert (tmp_path / "plan.png").stat().st_size > 10_000
+    gains = [run["gain"] for run in document["runs"] if "rest for two minutes" in run["run"]]
+    assert gains[0] < 0.1 * document["runs"][0]["gain"]
+
+
+def test_a_crew_s_limits_are_kept(few: Path, rovid: Rovid) -> None:
+    plain = rovid("plan", few, "--json").document
+    assert plain["narrow"] in {"inertia", "quadratic_drag", "linear_drag"}
+    tight = rovid("plan", few, "--minutes", 3, "--max-rate", 9, "--turns", 2, "--narrow", "inertia", "--json").document
+    assert 0 < len(tight["runs"]) < len(plain["runs"])
+    assert max(run["seconds"] for run in tight["runs"]) <= 180.0
+    assert tight["narrow"] == "inertia"
+    assert all(math.isfinite(run["gain"]) and run["gain"] > 0.0 for run in tight["runs"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--between", "thruster_lag"), "names 1 causes; two different ones were expected"),
+        (("--between", "thruster_lag", "--between", "thruster_lag"), "two different ones"),
+        (("--between", "thruster_lag", "--between", "comand_delay"), "'command_delay'"),
+        (("--narrow", "inertai"), "'inertia'"),
+        (("--minutes", 0.2), "no run stays within these limits"),
+    ],
+)
+def test_a_mistake_gives_one_message(arguments: tuple[Any, ...], said: str, few: Path, rovid: Rovid) -> None:
+    done = rovid("plan", few, *arguments)
+    assert done.code == 2
+    assert said in done.err
+    assert done.err.count("\n") == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "rival"), PAIRS)
+def test_the_planned_run_decides(name: str, rival: str) -> None:
+    case = next(case for case in all_cases(ROSUB) if case.name == name)
+    before, after, run = decided(case, rival, seed=5)
+    print(f"{run}: {before:.1f} before, {after:.1f} after")
+    assert after > max(DECIDES, before)

@@ -1,0 +1,66 @@
+"""A vehicle of two thrusters, its controller, and the loop that they close."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.control.allocation import allocate
+from rovid.control.law import Law
+from rovid.control.loop import Course, Plant, run_closed
+from rovid.control.setting import Setting
+from rovid.control.tuning import Loop, actuators, linearised
+from rovid.effects import effect_named
+from rovid.effects.base import Scales
+from rovid.model.model import Model
+
+PAPER = Model(inertia=5057.0, quadratic_drag=3532.0, linear_drag=132.37)
+VOLTS = np.round(np.linspace(-5.0, 5.0, 201), 2)
+CURVE = ThrustCurve(
+    command=VOLTS, thrust=np.where(VOLTS > 0.0, 92.0, -52.0) * np.maximum(np.abs(VOLTS) - 0.3, 0.0) ** 2
+)
+# One thruster turns the vehicle with forward, the other with reverse thrust.
+VEHICLE = Vehicle(
+    name="test",
+    thrusters=(
+        Thruster(name="fore", arm=0.43, curve=CURVE),
+        Thruster(name="aft", arm=-0.43, curve=CURVE),
+    ),
+)
+SCALES = Scales(command=2.0, torque=126.0, rate=0.17, race=11.0)
+SETTING = Setting(torque_in_use=126.0, heading_noise=math.radians(0.01))
+
+
+def law(kp: float = 100.0, kd: float = 710.0, **changes: Any) -> Law:
+    return replace(Law(kp=kp, kd=kd, period=0.1, rate_filter=0.3, quadratic_drag=3532.0, linear_drag=132.37), **changes)
+
+
+def with_effect(key: str, *values: float, model: Model = PAPER) -> Model:
+    return replace(model, effects=(*model.effects, effect_named(key)), effect_values=(*model.effect_values, *values))
+
+
+def closed(
+    model: Model, controller: Law, *, seconds: float = 60.0, start: float = 90.0, wanted: float = 200.0
+) -> Course:
+    plant = Plant(model=model, vehicle=VEHICLE)
+    goal = np.full(round(seconds / controller.period), math.radians(wanted))
+    return run_closed(controller, allocate(VEHICLE, model), plant, goal, math.radians(start))
+
+
+def loop(controller: Law, delay: float = 0.0, model: Model = PAPER) -> Loop:
+    known = allocate(VEHICLE, model)
+    response = actuators(model, VEHICLE, known, controller.period, 126.0)
+    return Loop(law=controller, motion=linearised(model), actuators=response, delay=delay)
+
+
+def swing(model: Model, controller: Law, delay: float, allocation_of: Model) -> tuple[float, float]:
+    """Of the heading in deg, over the middle and the end of a run after a small step."""
+    plant = Plant(model=model, vehicle=VEHICLE, delay=delay)
+    goal = np.full(2400, math.radians(0.5))
+    course = run_closed(controller, allocate(VEHICLE, allocation_of), plant, goal, 0.0)
+    middle, end = np.array_split(np.degrees(course.heading), 4)[1], np.array_split(np.degrees(course.heading), 4)[3]
+    return float(np.ptp(middle)), float(np.ptp(end))

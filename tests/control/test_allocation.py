@@ -1,0 +1,42 @@
+"""From the wanted torque to the commands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rovid.control.allocation import allocate
+from tests.control.loops import PAPER, VEHICLE, closed, law, with_effect
+
+
+def test_the_inverse_of_the_bench_curve_gives_the_torque_back() -> None:
+    allocation = allocate(VEHICLE, PAPER)
+    wanted = np.linspace(0.99 * allocation.lowest, 0.99 * allocation.highest, 301)
+    given = VEHICLE.thrust(allocation(wanted)) @ np.array([0.43, -0.43])
+    assert given == pytest.approx(wanted, abs=0.02)  # of 500 points of a square law between bench points
+    assert np.abs(allocation(np.array([1.0]))) == pytest.approx(0.4, abs=0.1)  # beyond the dead zone at once
+    assert allocation(np.zeros(1)) == pytest.approx(np.zeros((1, 2)))
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("thruster_deadband", (0.2,)),
+        ("thrust_asymmetry", (0.7,)),
+        ("thrust_curve_shape", (1.2,)),
+        ("supply_sag", (0.5, 5.0)),
+    ],
+)
+def test_the_aid_undoes_what_diagnosis_found_of_the_thrust(key: str, values: tuple[float, ...]) -> None:
+    model = with_effect(key, *values)
+    bench, known = allocate(VEHICLE, PAPER), allocate(VEHICLE, model)
+    torques = []
+    for allocation in (bench, known):
+        commands = np.repeat(allocation(np.array([100.0])), 2, axis=0)
+        course = closed(PAPER, law(), seconds=1.0).trial()
+        held = replace(course, time=course.time[:2], position=course.position[:2], commands=commands)
+        torques.append(model.drive(VEHICLE, held).torque[0])
+    assert torques[1] == pytest.approx(100.0, abs=0.1)
+    assert abs(torques[0] - 100.0) > 2.0

@@ -1,0 +1,368 @@
+"""The documentation: the site builds without a warning and needs no network, and its commands do what it says.
+
+Every block of sh and of console in the pages of docs/ and in the README is run, page by page and in order, in a folder
+of its own. In a console block the lines after a command, which begins with ``$``, have to be lines of what it prints,
+in their order, with numbers that are nearly the same; a ``…`` stands for what the page leaves out. A block of python is
+run too, with the names of those before it. A comment ahead of a block says where it differs:
+
+``<!-- test: not run; WHY -->``
+    For what would take a network or hours.
+``<!-- test: as in PAGE -->``
+    The same commands stand in that page, in this order, and are run there.
+``<!-- test: slow; WHY -->``
+    From here to the end of the page it is run by ``make test-slow`` alone.
+``<!-- test: written to FILE -->``
+    The block is a file, not a command: the reader writes it, and so does the test.
+``<!-- test: added to FILE -->``, ``<!-- test: added to NAME in FILE -->``
+    The block goes to the end of a file, or of a list in it; see test_developing.py.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.main import get_command
+
+from docs.make_pictures import FOLDER, PICTURES
+from rovid.commands.cli import app
+from tests.conftest import ROOT, SAMPLES, run_rovid
+
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+SHELL = {"sh", "console", "bash", "shell"}
+FENCE = re.compile(
+    r"(?:^<!-- test: (?P<remark>[^>]*?) -->\n+)?^```(?P<language>[\w-]+)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL
+)
+NUMBER = r"(?<![\d.])\d+(?:\.\d+)?(?!\.?\d)"
+# What a reader's own folder of logs holds here: runs of the sample day with its thrust curve, and no rovid.toml.
+OWN_LOGS = ("coast_02", "fore_only", "aft_only", "hold_03", "hold_05", "sine_40s_a", "staircase")
+# Mean difference, of 255, of two pictures made small: 3.7 to 5 from that of another run or another vehicle, 1.1 to 1.8
+# from one whose every line stands a pixel aside, as with other fonts.
+LARGEST_DIFFERENCE = 3.0
+# Pages that say that a parameter file is there. They begin with that of the runs above, read by the sample day's
+# rovid.toml, for a shorter campaign takes less time.
+WITH_PARAMETERS = {"control.md", "export.md", "files.md", "fit.md", "logs.md", "plan.md", "api.md"}
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block of a page, and what the comment ahead of it says."""
+
+    page: Path
+    line: int
+    language: str
+    text: str
+    remark: str
+
+    @property
+    def place(self) -> str:
+        return f"{self.page.relative_to(ROOT)}:{self.line}"
+
+    def steps(self) -> list[tuple[str, list[str]]]:
+        """(command, lines of its output)."""
+        if self.language != "console":
+            return [(line, []) for line in self.text.replace("\\\n", " ").splitlines() if line.strip()]
+        steps: list[tuple[str, list[str]]] = []
+        for line in self.text.splitlines():
+            if line.startswith("$ "):
+                steps.append((line[2:], []))
+            else:
+                assert steps, f"{self.place}: output without a command"
+                steps[-1][1].append(line)
+        return steps
+
+    def commands(self) -> list[list[str]]:
+        if self.language not in SHELL:
+            return []
+        return [words for command, _ in self.steps() if (words := shlex.split(command, comments=True))]
+
+
+def blocks(page: Path) -> list[Block]:
+    text = page.read_text(encoding="utf-8")
+    return [
+        Block(page, text[: found.start()].count("\n") + 1, found["language"], found["text"], found["remark"] or "")
+        for found in FENCE.finditer(text)
+    ]
+
+
+def to_run(page: Path) -> list[Block]:
+    """What of a page is run, or written, in this order."""
+    return [
+        block
+        for block in blocks(page)
+        if (block.language in SHELL and not block.remark.startswith(("not run;", "as in ")))
+        or block.language == "python"
+        or block.remark.startswith("written to ")
+    ]
+
+
+def of_this_run(page: Path, *, slow: bool) -> list[Block]:
+    """Blocks before the one that is slow, or all of a page that has one."""
+    everything = to_run(page)
+    first = next((at for at, block in enumerate(everything) if block.remark.startswith("slow;")), None)
+    if slow:
+        return [] if first is None else everything
+    return everything[:first]
+
+
+def name_of(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+@pytest.fixture(scope="session")
+def trial_day(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a short trial day and its parameters."""
+    folder = tmp_path_factory.mktemp("ready")
+    write_own_logs(folder / "trial_day")
+    shutil.copy(SAMPLES / "rosub_tank" / "rovid.toml", folder / "trial_day")
+    with contextlib.chdir(folder):
+        for command in ("fit-drag", "fit-inertia"):
+            assert run_rovid(command, "trial_day").code == 0
+    return folder
+
+
+def write_own_logs(folder: Path) -> None:
+    folder.mkdir()
+    for name in (*OWN_LOGS, "thrust_curve"):
+        shutil.copy(SAMPLES / "rosub_tank" / f"{name}.csv", folder)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where a reader stands: the checkout's sample logs, and logs of her own."""
+    shutil.copytree(SAMPLES, tmp_path / "sample_logs", ignore=shutil.ignore_patterns("parameters*.toml"))
+    write_own_logs(tmp_path / "my_logs")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    return tmp_path
+
+
+def run(page: Path, chosen: list[Block], request: pytest.FixtureRequest) -> None:
+    if page.name in WITH_PARAMETERS:
+        shutil.copytree(request.getfixturevalue("trial_day"), Path.cwd(), dirs_exist_ok=True)
+    names: dict[str, object] = {}
+    for block in chosen:
+        if block.remark.startswith("written to "):
+            path = Path(block.remark.removeprefix("written to "))
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(block.text, encoding="utf-8")
+        elif block.language == "python":
+            with contextlib.redirect_stdout(io.StringIO()):
+                exec(compile(block.text, block.place, "exec"), names)  # noqa: S102 - the page's own example
+        else:
+            for command, shown in block.steps():
+                require_lines(shown, output_of(command, block), f"{block.place}: {command}")
+
+
+def output_of(command: str, block: Block) -> str:
+    words = shlex.split(command, comments=True)
+    if words[:1] == ["rovid"] and not {"|", ">", ">>", "&&", ";"} & set(words):
+        # In this process, for a start of Python at every line would take most of the time.
+        done = run_rovid(*words[1:])
+        assert done.code == 0, f"{block.place}: {command}\n{done.err}"
+        assert done.err == "", f"{block.place}: {command}"
+        return done.out
+    shell = subprocess.run(["bash", "-euc", command], check=False, capture_output=True, text=True)
+    assert shell.returncode == 0, f"{block.place}: {command}\n{shell.stderr}"
+    return shell.stdout
+
+
+def require_lines(shown: list[str], printed: str, place: str) -> None:
+    """Every line that the page shows is printed, after the one above it; a line's parts around … in their order."""
+    lines = iter(" ".join(line.split()) for line in printed.splitlines())
+    for line in shown:
+        if line.replace("…", "").strip():
+            found = any(says(line, candidate) for candidate in lines)
+            assert found, f"{place}\nnot printed: {line}\n{printed}"
+
+
+def says(shown: str, printed: str) -> bool:
+    """Whether a page's line is the one that is printed, its numbers nearly so."""
+    parts = [" ".join(part.split()) for part in shown.split("…")]
+    words = ".*?".join(f"({NUMBER})".join(map(re.escape, re.split(NUMBER, part))) for part in parts)
+    found = re.search(words, printed) if len(parts) > 1 else re.fullmatch(words, printed)
+    return found is not None and all(map(nearly, re.findall(NUMBER, " ".join(parts)), found.groups()))
+
+
+def nearly(shown: str, printed: str) -> bool:
+    """As another processor may print it: whole numbers below 100 are counts, and the same everywhere."""
+    value, decimals = float(shown), len(shown.partition(".")[2])
+    digit = 2.0 * 10.0**-decimals if decimals else 0.0
+    return abs(float(printed) - value) <= max(digit, 0.01 * value if decimals or value >= 100.0 else 0.0)
+
+
+def with_something(*, slow: bool) -> list[Path]:
+    return [page for page in PAGES if of_this_run(page, slow=slow)]
+
+
+@pytest.mark.parametrize("page", with_something(slow=False), ids=name_of)
+@pytest.mark.usefixtures("folder")
+def test_commands_of_a_page(page: Path, request: pytest.FixtureRequest) -> None:
+    chosen = of_this_run(page, slow=False)
+    run(page, chosen, request)
+    if any(words[:2] == ["rovid", "report"] for block in chosen for words in block.commands()):
+        assert Path("report/index.html").stat().st_size > 100_000
+        assert Path("parameters.toml").is_file()
+    if page.name == "tutorial.md":
+        apart = {name: difference(Path(made), FOLDER / name) for name, made in PICTURES.items()}
+        assert max(apart.values()) < LARGEST_DIFFERENCE, f"{apart}: run python docs/make_pictures.py"
+
+
+def difference(made: Path, kept: Path) -> float:
+    first, second = (
+        np.asarray(Image.open(path).convert("L").resize((120, 80), Image.Resampling.BOX), dtype=float)
+        for path in (made, kept)
+    )
+    return float(np.abs(first - second).mean())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", with_something(slow=True), ids=name_of)
+@pytest.mark.usefixtures("folder")
+def test_slow_commands_of_a_page(page: Path, request: pytest.FixtureRequest) -> None:
+    run(page, of_this_run(page, slow=True), request)
+
+
+def test_what_is_not_run_in_its_page_says_why_or_where_it_is() -> None:
+    for block in (block for page in PAGES for block in blocks(page)):
+        assert re.fullmatch(
+            r"|(not run|slow); .{10,}|as in \S+\.md|written to \S+|added to (\w+ in )?\S+", block.remark
+        ), block.place
+        if block.remark.startswith("as in "):
+            there = DOCS / block.remark.removeprefix("as in ")
+            rest = iter(words for other in to_run(there) for words in other.commands())
+            missing = [words for words in block.commands() if words not in rest]
+            assert not missing, f"{block.place}: {missing} not in {there.name}"
+
+
+def test_every_command_is_in_some_page() -> None:
+    shown = {words[1] for page in PAGES for block in to_run(page) for words in block.commands() if words[0] == "rovid"}
+    group: Any = get_command(app)
+    assert shown - {"--version"} == set(group.commands)
+
+
+def test_commands_in_running_text_exist_with_their_options() -> None:
+    group: Any = get_command(app)
+    for page in PAGES:
+        for text in re.findall(r"`(rovid [a-z][^`]*)`", " ".join(page.read_text(encoding="utf-8").split())):
+            _, name, *words = text.split()
+            assert name in group.commands, f"{page.name}: {text}"
+            known = {option for parameter in group.commands[name].params for option in parameter.opts}
+            known |= {option for parameter in group.commands[name].params for option in parameter.secondary_opts}
+            unknown = {word for word in words if word.startswith("-")} - known - {"--help"}
+            assert not unknown, f"{page.name}: {text}"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "check trial_day",
+        "fit-drag trial_day",
+        "fit-inertia",
+        "fit",
+        "simulate",
+        "control",
+        "export json",
+        "convert trial_day/hold_03.csv -o hold.csv",
+        "fit-thruster trial_day/thrust_curve.csv",
+        "init my_logs",
+    ],
+)
+@pytest.mark.usefixtures("folder")
+def test_the_keys_of_json_are_in_the_page_on_files(command: str, trial_day: Path) -> None:
+    shutil.copytree(trial_day, Path.cwd(), dirs_exist_ok=True)
+    document = run_rovid(*command.split(), "--json").document
+    text = (DOCS / "files.md").read_text(encoding="utf-8")
+    section = text.partition(f"### `{document['schema']}`")[2].partition("\n### ")[0]
+    told = set(re.findall(r"`(\w+)`", " ".join(line.split("|")[1] for line in section.splitlines() if "|" in line)))
+    assert set(document) - {"schema"} <= told
+
+
+def test_the_page_on_files_has_every_schema_and_every_key_of_the_configuration() -> None:
+    from rovid.campaign import config
+    from rovid.readers import READERS
+
+    text = (DOCS / "files.md").read_text(encoding="utf-8")
+    sources = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "rovid").rglob("*.py"))
+    schemas = set(re.findall(r"\brovid-[a-z]+/1\b", sources))
+    assert len(schemas) > 8
+    keys = {*config._VEHICLE_KEYS, *config._THRUSTER_KEYS, *config._NOT_SOURCES, *config.UNITS}  # noqa: SLF001 - to be told
+    units = {unit for factors in config.UNITS.values() for unit in factors} | set(config.TIME_UNITS)
+    formats = {suffix.removeprefix(".") for suffix in READERS} - {"db3"}
+    assert sorted(name for name in keys | units | formats | schemas if f"`{name}`" not in text) == []
+
+
+def test_make_demo_is_in_the_readme() -> None:
+    assert "make demo" in (ROOT / "README.md").read_text()
+
+
+class Links(HTMLParser):
+    """What a page refers to, and the places in it that can be referred to."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.loaded: list[str] = []
+        self.links: list[str] = []
+        self.anchors: set[str] = set()
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = {key: value for key, value in attrs if value is not None}
+        self.anchors |= {given[key] for key in ("id", "name") if key in given}
+        if tag == "a":
+            self.links += [given["href"]] if "href" in given else []
+        else:
+            self.loaded += [given[key] for key in ("src", "href", "data", "srcset") if key in given]
+
+
+def test_the_site_builds_without_a_warning_needs_no_network_and_its_links_lead_somewhere(tmp_path: Path) -> None:
+    # One test, so that it is built once, however many processes there are.
+    site = build(tmp_path)
+    sources = [path.relative_to(DOCS).with_suffix(".html") for path in DOCS.rglob("*.md")]
+    assert len(sources) > 30
+    assert [str(name) for name in sources if not (site / name).is_file()] == []
+    pages = {path: Links(path.read_text(encoding="utf-8")) for path in sorted(site.rglob("*.html"))}
+    assert {(path.name, link) for path, page in pages.items() for link in page.loaded if urlsplit(link).netloc} == set()
+    for path in site.rglob("*.css"):
+        assert re.findall(r"(?:url\(|@import)\s*[\"']?(?:https?:)?//", path.read_text(encoding="utf-8")) == [], path
+    assert [(path.name, link) for path, page in pages.items() for link in broken(path, page, pages)] == []
+    method = (site / "method.html").read_text(encoding="utf-8")
+    assert method.count('<svg class="formula" role="img"') > 60
+    assert "$" not in re.sub(r"<[^>]*>", "", method)
+
+
+def build(folder: Path) -> Path:
+    """As `make docs` does it."""
+    options = ["-W", "--keep-going", "-q", "-b", "html", "-d", str(folder / "cache")]
+    command = [sys.executable, "-m", "sphinx", *options, str(DOCS), str(folder / "html")]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return folder / "html"
+
+
+def broken(path: Path, page: Links, pages: dict[Path, Links]) -> Iterator[str]:
+    for link in (*page.links, *page.loaded):
+        parts = urlsplit(link)
+        if parts.scheme or parts.netloc:
+            continue
+        target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+        anchor = unquote(parts.fragment)
+        if not target.is_file() or (anchor and target in pages and anchor not in pages[target].anchors):
+            yield link

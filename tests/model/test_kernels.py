@@ -1,0 +1,186 @@
+"""The compiled filter and simulation against closed forms, grids and plain sums."""
+
+from __future__ import annotations
+
+import math
+import secrets
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from rovid.effects import MOTION, Effect, effect_named
+from rovid.effects.base import STIFFNESS, TERM_PARAMETERS, TERM_STATES, TRIM
+from rovid.ground.arrays import FloatArray
+from rovid.model.kernels import effects_along, innovations, innovations_wide, predict, simulate, simulate_effects
+from rovid.model.model import Model
+from tests import synthetic
+from tests.predictions import records
+
+NO_EFFECTS = Model(inertia=1.0, quadratic_drag=1.0, linear_drag=1.0).terms()
+
+
+def random_run(count: int) -> tuple[FloatArray, FloatArray]:
+    """Irregular instants and a torque held between them."""
+    rng = np.random.default_rng()
+    return np.cumsum(rng.uniform(0.01, 0.4, count)), rng.normal(0.0, 100.0, count)
+
+
+def test_without_disturbance_innovations_are_the_output_error() -> None:
+    time, torque = random_run(400)
+    rate, angle = simulate(time, torque, 5057.0, 3532.0, 132.0, 0.02)
+    measured = angle + np.random.default_rng().normal(0.0, 1e-3, len(time))
+    measured[0] = 0.0
+    missing, nothing = np.full(len(time), np.nan), np.zeros(len(time))
+    error, variance = innovations(
+        time,
+        torque,
+        np.zeros((len(time), 3)),
+        nothing,
+        nothing,
+        measured,
+        missing,
+        np.array([5057.0, 3532.0, 132.0, *np.zeros(8)]),
+        *NO_EFFECTS,
+        np.array([1e-6, 4.0, 1e-3, 1.0]),
+        np.array([0.02, 1e-9]),
+    )
+    # What the filter learns from the first heading alone, a few parts in a hundred of the noise, is left.
+    assert np.max(np.abs(error[1:, 0] - (measured - angle)[1:])) < 1.1e-3
+    assert variance[-1, 0] == pytest.approx(1e-6, rel=0.05)
+    assert np.isfinite(rate).all()
+
+
+def test_filter_variance_against_a_fine_grid() -> None:
+    # The same filter fed every instant and every hundredth part of it, where nothing is measured.
+    time, torque = random_run(200)
+    fine = np.unique(np.concatenate([np.linspace(a, b, 100, endpoint=False) for a, b in pairwise(time)] + [time[-1:]]))
+    at = np.searchsorted(fine, time)
+    held = torque[np.clip(np.searchsorted(time, fine, side="right") - 1, 0, len(time) - 1)]
+    _, angle = simulate(time, torque, 2.5, 1.5, 5.0, 0.0)
+    model = (np.array([2.5, 1.5, 5.0, *np.zeros(8)]), *NO_EFFECTS)
+    noise, start = np.array([5.0, 1.0, 1e-3, 1.0]), np.array([0.0, 0.1])
+    none, never = np.zeros(len(time)), np.zeros(len(fine))
+    sparse = np.full(len(fine), np.nan)
+    sparse[at] = angle
+    coarse, coarse_variance = innovations(
+        time, torque, np.zeros((len(time), 3)), none, none, angle, np.full(len(time), np.nan), *model, noise, start
+    )
+    exact, exact_variance = innovations(
+        fine, held, np.zeros((len(fine), 3)), never, never, sparse, np.full(len(fine), np.nan), *model, noise, start
+    )
+    # Sub-steps of a twentieth of the shortest time constant leave the second-order transition a few percent off.
+    assert coarse_variance[1:, 0] == pytest.approx(exact_variance[at, 0][1:], rel=0.05)
+    assert coarse[1:, 0] == pytest.approx(exact[at, 0][1:], abs=0.05 * float(np.sqrt(exact_variance[at, 0].max())))
+
+
+def test_an_open_impulse_widens_what_the_filter_expects() -> None:
+    time = np.arange(0.0, 4.0, 0.5)
+    none, scatter = np.zeros(len(time)), np.where(time == 2.0, 3.0**2, 0.0)
+    angle = np.where(time == 0.0, 0.0, np.nan)
+    angle[time == 2.5] = 0.0
+    model = (np.array([2.0, *np.zeros(10)]), *NO_EFFECTS)
+    noise, start = np.array([1e-6, 4.0, 1e-3, 1.0]), np.array([0.0, 1e-6])
+    _, variance = innovations(
+        time, none, np.zeros((len(time), 3)), none, scatter, angle, none + np.nan, *model, noise, start
+    )
+    # A kick at any instant of the half second, (3 / 2) rad/s in all, has a third of the angle's square.
+    assert variance[time == 2.5, 0] == pytest.approx((3.0 / 2.0 * 0.5) ** 2 / 3.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("gain", [0.1, 0.3])
+@pytest.mark.parametrize("frequency", [1.3, 2.5, 4.0])
+@pytest.mark.parametrize("blind", [False, True])
+def test_the_filter_knows_how_well_it_knows_a_tank(frequency: float, gain: float, blind: bool) -> None:
+    inertia, drag, damping, white, sigma, tau = 500.0, 60.0, 0.03, 5e-4, 3.0, 4.0
+    rng = np.random.default_rng(seed := secrets.randbelow(10**6))
+    print(f"seed {seed}")
+    time = np.arange(0.0, 120.0, 0.2)
+    torque = 60.0 * np.sign(np.sin(2.0 * np.pi * time / 23.0))
+    # Angle, rate, disturbance, q integrated, q.
+    a, noise = np.zeros((5, 5)), np.zeros((5, 5))
+    swing, leak = frequency**2, 2.0 * damping * frequency
+    a[0, 1], a[2, 2], a[3, 4], a[4] = 1.0, -1.0 / tau, 1.0, (0.0, 1.0, 0.0, -swing, -leak)
+    a[1] = np.array([0.0, -drag / inertia, 1.0 / inertia, 0.0, 0.0]) - gain * frequency * a[4]
+    noise[2, 2] = 2.0 * sigma**2 / tau
+    both = expm(np.block([[-a, noise], [np.zeros((5, 5)), a.T]]) * 0.2)
+    step = both[5:, 5:].T
+    grown, push = step @ both[:5, 5:], np.array([[0.0], [1.0 / inertia], [0.0], [0.0], [0.0]])
+    pushed = expm(np.block([[a, push], [np.zeros((1, 6))]]) * 0.2)[:5, 5]
+    truth = np.zeros(5)
+    angle = np.zeros(len(time))
+    for k in range(1, len(time)):
+        truth = step @ truth + pushed * torque[k - 1] + rng.multivariate_normal(np.zeros(5), grown, method="svd")
+        angle[k] = truth[0] + rng.normal(0.0, white)
+    if blind:
+        angle[200:300] = np.nan
+    state, p = np.zeros(5), np.diag([white**2, 1e-8, sigma**2, 0.0, 0.0])
+    wanted = np.full((len(time), 2), np.nan)
+    for k, reading in enumerate(angle):
+        if k > 0:
+            state, p = step @ state + pushed * torque[k - 1], step @ p @ step.T + grown
+        if np.isfinite(reading):
+            wanted[k] = reading - state[0], p[0, 0] + white**2
+            use = p[:, 0] / wanted[k, 1]
+            state, p = state + use * wanted[k, 0], p - np.outer(use, p[0])
+
+    effect = effect_named("tank_seiche")
+    terms, kinds = np.array([[gain, frequency, damping, 0.0]]), np.array([MOTION.index(effect)])
+    base, nothing = np.array([inertia, 0.0, drag, 0.0, frequency, *np.zeros(6)]), np.zeros(len(time))
+    series = (time, torque, np.zeros((len(time), 3)), nothing, nothing, angle, np.full(len(time), np.nan))
+    numbers = np.array([sigma, tau, white, 1.0])
+    error, variance = innovations_wide(*series, base, terms, kinds, numbers, np.zeros(0), np.array([0.0, 1e-4]))
+    known = np.isfinite(wanted[:, 0])
+    assert variance[known, 0] == pytest.approx(wanted[known, 1], rel=0.005)
+    assert (error[known, 0] - wanted[known, 0]) / np.sqrt(wanted[known, 1]) == pytest.approx(0.0, abs=0.02)
+
+
+def test_a_tank_rings_out_along_a_course() -> None:
+    frequency, damping, period = 5.0, 0.01, 0.1
+    time = np.arange(0.0, 100.0, period)
+    rate = np.where(time < 5.0, 0.2 * np.sin(0.2 * np.pi * time), 0.0)
+    course, beside = np.column_stack([rate, nothing := np.zeros(len(time)), nothing]), np.zeros((len(time), 3))
+    terms, kinds = np.array([[0.2, frequency, damping, 0.0]]), np.array([MOTION.index(effect_named("tank_seiche"))])
+    base = np.array([500.0, 0.0, 60.0, 0.0, frequency, *np.zeros(6)])
+    torque, _ = effects_along(period, course, beside, base, terms, kinds)
+    first, last = (np.abs(torque[(time > at) & (time < at + 10.0)]).max() for at in (6.0, 86.0))
+    assert last / first == pytest.approx(math.exp(-damping * frequency * 80.0), rel=0.3)
+
+
+@pytest.mark.parametrize("effect", MOTION, ids=lambda effect: effect.key)
+def test_all_restarts_together_go_where_each_would_alone(effect: Effect) -> None:
+    count, period = 120, 0.4
+    rate, angle = 0.1 * np.sin(0.05 * np.arange(count)), np.linspace(0.0, 2.4, count)
+    torque = np.where(np.arange(count) % 40 < 20, 150.0, -90.0)
+    beside = np.column_stack((0.2 * np.ones(count), 0.8 + 0.1 * np.sin(np.arange(count)), 0.05 * np.ones(count)))
+    scales = records().scales
+    begin = zip(effect.starts[0], effect.parameters, strict=True)
+    own = np.array([value * scales.of(parameter) for value, parameter in begin])
+    terms, kinds = np.zeros((1, TERM_PARAMETERS)), np.array([MOTION.index(effect)])
+    terms[0, : len(own)] = own
+    base = synthetic.ROSUB.base_from(0.4)
+    base[STIFFNESS - 1 : TRIM + 1] = effect.fastest(effect.values(own)) if effect.fastest else 0.0, 50.0, 0.02
+    first = np.array([3, 50, 20, 64])
+    reach = np.array([40, 12, 0, 55])
+    states = 0.01 * np.random.default_rng(0).normal(size=(count, len(terms), TERM_STATES))
+    bases = np.tile(base, (4, 1))
+    moved = predict(np.full(4, period), torque, beside, rate, angle, states, first, reach, bases, terms, kinds)
+    for lane, (at, steps) in enumerate(zip(first, reach, strict=True)):
+        held = slice(at, at + steps + 1)
+        here = (np.arange(steps + 1) * period, torque[held], np.zeros(steps + 1), beside[held])
+        _, alone = simulate_effects(*here, base, terms, kinds, (rate[at], angle[at]), states[at])
+        assert moved[lane, : steps + 1] == pytest.approx(alone - angle[at], rel=1e-9, abs=1e-12)
+        assert np.isnan(moved[lane, steps + 1 :]).all()
+
+
+def test_a_model_that_runs_away_predicts_nothing() -> None:
+    curvature = effect_named("drag_curvature")
+    wild = replace(synthetic.ROSUB, quadratic_drag=0.0, effects=(curvature,), effect_values=(-0.99,))
+    count = 200
+    terms, kinds = wild.terms()
+    states = np.zeros((count, len(terms), TERM_STATES))
+    flat = (np.full(1, 2.0), np.full(count, 1e6), np.zeros((count, 3)), np.full(count, 0.1), np.zeros(count), states)
+    moved = predict(*flat, np.array([0]), np.array([count - 1]), wild.base_from(0.0)[np.newaxis], terms, kinds)
+    assert np.isnan(moved[0, -1])

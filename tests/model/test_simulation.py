@@ -1,0 +1,184 @@
+"""The compiled simulation against an independent solver, and the measures of fit against the contract."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from rovid.effects import effect_named
+from rovid.ground.arrays import FloatArray
+from rovid.model.drive import Drive
+from rovid.model.kernels import simulate
+from rovid.model.model import Model
+from rovid.model.simulation import compare, overall, simulate_runs
+from rovid.motion.rates import body_position, rates_of
+from rovid.motion.runs import Run
+from tests.synthetic import LOGGED, ROSUB, clock, run, trial
+
+
+def exact(time: FloatArray, torque: FloatArray, model: Model, start: float) -> tuple[FloatArray, FloatArray]:
+    """Rate and angle by an implicit solver at tight tolerance, restarted at each change of the torque."""
+    state, out = np.array([start, 0.0]), []
+    for (first, last), push in zip(itertools.pairwise(time), torque, strict=False):
+        out.append(state)
+
+        def slope(_: float, y: FloatArray, push: float = push) -> list[float]:
+            return [(push - model.drag(y[:1])[0]) / model.inertia, y[0]]
+
+        state = solve_ivp(slope, (first, last), state, method="Radau", rtol=1e-10, atol=1e-12).y[:, -1]
+    rate, angle = np.array([*out, state]).T
+    return rate, angle
+
+
+@pytest.mark.parametrize(
+    ("model", "step", "push", "start"),
+    [
+        (ROSUB, 0.05, 200.0, 0.0),
+        (ROSUB, 7.0, 200.0, -0.2),
+        (Model(inertia=0.6, quadratic_drag=1.5, linear_drag=5.0), 0.1, 20.0, 3.0),  # 0.04 s
+        (Model(inertia=0.012, quadratic_drag=0.45, linear_drag=0.023), 0.2, 5.0, -8.0),  # 2 ms
+        (Model(inertia=0.6, quadratic_drag=1.5, linear_drag=0.0), 0.5, 0.0, 10.0),
+        (Model(inertia=5057.0, quadratic_drag=0.0, linear_drag=800.0), 1.0, 200.0, 0.1),
+        (Model(inertia=5057.0, quadratic_drag=0.0, linear_drag=0.0), 1.0, 200.0, 0.1),
+    ],
+    ids=["work class", "long steps", "small, stiff", "tiny, very stiff", "coasting", "linear", "no drag"],
+)
+def test_simulation_agrees_with_an_implicit_solver(model: Model, step: float, push: float, start: float) -> None:
+    rng = np.random.default_rng(seed := int(np.random.default_rng().integers(10**6)))
+    print(f"seed {seed}")
+    time = np.concatenate(([0.0], np.cumsum(step * rng.uniform(0.1, 2.0, 30))))
+    torque = push * rng.uniform(-1.0, 1.0, len(time))
+    rate, angle = simulate(time, torque, model.inertia, model.quadratic_drag, model.linear_drag, start)
+    wanted_rate, wanted_angle = exact(time, torque, model, start)
+    # A step is a fifth of the time constant: Runge-Kutta's error is 0.2^5/120 of a rate a step.
+    assert rate == pytest.approx(wanted_rate, abs=3e-5 * np.abs(wanted_rate).max())
+    assert angle == pytest.approx(wanted_angle, abs=3e-5 * max(np.abs(wanted_angle).max(), 1e-3))
+
+
+@pytest.mark.parametrize("pause", [100.0, 3600.0, 1e6])
+@pytest.mark.parametrize("push", [0.0, 3.0])
+def test_a_pause_of_any_length_ends_where_the_drag_balances_the_torque(pause: float, push: float) -> None:
+    small = Model(inertia=0.3, quadratic_drag=1.5, linear_drag=1.0)
+    time = np.array([0.0, pause])
+    rate, angle = simulate(time, np.full(2, push), small.inertia, small.quadratic_drag, small.linear_drag, 2.0)
+    steady = (-1.0 + np.sqrt(1.0 + 4.0 * 1.5 * push)) / (2.0 * 1.5)
+    assert rate[1] == pytest.approx(steady, rel=1e-6, abs=1e-9)
+    # In closed form the way there is shorter than one rate times a few time constants of 0.3 s.
+    assert angle[1] == pytest.approx(steady * pause, abs=1.0, rel=1e-6)
+
+
+def test_measures_of_fit_are_those_of_the_contract() -> None:
+    y, yhat = np.array([1.0, 2.0, 3.0, np.nan, 6.0]), np.array([1.5, 2.0, 2.0, 9.0, 6.0])
+    fit = compare(y, yhat)
+    sse, sst = 0.25 + 1.0, 4.0 + 1.0 + 0.0 + 9.0
+    assert fit.samples == 4
+    assert fit.r2 == pytest.approx(1.0 - sse / sst)
+    assert fit.fit_percent == pytest.approx(100.0 * (1.0 - np.sqrt(sse) / np.sqrt(sst)))
+    assert fit.rmse == pytest.approx(np.sqrt(sse / 4.0))
+
+
+@pytest.mark.parametrize(("y", "samples"), [([np.nan, np.nan], 0), ([2.0, 2.0], 2)], ids=["nothing", "constant"])
+def test_a_fit_that_has_no_meaning_is_not_a_number(y: list[float], samples: int) -> None:
+    fit = compare(np.array(y), np.array([1.0, 2.0]))
+    assert fit.samples == samples
+    assert np.isnan(fit.r2)
+    assert np.isnan(fit.fit_percent)
+
+
+def swaying(*, tilt: float) -> Run:
+    """Two minutes of steps, rolling and pitching by ``tilt`` deg, the heading turned by an independent Euler sum."""
+    time = clock(120.0)
+    torque = np.repeat([150.0, -100.0, 200.0, 0.0], 600)
+    torque = np.append(torque, 0.0)
+    rate, _ = exact_rate(time, torque)
+    roll = np.radians(tilt) * np.sin(0.9 * time)
+    pitch = np.radians(tilt) * np.cos(0.57 * time)
+    slope = (rate + np.gradient(pitch, time) * np.sin(roll)) / (np.cos(roll) * np.cos(pitch))
+    heading = 1.0 + np.concatenate(([0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(time))))
+    log = trial(time, torque, heading, roll=roll, pitch=pitch)
+    rates = rates_of(log, cutoff=1.0)
+    return Run(trial=log, torque=torque, rates=rates, drive=rates.held(log, torque))
+
+
+def exact_rate(time: FloatArray, torque: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return simulate(time, torque, ROSUB.inertia, ROSUB.quadratic_drag, ROSUB.linear_drag, 0.0)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 5.0, 20.0])
+def test_a_tilted_vehicle_is_simulated_about_its_own_axis(tilt: float) -> None:
+    (result,) = simulate_runs([swaying(tilt=tilt)], ROSUB, LOGGED)
+    assert result.fit.r2 > 0.99999
+    # The first rate, read from two seconds of heading under a step, is 6e-4 rad/s off and forgotten in some seconds.
+    assert np.abs(result.position - result.run.trial.position).max() < 6e-3
+    for horizon in (10.0, 60.0):
+        error = result.position_errors[horizon]
+        assert error is not None
+        assert error < 0.02  # a restart from the smoothed rate beside a step; untransformed 20 deg would add 0.7
+
+
+def test_body_position_is_the_heading_where_the_vehicle_is_level() -> None:
+    log = swaying(tilt=0.0).trial
+    assert body_position(log) == pytest.approx(log.position, abs=1e-12)
+
+
+def test_heading_errors_need_their_horizon_without_a_gap() -> None:
+    (short,) = simulate_runs([run(clock(30.0), np.full(601, 100.0))], ROSUB, LOGGED)
+    assert short.position_errors[10.0] == pytest.approx(0.0, abs=1e-4)
+    assert short.position_errors[60.0] is None
+    time = clock(70.0)
+    whole = run(time, np.full(1401, 100.0))
+    heading = np.where((time > 30.0) & (time < 36.0), np.nan, whole.trial.position)
+    # The turns made inside the gap are unknown: twenty more of them may not show as an error.
+    log = trial(time, whole.torque, heading + 40.0 * np.pi * (time >= 36.0))
+    rates = rates_of(log, cutoff=1.0)
+    (gapped,) = simulate_runs([Run(trial=log, torque=whole.torque, rates=rates, drive=whole.drive)], ROSUB, LOGGED)
+    assert gapped.position_errors[60.0] is None
+    error = gapped.position_errors[10.0]
+    assert error is not None
+    assert error < 1e-3
+
+
+def test_overall_is_over_all_samples_of_all_trials() -> None:
+    runs = [run(clock(60.0), np.full(1201, 100.0)), run(clock(90.0), np.full(1801, -50.0))]
+    wrong = Model(inertia=6000.0, quadratic_drag=3000.0, linear_drag=132.0)
+    results = simulate_runs(runs, wrong, LOGGED)
+    y = np.concatenate([item.measured for item in results])
+    error = y - np.concatenate([item.simulated for item in results])
+    known = np.isfinite(y) & np.isfinite(error)
+    total = overall(results)
+    assert total.samples == known.sum()
+    assert total.r2 == pytest.approx(1.0 - np.sum(error[known] ** 2) / np.sum((y[known] - y[known].mean()) ** 2))
+
+
+def test_a_gyro_that_falls_silent_leaves_the_rate_of_the_heading() -> None:
+    time = clock(60.0)
+    rate = 0.2 * np.sin(0.3 * time)
+    angle = 0.2 / 0.3 * (1.0 - np.cos(0.3 * time))
+    rates = rates_of(trial(time, np.zeros(len(time)), angle, rate=np.where(time < 20.0, rate, np.nan)), cutoff=1.0)
+    known = np.isfinite(rates.rate)
+    assert rates.time[known][-1] > 58.0
+    np.testing.assert_allclose(rates.rate[known], 0.2 * np.sin(0.3 * rates.time[known]), atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [("entrained_swirl", (0.3, 60.0)), ("tank_seiche", (0.3, 1.3, 0.03)), ("added_mass_memory", (2000.0, 20.0))],
+)
+def test_the_water_does_not_stand_still_at_a_restart(key: str, values: tuple[float, ...]) -> None:
+    moving = replace(ROSUB, effects=(effect_named(key),), effect_values=values)
+    time = clock(400.0)
+    plain = run(time, 200.0 * np.sin(2.0 * np.pi * time / 80.0) + 200.0 * np.sin(2.0 * np.pi * time / 5.0))
+    heading = moving.simulate(plain.trial, Drive.held(plain.torque))[1]
+    log = trial(time, plain.torque, heading)
+    rates = rates_of(log, cutoff=1.0)
+    made = Run(trial=log, torque=plain.torque, rates=rates, drive=plain.drive)
+    (own,), (without,) = (simulate_runs([made], model, LOGGED) for model in (moving, ROSUB))
+    for horizon in (10.0, 60.0):
+        error, worse = own.position_errors[horizon], without.position_errors[horizon]
+        assert error is not None
+        assert worse is not None
+        assert error < 0.1 * worse

@@ -1,0 +1,41 @@
+"""A parameter file that another process changes meanwhile."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rovid.campaign.axis import AXES
+from rovid.ground.errors import OutputError
+from rovid.ground.files import Claim
+from rovid.parameters.parameters import Parameters
+from rovid.parameters.reading import read_parameters
+from rovid.parameters.update import update
+from tests.parameters.test_parameters import NAMES, estimate
+
+
+def test_what_another_process_found_meanwhile_is_kept(tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml")
+    claim = Claim([stored.output])
+    replace(stored.with_estimate(estimate(NAMES[1:])), vehicle="another's").write()
+    written = update(stored, claim, lambda now: now.with_estimate(estimate(NAMES[:1])))
+    assert set(written.entries) == set(NAMES)
+    assert read_parameters(stored.path).vehicle == "another's"
+
+
+def test_a_file_that_is_gone_begins_with_what_was_read_of_it(tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(NAMES[1:]))
+    update(stored, Claim([stored.output]), lambda now: now.with_estimate(estimate(NAMES[:1])))
+    assert set(read_parameters(stored.path).entries) == set(NAMES)
+
+
+def test_a_file_of_another_axis_by_now_is_left_and_the_result_saved(tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml")
+    claim = Claim([stored.output])
+    other = Parameters(path=stored.path, axis=AXES["surge"])
+    other.write()
+    with pytest.raises(OutputError, match="parameters of surge by now"):
+        update(stored, claim, lambda now: now.with_estimate(estimate()))
+    assert read_parameters(stored.path).axis is AXES["surge"]

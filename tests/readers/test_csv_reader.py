@@ -1,0 +1,209 @@
+"""CSV in all its spellings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rovid.ground.errors import ConfigError, LogError
+from rovid.readers import read_log
+from tests.readers.logs import campaign, csv_text, kinds, read_csv, standard, toml, turning
+
+TIME, HEADING = turning()
+DATES = np.datetime64("2026-01-07T12:00:00", "ms") + np.round(TIME * 1000).astype(int)
+
+
+def assert_standard(trial_heading: object, time: object) -> None:
+    np.testing.assert_allclose(np.asarray(time), TIME, atol=1e-6)
+    # four decimals of a degree
+    np.testing.assert_allclose(np.asarray(trial_heading), np.deg2rad(HEADING), atol=2e-6)
+
+
+def test_an_ordinary_log(tmp_path: Path) -> None:
+    trial = read_csv(tmp_path, csv_text(standard()))
+    assert_standard(trial.position, trial.time)
+    np.testing.assert_array_equal(trial.commands[:, 0], np.where(TIME < 10.0, 1.0, 2.0))
+    assert trial.remarks == ()
+    assert trial.name == "hold_3.csv"
+
+
+def decimal_comma(text: str) -> str:
+    return text.replace(".", ",")
+
+
+def test_any_column_names(tmp_path: Path) -> None:
+    names = {"time_s": "Zeit [µs]", "heading_deg": "Kurs (°)", "fore_V": "Δ"}
+    config = campaign(
+        tmp_path,
+        toml(time='time = { csv = "Zeit [µs]" }', heading='heading = { csv = "Kurs (°)" }', command='{ csv = "Δ" }'),
+    )
+    columns = {names[key]: value for key, value in standard().items()}
+    columns["Zeit [µs]"] = np.round(TIME * 1e6).astype(int)  # the name says microseconds
+    trial = read_csv(tmp_path, csv_text(columns), config)
+    assert_standard(trial.position, trial.time)
+
+
+def test_empty_cells_are_counted(tmp_path: Path) -> None:
+    heading = np.asarray(standard()["heading_deg"]).copy()
+    command = np.asarray(standard()["fore_V"]).copy()
+    heading[[5, 6, 100]] = np.nan
+    command[200:250] = np.nan
+    text = csv_text(standard(heading_deg=heading, fore_V=command)).replace("\n0.3500,", "\n0.3500, NaN ,", 1)
+    trial = read_csv(tmp_path, csv_text(standard(heading_deg=heading, fore_V=command)))
+    assert kinds(trial) == {"missing": 53}
+    assert trial.measured.sum() == 397
+    assert trial.commands[-1, 0] == 2.0
+    assert "fore_V" in " ".join(remark.text for remark in trial.remarks)
+    assert "NaN" in text
+
+
+@pytest.mark.parametrize("word", ["", "nan", "NaN", "  ", "inf", "-inf", " nan "])
+def test_words_for_missing(word: str, tmp_path: Path) -> None:
+    cells = [f"{value:.3f}" for value in np.asarray(standard()["heading_deg"])]
+    cells[50] = word
+    trial = read_csv(tmp_path, csv_text(standard(heading_deg=cells)))
+    assert kinds(trial) == {"missing": 1}
+    assert trial.measured.sum() == 399
+
+
+def test_one_value_a_row(tmp_path: Path) -> None:
+    """Tables of events hold one signal in each row, and rows of one instant belong together."""
+    rows = ["time_s,heading_deg,fore_V"]
+    for k in range(200):
+        rows += [f"{k * 0.1:.1f},{k * 0.7 + 0.01 * (k % 3):.3f},", f"{k * 0.1:.1f},,{1 + k // 100}"]
+    trial = read_csv(tmp_path, "\n".join(rows) + "\n")
+    assert trial.measured.all()
+    assert set(trial.commands[:, 0]) == {1.0, 2.0}
+
+
+CUT: dict[str, tuple[Callable[[bytes], bytes], int]] = {
+    "in a number": (lambda data: data[:-3], 399),
+    "after a delimiter": (lambda data: data[: data.rstrip().rfind(b",") + 1], 399),
+    "at the end of a row": (lambda data: data.rstrip(), 399),
+    "NUL bytes": (lambda data: data + bytes(5000), 400),
+    "NUL bytes after a part": (lambda data: data[:-3] + bytes(200_000), 399),
+}
+
+
+@pytest.mark.parametrize("cut", CUT)
+def test_a_crash_cut_the_file(cut: str, tmp_path: Path) -> None:
+    how, left = CUT[cut]
+    trial = read_csv(tmp_path, how(csv_text(standard()).encode()))
+    assert len(trial.time) == left
+    assert "truncated" in kinds(trial)
+    np.testing.assert_allclose(trial.position, np.deg2rad(HEADING[:left]), atol=2e-6)
+
+
+def row(number: int, cell: str) -> str:
+    """The standard log with ``cell`` as heading in line ``number`` of the file."""
+    lines = csv_text(standard()).split("\n")
+    parts = lines[number - 1].split(",")
+    lines[number - 1] = ",".join([parts[0], cell, parts[2]])
+    return "\n".join(lines)
+
+
+BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
+    "text": (
+        row(17, "N/A"),
+        ("hold_3.csv:17: heading_deg is 'N/A', a number was expected. Delete the row or leave the cell empty.",),
+    ),
+    "text far down": (row(399, "off"), ("hold_3.csv:399: heading_deg is 'off'",)),
+    "text below comments": ("# a\n\n# b\n" + row(17, "-"), ("hold_3.csv:20: heading_deg is '-'",)),
+    "text below CRLF": (row(17, "x").replace("\n", "\r\n"), ("hold_3.csv:17:",)),
+    "text below empty lines": (row(17, "x").replace("\n", "\n\n"), ("hold_3.csv:33:",)),
+    "text in UTF-16": (row(17, "x").encode("utf-16"), ("hold_3.csv:17:",)),
+    "text after a cut": (row(17, "x")[:-3], ("hold_3.csv:17:",)),
+    "text below a quoted line end": (
+        csv_text({**standard(heading_deg=["1"] * 10 + ["x"] * 390), "n": ['"a\nb"'] * 400}),
+        ("hold_3.csv:22: heading_deg is 'x'",),
+    ),
+    "underscore": (row(9, "1_0"), (":9:", "'1_0'")),
+    "units row": ("time_s,heading_deg,fore_V\ns,deg,V\n" + csv_text(standard()).split("\n", 1)[1], (":2:", "'deg'")),
+    "NUL bytes": (row(9, "1\x00").encode(), ("hold_3.csv",)),
+    "binary": (bytes(range(256)) * 40, ("hold_3.csv", "no text")),
+    "zip": (b"PK\x03\x04" + bytes(range(1, 200)) * 10, ("no text",)),
+    "empty": (b"", ("is empty", "Delete it")),
+    "only NUL": (bytes(4000), ("only NUL",)),
+    "only spaces": (b" \n\n", ("is empty",)),
+    "only comments": (b"# a\n# b\n", ("no header",)),
+    "header only": (b"time_s,heading_deg,fore_V\n", ("no rows",)),
+    "header only, the wanted last": (b"a,b,c,d,time_s,heading_deg,fore_V\n", ("no rows",)),
+    "the only row cut": (b"a,b,c,d,time_s,heading_deg,fore_V\n1,2,3,4,5,6", ("no rows",)),
+    "header without end": (b"time_s,heading_deg,fore_V", ("hold_3.csv",)),
+    "missing column": (
+        csv_text({"time_s": TIME, "heding_deg": TIME, "fore_V": TIME}),
+        ("no column 'heading_deg'", "Nearest: 'heding_deg'", "heading"),
+    ),
+    "no column near": (csv_text({"time_s": TIME, "a": TIME, "b": TIME}), ("There are: 'time_s', 'a', 'b'",)),
+    "two columns of one name": (
+        "time_s,heading_deg,fore_V,heading_deg\n0,1,2,3\n",
+        ("2 columns named 'heading_deg'",),
+    ),
+    "decimal comma between commas": (decimal_comma(csv_text(standard())), ("6 cells", "3 columns", "semicolons")),
+    "open quote": (row(9, '"1.0'), ("hold_3.csv",)),
+    "open quote above many rows": (
+        row(9, '"1.0') + "1,2,3\n" * 50_000,
+        ("hold_3.csv:9: has a cell of more than 100 000 characters", "quotation mark", "never closed"),
+    ),
+    "bad date": (
+        csv_text(standard(time_s=[*(f"{t}Z" for t in DATES[:20]), "soon", *(f"{t}Z" for t in DATES[21:])])),
+        ("hold_3.csv:22: time_s is 'soon'", "ISO 8601"),
+    ),
+    "time of day": (csv_text(standard(time_s=[f"12:00:{t:.2f}" for t in TIME])), (":2:", "time_s", "ISO 8601")),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_tables(name: str, tmp_path: Path) -> None:
+    text, words = BAD[name]
+    with pytest.raises(LogError) as caught:
+        read_csv(tmp_path, text)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_time_runs_backwards_at_a_line(tmp_path: Path) -> None:
+    time = TIME.copy()
+    time[200:] -= 5.0
+    text = "# a comment\n" + csv_text(standard(time_s=time))
+    with pytest.raises(LogError, match=r"time_s runs backwards at line 203, from 9\.95 s to 5 s"):
+        read_csv(tmp_path, text)
+
+
+@pytest.mark.parametrize("blank", ["", "   "])
+def test_lines_are_counted_over_blank_ones(blank: str, tmp_path: Path) -> None:
+    time = TIME.copy()
+    time[200:] -= 5.0
+    lines = csv_text(standard(time_s=time)).split("\n")
+    lines.insert(50, blank)
+    with pytest.raises(LogError, match="at line 203,"):
+        read_csv(tmp_path, "\n".join(lines))
+
+
+def test_time_must_be_mapped(tmp_path: Path) -> None:
+    config = campaign(tmp_path, toml(time=""))
+    with pytest.raises(ConfigError, match="time names no csv column"):
+        read_csv(tmp_path, csv_text(standard()), config)
+
+
+def test_heading_must_be_mapped_for_the_format(tmp_path: Path) -> None:
+    config = campaign(tmp_path, toml(heading='heading = { mcap = "/h.data" }'))
+    with pytest.raises(ConfigError, match="heading names no csv source"):
+        read_csv(tmp_path, csv_text(standard()), config)
+
+
+def test_unknown_suffix_and_missing_file(tmp_path: Path) -> None:
+    config = campaign(tmp_path)
+    with pytest.raises(LogError, match=r"\.xlsx"):
+        read_log(tmp_path / "a.xlsx", config)
+    with pytest.raises(LogError, match="cannot be read"):
+        read_log(tmp_path / "a.csv", config)
+
+
+def test_the_time_column_may_be_an_extra_too(tmp_path: Path) -> None:
+    config = campaign(tmp_path, toml('clock = { csv = "time_s" }'))
+    trial = read_csv(tmp_path, csv_text(standard(time_s=[f"{t}Z" for t in DATES])), config)
+    np.testing.assert_allclose(trial.extras["clock"], TIME, atol=1e-6)

@@ -1,0 +1,15 @@
+"""Recordings that rovid writes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rovid.ground.quoting import words
+from rovid.readers.mcap_writer import Topic, mcap_bytes
+from tests.hostile import NAMES
+
+
+def test_a_recording_keeps_the_commands_of_thrusters_with_names_alike() -> None:
+    fields = dict(zip(words(NAMES), np.ones((len(NAMES), 3)), strict=True))
+    assert len(fields) == len(NAMES)
+    assert mcap_bytes([Topic(name="/commands", time=np.arange(3.0), fields=fields, units=dict.fromkeys(fields, ""))])

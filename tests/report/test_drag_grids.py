@@ -1,0 +1,49 @@
+"""The page's tables on drag."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rovid.identify.steady import DragFit
+from rovid.report.drag_grids import directions_grid, steady_grid, unsteady_grid
+from rovid.report.evidence import Evidence
+from tests.report.test_grids import cells
+
+
+@pytest.fixture(scope="module")
+def fit(day: Evidence) -> DragFit:
+    assert day.drag is not None
+    return day.drag
+
+
+def test_each_point_stands_with_its_residual_and_its_error(fit: DragFit) -> None:
+    grid = steady_grid(fit)
+    assert grid.caption == "Steady turns that were fitted"
+    assert cells(grid, "source") == [point.source for point in fit.points]
+    for text, value, error in zip(cells(grid, "residual"), fit.residuals, fit.torque_error, strict=True):
+        shown, known = (part.strip("\u2007\u2008") for part in text.split(" ± "))
+        assert float(shown) == pytest.approx(value, abs=0.005)
+        assert float(known) == pytest.approx(error, abs=0.005)
+
+
+def test_where_and_under_which_command_is_said_only_where_it_is_known(fit: DragFit) -> None:
+    known = {column.title for column in steady_grid(fit).columns}
+    assert {"from … to, s", "command"} <= known
+    table = [replace(point, start=np.nan, stop=np.nan, command=(np.nan,)) for point in fit.points]
+    of_table = {column.title for column in steady_grid(replace(fit, points=tuple(table))).columns}
+    assert known - of_table == {"from … to, s", "command"}
+
+
+def test_what_was_still_changing_says_by_how_much(fit: DragFit) -> None:
+    point = replace(fit.points[0], drift=0.02, drift_error=0.001)
+    grid = unsteady_grid(replace(fit, unsteady=(point,)))
+    assert cells(grid, "change over it") == ["0.02000 ± 0.00100"]
+
+
+def test_both_directions_stand_first(fit: DragFit) -> None:
+    rows = cells(directions_grid(fit), "turns")
+    assert rows[0] == "both"
+    assert set(rows[1:]) == {"heading growing", "heading falling"}

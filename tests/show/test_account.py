@@ -1,0 +1,40 @@
+"""The readable account of a diagnosis."""
+
+from __future__ import annotations
+
+import io
+
+from rovid.campaign.vehicle import Vehicle
+from rovid.diagnose.record import Diagnosis
+from rovid.effects import effect_named
+from rovid.ground.screen import Screen
+from rovid.show.account import show_diagnosis
+from tests.synthetic import VEHICLE
+
+
+def told(diagnosis: Diagnosis, vehicle: Vehicle = VEHICLE) -> str:
+    stream = io.StringIO()
+    show_diagnosis(Screen(file=stream, width=200), diagnosis, vehicle)
+    return stream.getvalue()
+
+
+def test_each_verdict_has_its_sentence_and_a_next_run() -> None:
+    said = {}
+    for verdict in ("found", "suspected", "nothing_found", "unexplained", "too_little_data"):
+        account = told(Diagnosis(verdict=verdict))
+        said[verdict] = account.splitlines()[0]
+        assert "Next:" in account
+        assert "never visible in yaw data: a common scale of all thrust" in account
+    assert len(set(said.values())) == 5
+
+
+def test_what_is_missing_is_said() -> None:
+    assert "No sines." in told(Diagnosis(verdict="too_little_data", missing="No sines."))
+
+
+def test_where_nothing_was_found_the_smallest_that_would_have_been_seen_is_told() -> None:
+    detectable = ((effect_named("bias_torque"), 0.5), (effect_named("thruster_lag"), float("inf")))
+    account = told(Diagnosis(verdict="nothing_found", detectable=detectable))
+    rows = {line.split("  ")[0].strip(): line for line in account.splitlines()}
+    assert "0.5" in rows[effect_named("bias_torque").title]
+    assert "not visible" in rows[effect_named("thruster_lag").title]

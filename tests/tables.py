@@ -1,0 +1,13 @@
+"""A table, written and read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rovid.campaign.tables import Table, read_table
+
+
+def table(text: str, folder: Path, **options: tuple[str, ...]) -> Table:
+    path = folder / "table.csv"
+    path.write_text(text)
+    return read_table(path, **options)
