@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from rovid.export.plain import AXES, BASE, EQUATION, base_of, effect_names, target_of, thruster_of
@@ -14,25 +15,33 @@ from rovid.ground.quoting import toml_text
 def export(subject: Subject) -> Target:
     """A parameter YAML for any node; names with a colon keep it as an underscore."""
     lines = [f"# {export_mark('ros2')}.", f"# {EQUATION}", f"# {AXES}", "/**:", "  ros__parameters:"]
-    lines += [f"    {name}: {_yaml(value)}" for name, value in base_of(subject).items()]
-    thrusters = [toml_text(thruster.name) for thruster in subject.vehicle.thrusters]
-    lines.append(f"    thruster_names: [{', '.join(thrusters)}]")
+    lines += _entries("    ", base_of(subject))
+    names = ", ".join(toml_text(thruster.name) for thruster in subject.vehicle.thrusters)
+    lines.append(f"    thruster_names: [{names}]")
     for index in range(len(subject.vehicle.thrusters)):
         thruster = thruster_of(subject, index, list)
         lines.append(f"    thruster_{index}:")
-        lines += [f"      {name}: {_yaml(thruster[name])}" for name in ("yaw_arm", "command", "thrust")]
+        lines += _entries("      ", {name: thruster[name] for name in ("yaw_arm", "command", "thrust")})
     lines.append(f"    effect_names: [{', '.join(map(toml_text, subject.effects))}]")
     if subject.effects:
         lines.append("    effects:")
-    keys = effect_names(subject)
-    effects = {}
+    keys, effects = effect_names(subject), {}
     for key, parameters in subject.effects.items():
-        written = {name: _yaml(value) for name, value in parameters.items()}
         lines.append(f"      {keys[key]}:")
-        lines += [f"        {name}: {text}" for name, text in written.items()]
-        effects[key] = {name: float(text) for name, text in written.items()}
-    base = [float(_yaml(base_of(subject)[name])) for name in BASE]
-    return target_of(subject, "\n".join([*lines, ""]), base, effects)
+        lines += _entries("        ", parameters)
+        effects[key] = _read(parameters)
+    base = _read(base_of(subject))
+    content = "\n".join(lines) + "\n"
+    return target_of(subject, content, [base[name] for name in BASE], effects)
+
+
+def _entries(indent: str, values: Mapping[str, Any]) -> list[str]:
+    return [f"{indent}{name}: {_yaml(value)}" for name, value in values.items()]
+
+
+def _read(values: Mapping[str, float]) -> dict[str, float]:
+    """As they stand in the file."""
+    return {name: float(_yaml(value)) for name, value in values.items()}
 
 
 def _yaml(value: Any) -> str:
