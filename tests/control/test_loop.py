@@ -74,8 +74,8 @@ def test_recorded_commands_drive_the_open_loop_to_the_same_heading(effect: Effec
     # It starts at the rate that is logged first.
     rate, heading = model.simulate(replace(course.trial(), rate=np.zeros(len(course.time))), drive)
     # Steps of the integration, what is forgotten, and a true heading that is found from the instrument's by turns.
-    reach = 1e-3 if effect.on_heading else 6e-6 + 0.01 * differs
-    if effect.on_heading is None:
+    reach = 1e-3 if model.instrument.deviates else 6e-6 + 0.01 * differs
+    if not model.instrument.deviates:
         assert rate == pytest.approx(course.rate, abs=reach)
     assert heading - heading[0] == pytest.approx(course.heading - course.heading[0], abs=reach)
     assert np.ptp(course.heading) > 1.0

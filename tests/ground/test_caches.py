@@ -38,11 +38,12 @@ def read_only_install() -> Iterator[tuple[Path, dict[str, str]]]:
 USE = """
     import rovid.model.kernels
     import rovid.report.plots.canvas
+    from rovid.effects.base import Body
     from rovid.model.kernels import is_compiled, simulate
     import numpy as np
     assert rovid.model.kernels.__file__.startswith({folder!r})
     if {run}:
-        simulate(np.arange(3.0), np.zeros(3), 1.0, 1.0, 1.0, 0.0)
+        simulate(np.arange(3.0), np.zeros(3), Body(1.0, 1.0, 1.0), 0.0)
     print(is_compiled())
 """
 

@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from scipy.stats import chi2
 
+from rovid.effects.base import Body
 from rovid.identify.estimate import Estimate
 from rovid.identify.likelihood import LIMITS, fit_likelihood
 from rovid.model.kernels import simulate
@@ -250,7 +251,7 @@ def test_a_gyro_narrows_what_a_poor_compass_leaves_open(bias: float) -> None:
     for period, push in ((15.0, 150.0), (30.0, 200.0), (60.0, 120.0)):
         torque = push * np.sign(np.sin(2.0 * np.pi * time / period))
         wind = gauss_markov(len(time), 0.1, 3.0, 4.0, rng)
-        rate, angle = simulate(time, torque + wind, 5057.0, 3532.0, 132.0, 0.0)
+        rate, angle = simulate(time, torque + wind, Body(5057.0, 3532.0, 132.0), 0.0)
         gyro = rate + bias + rng.normal(0.0, 0.002, len(time))
         log = trial(time, torque, angle + rng.normal(0.0, np.deg2rad(2.0), len(time)), rate=gyro)
         rates = rates_of(log, cutoff=0.5)

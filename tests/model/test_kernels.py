@@ -12,14 +12,17 @@ import pytest
 from scipy.linalg import expm
 
 from rovid.effects import MOTION, Effect, effect_named
-from rovid.effects.base import STIFFNESS, TERM_PARAMETERS, TERM_STATES, TRIM
+from rovid.effects.base import TERM_STATES, Body
 from rovid.ground.arrays import FloatArray
+from rovid.model.acting import Acting
+from rovid.model.equation import Equation, terms_of
 from rovid.model.kernels import effects_along, innovations, innovations_wide, predict, simulate, simulate_effects
 from rovid.model.model import Model
 from tests import synthetic
 from tests.predictions import records
 
-NO_EFFECTS = Model(inertia=1.0, quadratic_drag=1.0, linear_drag=1.0).terms()
+NO_TERMS = Model(inertia=1.0, quadratic_drag=1.0, linear_drag=1.0).terms
+ROSUB_BODY = Body(5057.0, 3532.0, 132.0)
 
 
 def random_run(count: int) -> tuple[FloatArray, FloatArray]:
@@ -30,7 +33,7 @@ def random_run(count: int) -> tuple[FloatArray, FloatArray]:
 
 def test_without_disturbance_innovations_are_the_output_error() -> None:
     time, torque = random_run(400)
-    rate, angle = simulate(time, torque, 5057.0, 3532.0, 132.0, 0.02)
+    rate, angle = simulate(time, torque, ROSUB_BODY, 0.02)
     measured = angle + np.random.default_rng().normal(0.0, 1e-3, len(time))
     measured[0] = 0.0
     missing, nothing = np.full(len(time), np.nan), np.zeros(len(time))
@@ -42,8 +45,7 @@ def test_without_disturbance_innovations_are_the_output_error() -> None:
         nothing,
         measured,
         missing,
-        np.array([5057.0, 3532.0, 132.0, *np.zeros(8)]),
-        *NO_EFFECTS,
+        Equation(ROSUB_BODY, NO_TERMS, 0.0),
         np.array([1e-6, 4.0, 1e-3, 1.0]),
         np.array([0.02, 1e-9]),
     )
@@ -59,17 +61,18 @@ def test_filter_variance_against_a_fine_grid() -> None:
     fine = np.unique(np.concatenate([np.linspace(a, b, 100, endpoint=False) for a, b in pairwise(time)] + [time[-1:]]))
     at = np.searchsorted(fine, time)
     held = torque[np.clip(np.searchsorted(time, fine, side="right") - 1, 0, len(time) - 1)]
-    _, angle = simulate(time, torque, 2.5, 1.5, 5.0, 0.0)
-    model = (np.array([2.5, 1.5, 5.0, *np.zeros(8)]), *NO_EFFECTS)
+    small = Body(2.5, 1.5, 5.0)
+    _, angle = simulate(time, torque, small, 0.0)
+    equation = Equation(small, NO_TERMS, 0.0)
     noise, start = np.array([5.0, 1.0, 1e-3, 1.0]), np.array([0.0, 0.1])
     none, never = np.zeros(len(time)), np.zeros(len(fine))
     sparse = np.full(len(fine), np.nan)
     sparse[at] = angle
     coarse, coarse_variance = innovations(
-        time, torque, np.zeros((len(time), 3)), none, none, angle, np.full(len(time), np.nan), *model, noise, start
+        time, torque, np.zeros((len(time), 3)), none, none, angle, np.full(len(time), np.nan), equation, noise, start
     )
     exact, exact_variance = innovations(
-        fine, held, np.zeros((len(fine), 3)), never, never, sparse, np.full(len(fine), np.nan), *model, noise, start
+        fine, held, np.zeros((len(fine), 3)), never, never, sparse, np.full(len(fine), np.nan), equation, noise, start
     )
     # Sub-steps of a twentieth of the shortest time constant leave the second-order transition a few percent off.
     assert coarse_variance[1:, 0] == pytest.approx(exact_variance[at, 0][1:], rel=0.05)
@@ -81,10 +84,10 @@ def test_an_open_impulse_widens_what_the_filter_expects() -> None:
     none, scatter = np.zeros(len(time)), np.where(time == 2.0, 3.0**2, 0.0)
     angle = np.where(time == 0.0, 0.0, np.nan)
     angle[time == 2.5] = 0.0
-    model = (np.array([2.0, *np.zeros(10)]), *NO_EFFECTS)
+    equation = Equation(Body(2.0, 0.0, 0.0), NO_TERMS, 0.0)
     noise, start = np.array([1e-6, 4.0, 1e-3, 1.0]), np.array([0.0, 1e-6])
     _, variance = innovations(
-        time, none, np.zeros((len(time), 3)), none, scatter, angle, none + np.nan, *model, noise, start
+        time, none, np.zeros((len(time), 3)), none, scatter, angle, none + np.nan, equation, noise, start
     )
     # A kick at any instant of the half second, (3 / 2) rad/s in all, has a third of the angle's square.
     assert variance[time == 2.5, 0] == pytest.approx((3.0 / 2.0 * 0.5) ** 2 / 3.0, rel=1e-3)
@@ -126,15 +129,24 @@ def test_the_filter_knows_how_well_it_knows_a_tank(frequency: float, gain: float
             use = p[:, 0] / wanted[k, 1]
             state, p = state + use * wanted[k, 0], p - np.outer(use, p[0])
 
-    effect = effect_named("tank_seiche")
-    terms, kinds = np.array([[gain, frequency, damping, 0.0]]), np.array([MOTION.index(effect)])
-    base, nothing = np.array([inertia, 0.0, drag, 0.0, frequency, *np.zeros(6)]), np.zeros(len(time))
+    equation, nothing = in_a_tank(inertia, drag, (gain, frequency, damping)), np.zeros(len(time))
     series = (time, torque, np.zeros((len(time), 3)), nothing, nothing, angle, np.full(len(time), np.nan))
     numbers = np.array([sigma, tau, white, 1.0])
-    error, variance = innovations_wide(*series, base, terms, kinds, numbers, np.zeros(0), np.array([0.0, 1e-4]))
+    error, variance = innovations_wide(*series, equation, numbers, np.zeros(0), np.array([0.0, 1e-4]))
     known = np.isfinite(wanted[:, 0])
     assert variance[known, 0] == pytest.approx(wanted[known, 1], rel=0.005)
     assert (error[known, 0] - wanted[known, 0]) / np.sqrt(wanted[known, 1]) == pytest.approx(0.0, abs=0.02)
+
+
+def in_a_tank(inertia: float, drag: float, values: tuple[float, ...]) -> Equation:
+    model = Model(
+        inertia=inertia,
+        quadratic_drag=0.0,
+        linear_drag=drag,
+        effects=(effect_named("tank_seiche"),),
+        effect_values=values,
+    )
+    return model.equation(0.0)
 
 
 def test_a_tank_rings_out_along_a_course() -> None:
@@ -142,9 +154,7 @@ def test_a_tank_rings_out_along_a_course() -> None:
     time = np.arange(0.0, 100.0, period)
     rate = np.where(time < 5.0, 0.2 * np.sin(0.2 * np.pi * time), 0.0)
     course, beside = np.column_stack([rate, nothing := np.zeros(len(time)), nothing]), np.zeros((len(time), 3))
-    terms, kinds = np.array([[0.2, frequency, damping, 0.0]]), np.array([MOTION.index(effect_named("tank_seiche"))])
-    base = np.array([500.0, 0.0, 60.0, 0.0, frequency, *np.zeros(6)])
-    torque, _ = effects_along(period, course, beside, base, terms, kinds)
+    torque, _ = effects_along(period, course, beside, in_a_tank(500.0, 60.0, (0.2, frequency, damping)))
     first, last = (np.abs(torque[(time > at) & (time < at + 10.0)]).max() for at in (6.0, 86.0))
     assert last / first == pytest.approx(math.exp(-damping * frequency * 80.0), rel=0.3)
 
@@ -158,19 +168,15 @@ def test_all_restarts_together_go_where_each_would_alone(effect: Effect) -> None
     scales = records().scales
     begin = zip(effect.starts[0], effect.parameters, strict=True)
     own = np.array([value * scales.of(parameter) for value, parameter in begin])
-    terms, kinds = np.zeros((1, TERM_PARAMETERS)), np.array([MOTION.index(effect)])
-    terms[0, : len(own)] = own
-    base = synthetic.ROSUB.base_from(0.4)
-    base[STIFFNESS - 1 : TRIM + 1] = effect.fastest(effect.values(own)) if effect.fastest else 0.0, 50.0, 0.02
+    terms = terms_of([Acting(effect, own)], 0.0)
+    body = synthetic.ROSUB.body._replace(stiffness=50.0, trim=0.02)
     first = np.array([3, 50, 20, 64])
-    reach = np.array([40, 12, 0, 55])
-    states = 0.01 * np.random.default_rng(0).normal(size=(count, len(terms), TERM_STATES))
-    bases = np.tile(base, (4, 1))
-    moved = predict(np.full(4, period), torque, beside, rate, angle, states, first, reach, bases, terms, kinds)
+    reach, states = np.array([40, 12, 0, 55]), 0.01 * np.random.default_rng(0).normal(size=(count, 1, TERM_STATES))
+    moved = predict(np.full(4, period), torque, beside, rate, angle, states, first, reach, np.full(4, 0.4), body, terms)
     for lane, (at, steps) in enumerate(zip(first, reach, strict=True)):
         held = slice(at, at + steps + 1)
         here = (np.arange(steps + 1) * period, torque[held], np.zeros(steps + 1), beside[held])
-        _, alone = simulate_effects(*here, base, terms, kinds, (rate[at], angle[at]), states[at])
+        _, alone = simulate_effects(*here, Equation(body, terms, 0.4), (rate[at], angle[at]), states[at])
         assert moved[lane, : steps + 1] == pytest.approx(alone - angle[at], rel=1e-9, abs=1e-12)
         assert np.isnan(moved[lane, steps + 1 :]).all()
 
@@ -179,8 +185,7 @@ def test_a_model_that_runs_away_predicts_nothing() -> None:
     curvature = effect_named("drag_curvature")
     wild = replace(synthetic.ROSUB, quadratic_drag=0.0, effects=(curvature,), effect_values=(-0.99,))
     count = 200
-    terms, kinds = wild.terms()
-    states = np.zeros((count, len(terms), TERM_STATES))
+    states = np.zeros((count, 1, TERM_STATES))
     flat = (np.full(1, 2.0), np.full(count, 1e6), np.zeros((count, 3)), np.full(count, 0.1), np.zeros(count), states)
-    moved = predict(*flat, np.array([0]), np.array([count - 1]), wild.base_from(0.0)[np.newaxis], terms, kinds)
+    moved = predict(*flat, np.array([0]), np.array([count - 1]), np.zeros(1), wild.body, wild.terms)
     assert np.isnan(moved[0, -1])

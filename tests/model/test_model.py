@@ -10,7 +10,8 @@ import pytest
 
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.effects import effect_named
-from rovid.model.model import Model, initial_rate
+from rovid.model.integration import initial_rate
+from rovid.model.model import Model
 from tests.synthetic import clock, trial
 
 
@@ -28,10 +29,10 @@ def test_how_open_the_scale_is() -> None:
     model = replace(bare, effects=(effect_named("thrust_curve_shape"),), effect_values=(0.7,))
     squares = 0.3**2 * np.log([2.0, 6.0]) ** 2
     expected = math.sqrt(squares @ [200.0 * 3.0, 600.0 * 1.0] / 1200.0)
-    assert model.scale_doubt(vehicle, [run]) == pytest.approx(expected)
-    assert bare.scale_doubt(vehicle, [run]) == 0.0
+    assert model.drivetrain.scale_doubt(vehicle, [run]) == pytest.approx(expected)
+    assert bare.drivetrain.scale_doubt(vehicle, [run]) == 0.0
     lagging = replace(bare, effects=(effect_named("thruster_lag"),), effect_values=(0.7,))
-    assert lagging.scale_doubt(vehicle, [run]) == 0.0
+    assert lagging.drivetrain.scale_doubt(vehicle, [run]) == 0.0
 
 
 @pytest.mark.parametrize("source", ["heading", "gyro"])

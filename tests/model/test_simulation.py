@@ -52,7 +52,7 @@ def test_simulation_agrees_with_an_implicit_solver(model: Model, step: float, pu
     print(f"seed {seed}")
     time = np.concatenate(([0.0], np.cumsum(step * rng.uniform(0.1, 2.0, 30))))
     torque = push * rng.uniform(-1.0, 1.0, len(time))
-    rate, angle = simulate(time, torque, model.inertia, model.quadratic_drag, model.linear_drag, start)
+    rate, angle = simulate(time, torque, model.body, start)
     wanted_rate, wanted_angle = exact(time, torque, model, start)
     # A step is a fifth of the time constant: Runge-Kutta's error is 0.2^5/120 of a rate a step.
     assert rate == pytest.approx(wanted_rate, abs=3e-5 * np.abs(wanted_rate).max())
@@ -64,7 +64,7 @@ def test_simulation_agrees_with_an_implicit_solver(model: Model, step: float, pu
 def test_a_pause_of_any_length_ends_where_the_drag_balances_the_torque(pause: float, push: float) -> None:
     small = Model(inertia=0.3, quadratic_drag=1.5, linear_drag=1.0)
     time = np.array([0.0, pause])
-    rate, angle = simulate(time, np.full(2, push), small.inertia, small.quadratic_drag, small.linear_drag, 2.0)
+    rate, angle = simulate(time, np.full(2, push), small.body, 2.0)
     steady = (-1.0 + np.sqrt(1.0 + 4.0 * 1.5 * push)) / (2.0 * 1.5)
     assert rate[1] == pytest.approx(steady, rel=1e-6, abs=1e-9)
     # In closed form the way there is shorter than one rate times a few time constants of 0.3 s.
@@ -105,7 +105,7 @@ def swaying(*, tilt: float) -> Run:
 
 
 def exact_rate(time: FloatArray, torque: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return simulate(time, torque, ROSUB.inertia, ROSUB.quadratic_drag, ROSUB.linear_drag, 0.0)
+    return simulate(time, torque, ROSUB.body, 0.0)
 
 
 @pytest.mark.parametrize("tilt", [0.0, 5.0, 20.0])

@@ -7,9 +7,9 @@ import pytest
 from scipy.linalg import expm
 
 from rovid.campaign.axis import AXES
-from rovid.effects import MOTION, restoring_of
 from rovid.ground.arrays import FloatArray
 from rovid.model.kernels import innovations, innovations_wide
+from rovid.model.model import Model
 
 # Of a work-class vehicle in pitch; the disturbance's size and memory, the noise of angle and rate.
 INERTIA, DRAG, STIFFNESS = 3500.0, 600.0, 2550.0
@@ -19,10 +19,14 @@ NOISE = (20.0, 4.0, 1e-3, 1.0)
 def stiff(angle: FloatArray, time: FloatArray, wave: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     """Innovations of a pitching vehicle's angle by the filter, and their variances."""
     n = len(time)
-    nothing, term = np.zeros(n), np.array([[STIFFNESS, 0.0, 0.0, 0.0]])
-    restoring = restoring_of(AXES["pitch"])
-    kinds = np.array([k for k, effect in enumerate(MOTION) if effect is restoring])
-    base = np.array([INERTIA, 0.0, DRAG, angle[0], np.sqrt(STIFFNESS / INERTIA), STIFFNESS, *np.zeros(5)])
+    nothing = np.zeros(n)
+    model = Model(
+        inertia=INERTIA,
+        quadratic_drag=0.0,
+        linear_drag=DRAG,
+        axis=AXES["pitch"],
+        restoring_values=(STIFFNESS, 0.0),
+    )
     logged = (
         time,
         nothing,
@@ -31,9 +35,7 @@ def stiff(angle: FloatArray, time: FloatArray, wave: FloatArray | None = None) -
         nothing,
         angle,
         np.full(n, np.nan),
-        base,
-        term,
-        kinds,
+        model.equation(float(angle[0])),
         np.array(NOISE),
     )
     start = np.array([0.0, 0.01])
