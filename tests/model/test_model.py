@@ -2,51 +2,48 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from scipy.linalg import solve_continuous_lyapunov
 
-from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.campaign.axis import AXES
 from rovid.effects import effect_named
-from rovid.model.integration import initial_rate
 from rovid.model.model import Model
-from tests.synthetic import clock, trial
 
 
-def test_how_open_the_scale_is() -> None:
-    """Of a curve that bends by a power e, |e - 1| times the logarithm of the thrust over that of no change."""
-    one = Thruster(
-        name="one", arm=0.5, curve=ThrustCurve(command=np.array([-10.0, 10.0]), thrust=np.array([-1e3, 1e3]))
+def test_a_parameter_has_the_name_that_stands_where_its_value_does() -> None:
+    effects = (effect_named("thruster_lag"), effect_named("added_mass_memory"))
+    model = Model(
+        inertia=5.0,
+        quadratic_drag=2.0,
+        linear_drag=0.5,
+        effects=effects,
+        effect_values=(0.2, 1.5, 4.0),
+        axis=AXES["pitch"],
+        restoring_values=(30.0, 0.1),
     )
-    idle = replace(one, name="idle", arm=0.0)
-    vehicle = Vehicle(name="", thrusters=(one, idle))
-    time = np.array([0.0, 3.0, 4.0])  # 3 s of 200 N and 1 s of 600 N, and a tenth of the largest is 100 N
-    commands = np.array([[2.0, 9.0], [-6.0, 9.0], [0.0, 9.0]])
-    run = replace(trial(time, np.zeros(3)), commands=commands)
-    bare = Model(inertia=1.0, quadratic_drag=1.0, linear_drag=1.0)
-    model = replace(bare, effects=(effect_named("thrust_curve_shape"),), effect_values=(0.7,))
-    squares = 0.3**2 * np.log([2.0, 6.0]) ** 2
-    expected = math.sqrt(squares @ [200.0 * 3.0, 600.0 * 1.0] / 1200.0)
-    assert model.drivetrain.scale_doubt(vehicle, [run]) == pytest.approx(expected)
-    assert bare.drivetrain.scale_doubt(vehicle, [run]) == 0.0
-    lagging = replace(bare, effects=(effect_named("thruster_lag"),), effect_values=(0.7,))
-    assert lagging.drivetrain.scale_doubt(vehicle, [run]) == 0.0
+    named = dict(zip(model.names, model.values.tolist(), strict=True))
+    assert named["inertia"] == 5.0
+    assert [named[f"{e.key}.{p.name}"] for e in effects for p in e.parameters] == [0.2, 1.5, 4.0]
+    assert model.swing == pytest.approx(np.sqrt(30.0 / 5.0))
+    assert model.slow_inertia > model.inertia
 
 
-@pytest.mark.parametrize("source", ["heading", "gyro"])
-def test_first_rate_is_that_of_the_first_sample(source: str) -> None:
-    time = clock(10.0)
-    heading = 0.2 * time + 0.03 * time**2
-    gyro = 0.2 + 0.06 * time
-    log = trial(time, np.zeros(len(time)), heading, rate=gyro if source == "gyro" else None)
-    # The gyro's first five samples are averaged: 0.1 s of 0.06 rad/s^2 on.
-    assert initial_rate(log) == pytest.approx(0.2, abs=1e-9 if source == "heading" else 0.0061)
-
-
-def test_first_rate_is_the_first_that_was_read() -> None:
-    time = clock(20.0)
-    gyro = np.where(time < 0.8, np.nan, 0.3)
-    late = trial(time, np.zeros(len(time)), 0.3 * time, rate=gyro)
-    assert initial_rate(late) == pytest.approx(0.3)
+@pytest.mark.parametrize("stiffness", [0.0, 40.0])
+def test_a_disturbance_stirs_the_rate_as_the_lyapunov_equation_has_it(stiffness: float) -> None:
+    inertia, rate, memory = 5.0, 0.3, 2.5
+    model = Model(
+        inertia=inertia,
+        quadratic_drag=3.0,
+        linear_drag=1.2,
+        axis=AXES["pitch"],
+        restoring_values=(stiffness, 0.0),
+    )
+    damping = 2.0 * 3.0 * rate + 1.2
+    # Angle, rate, disturbance of unit variance. Without a stiffness the angle wanders, and has no say.
+    motion = np.array([[0.0, 1.0, 0.0], [-stiffness, -damping, 1.0], [0.0, 0.0, -1.0 / memory]])
+    motion[1] /= inertia
+    driven = np.diag([0.0, 0.0, 2.0 / memory])
+    at = slice(None) if stiffness else slice(1, None)
+    spread = solve_continuous_lyapunov(motion[at, at], -driven[at, at])
+    assert model.restlessness(rate, memory) == pytest.approx(np.sqrt(spread[-2, -2]), rel=1e-9)
