@@ -9,7 +9,6 @@ from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, 
 from rovid.effects.harmonics import canonical
 
 
-# base[3] is the heading at the start of the trial.
 @compiled
 def _once(at: Instant, p: Numbers) -> float:
     return p[0] * math.sin(at.angle + at.start + p[1])

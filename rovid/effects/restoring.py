@@ -15,7 +15,6 @@ def _lift(at: Instant, p: Numbers) -> float:
     return -p[0]
 
 
-# base[3] is the angle at the start of the trial.
 @compiled
 def _righting(at: Instant, p: Numbers) -> float:
     return -p[0] * math.sin(at.angle + at.start - p[1])
