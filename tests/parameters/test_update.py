@@ -15,6 +15,9 @@ from rovid.parameters.reading import read_parameters
 from rovid.parameters.update import update
 from tests.parameters.test_parameters import NAMES, estimate
 
+# What cannot be written is saved in the working folder or a temporary one.
+pytestmark = pytest.mark.usefixtures("here")
+
 
 def test_what_another_process_found_meanwhile_is_kept(tmp_path: Path) -> None:
     stored = Parameters(path=tmp_path / "p.toml")
