@@ -156,6 +156,10 @@ class Fitted:
         coordinates = self.misfit.coordinates
         # All of them, a drag at its bound too: to take its zero for certain would make the rest look certain.
         here = self.misfit.flatter_slopes(self.x)
+        shown, size = coordinates.of_model(self.x)
+        if not np.isfinite(here.matrix).all():
+            # A model that runs away so near to this one tells nothing of it.
+            return np.diag(np.full(len(size), math.inf))
         plain = spread = inverted(here.information)
         if sandwich:
             spread = self._by_scatter(here, plain)
@@ -163,7 +167,6 @@ class Fitted:
         spread = self._along_stairs(spread, inflated)
         held = coordinates.held()
         spread = np.where(held | held[:, np.newaxis], 0.0, spread)
-        shown, size = coordinates.of_model(self.x)
         return np.asarray(spread[np.ix_(shown, shown)] * np.outer(size, size))
 
     def _by_scatter(self, here: Slopes, plain: FloatArray) -> FloatArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -40,3 +42,12 @@ def test_the_best_is_physical_white_and_near_the_truth(plain: Fitted) -> None:
     error = np.sqrt(plain.covariance(sandwich=False)[0, 0])
     # Four standard errors, of a fixed seed.
     assert abs(plain.model.inertia - synthetic.ROSUB.inertia) < 4.0 * error
+
+
+def test_a_model_beside_which_others_run_away_is_not_known(plain: Fitted, monkeypatch: pytest.MonkeyPatch) -> None:
+    slopes = plain.misfit.flatter_slopes(plain.x)
+    wild = slopes.matrix.copy()
+    wild[7, 1] = np.nan
+    monkeypatch.setattr(InnovationMisfit, "flatter_slopes", lambda *_: replace(slopes, matrix=wild))
+    for sandwich in (False, True):
+        assert np.isinf(np.diag(plain.covariance(sandwich=sandwich))).all()
