@@ -152,6 +152,16 @@ class Effect:
         return isinstance(self.acts, Term) and self.acts.races
 
     @property
+    def is_term(self) -> bool:
+        """Whether it is a term of the equation of motion."""
+        return isinstance(self.acts, Term)
+
+    @property
+    def remembers(self) -> bool:
+        """Whether it has states of its own, which move on with the vehicle."""
+        return isinstance(self.acts, Term) and self.acts.states > 0
+
+    @property
     def wave(self) -> bool:
         """Whether it is a torque at random phase."""
         return isinstance(self.acts, Wave)
