@@ -60,9 +60,8 @@ def _locked(folder: Path) -> Iterator[None]:
     try:
         lock.acquire()
     except Timeout as error:
-        raise OutputError(
-            "is being written by another process of rovid.", where=folder, mend="Wait for it, and try again."
-        ) from error
+        text = "is being written by another process of rovid."
+        raise OutputError(text, where=folder, mend="Wait for it, and try again.") from error
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             raise
