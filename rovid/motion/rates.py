@@ -293,12 +293,11 @@ def choose_cutoff(trials: Sequence[Trial]) -> float:
     shape = (2.0 * np.sin(np.pi * frequency * period)) ** power
     # So near to half the sampling frequency all is noise.
     top = frequency > 0.35 / period
-    level = float(np.median(spectrum[top] / shape[top]))
-    cost = _cost(spectrum, level * shape)
+    noise = float(np.median(spectrum[top] / shape[top])) * shape
     # The filter has to fit into the logs, but one short log may not spoil the rates of all.
     low = 8.0 * _HALF_WIDTH / float(np.median([trial.duration for trial in trials]))
     high = _MAX_CUTOFF / period
-    best = float(frequency[int(np.argmin(cost))])
+    best = float(frequency[int(np.argmin(_cost(spectrum, noise)))])
     return float(np.clip(best, min(low, high), high))
 
 

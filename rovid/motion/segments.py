@@ -202,18 +202,22 @@ def releases(trial: Trial) -> list[slice]:
     found = list[slice]()
     k = 0
     while k < len(peaks):
-        first = k
-        k += 1
-        shares = list[float]()
-        while k < len(peaks) and sizes[k + 2] <= _GROWS * sizes[k : k + 2].max():
-            share = sizes[k + 2] / max(sizes[k], sizes[k + 1])
-            if shares and share < _CUT_SHORT * float(np.median(shares)):
-                break
-            shares.append(share)
-            k += 1
+        first, k = k, _end_of_decay(sizes, k)
         if k - first >= _FEWEST_HALF_SWINGS:
             found.append(slice(int(known[peaks[first]]), int(known[peaks[k - 1]]) + 1))
     return found
+
+
+def _end_of_decay(sizes: FloatArray, first: int) -> int:
+    """Number of the peak behind a decay that begins with peak ``first``; (m + 2,) ``sizes`` begin with two zeros."""
+    k, shares = first + 1, list[float]()
+    while k + 2 < len(sizes) and sizes[k + 2] <= _GROWS * sizes[k : k + 2].max():
+        share = sizes[k + 2] / max(sizes[k], sizes[k + 1])
+        if shares and share < _CUT_SHORT * float(np.median(shares)):
+            break
+        shares.append(share)
+        k += 1
+    return k
 
 
 def _half_swings(tilt: FloatArray) -> list[tuple[int, int]]:
