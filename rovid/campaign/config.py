@@ -175,12 +175,14 @@ def find_config(paths: Sequence[Path]) -> Path:
     for candidate in (folder, *folder.parents):
         if (candidate / FILE_NAME).is_file() or odd(candidate / FILE_NAME):
             return candidate / FILE_NAME
-    raise ConfigError(
-        f"no {FILE_NAME} here or in any folder above it; it says which column holds which signal and what "
-        "the thrusters are.",
-        where=paths[0],
-        mend="Run `rovid init LOGS`, which writes one from the logs.",
-    )
+    raise _no_config(paths[0])
+
+
+def _no_config(where: Path) -> ConfigError:
+    found = f"no {FILE_NAME} here or in any folder above it"
+    tells = "it says which column holds which signal and what the thrusters are"
+    mend = "Run `rovid init LOGS`, which writes one from the logs."
+    return ConfigError(f"{found}; {tells}.", where=where, mend=mend)
 
 
 def load_config(path: Path, axis: Axis = YAW) -> Config:
@@ -323,12 +325,11 @@ class _Reader:
         if self._pushes_elsewhere(block):
             return None
         self._require_keys(block, place)
-        clamp = self._clamps(block, place)
         thruster = Thruster(
             name=name,
+            clamp=self._clamps(block, place),
             arm=self.number(block[self.axis.arm], f"{place} {self.axis.arm}"),
             curve=read_curve(self.path.parent / str(block["curve"])),
-            clamp=clamp,
             ahead=self.number(block.get("surge", 0.0), f"{place} surge"),
         )
         return thruster, self.signal(f"command.{name}", block["command"], f"{place} command")

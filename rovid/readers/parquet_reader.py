@@ -153,12 +153,9 @@ def sources(path: Path) -> Contents:
         schema = parquet.read_schema(path)
     counts = Counter(schema.names)
     clock = next((name for name in counts if counts[name] == 1 and words(name) & CLOCK), "")
-    numbers = []
-    for column in schema:
-        is_number = types.is_integer(column.type) or types.is_floating(column.type)
-        if is_number and counts[column.name] == 1 and column.name != clock:
-            numbers.append(column.name)
-    return Contents(clock=clock, sources=tuple(numbers))
+    numbers = [column.name for column in schema if types.is_integer(column.type) or types.is_floating(column.type)]
+    once = tuple(name for name in numbers if counts[name] == 1 and name != clock)
+    return Contents(clock=clock, sources=once)
 
 
 def _check(path: Path) -> None:

@@ -170,8 +170,7 @@ class Log:
         if bad:
             text = f"{bad} messages have a wrong checksum and were left out."
             self.remarks.append(Remark(kind="truncated", count=bad, text=text))
-        rows = np.frombuffer(payloads, dtype=layout)
-        return {_CLOCK: np.frombuffer(stamps, dtype=np.uint64), **_flat(rows)}
+        return {_CLOCK: np.frombuffer(stamps, dtype=np.uint64), **_flat(np.frombuffer(payloads, dtype=layout))}
 
 
 def _flat(rows: NDArray[Any]) -> dict[str, NDArray[Any]]:
