@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -30,6 +30,7 @@ from rovid.identify.steady_points import points_from_table, steady_points
 from rovid.motion.runs import Runs, channels, prepare
 from rovid.plan.programme import Limits
 from rovid.plan.run_design import Plan, belief_of, plan, require_drive
+from rovid.plan.worth import Belief
 from rovid.readers import read_campaign
 from rovid.readers.campaign import files_in
 
@@ -135,13 +136,7 @@ class Study:
         self.require(effects)
         logged = channels(self.runs.items)
         for effect in effects:
-            missing = [name for name in effect.needs if name not in logged]
-            if missing:
-                raise ConfigError(
-                    f"needs {' and '.join(missing)}, which these logs do not all hold.",
-                    where=effect.key,
-                    mend=f"Map {' and '.join(missing)} in [signals] of rovid.toml, or leave the effect out.",
-                )
+            _require_channels(effect, logged)
         fit = fit_likelihood(self.runs.items, self.vehicle, effects, gyro=gyro)
         odd = unlike_rigid_body(fit.estimate, self.vehicle.rigid_body_inertia)
         return replace(fit, estimate=replace(fit.estimate, warnings=(*fit.estimate.warnings, *odd)))
@@ -167,13 +162,17 @@ class Study:
                 "a table does not say how fast the vehicle answers.", where=self.paths[0], mend="Give logs."
             )
         require_drive(self.vehicle)
-        others = tuple(effect for effect in effects if effect.id not in {rival.id for rival in between})
-        models = [(*others, rival) for rival in between] or [others]
-        names = [rival.key for rival in between] or ["the model"]
-        fits = [belief_of(self.likelihood(model), name) for model, name in zip(models, names, strict=True)]
+        fits = self._beliefs(effects, between)
         if narrow and narrow not in fits[0].model.names:
             raise ConfigError(f"is {narrow!r}. {nearest(narrow, fits[0].model.names)}", where="--narrow")
         return plan(fits, self.vehicle, self.campaign.trials, limits, narrow)
+
+    def _beliefs(self, effects: tuple[Effect, ...], between: tuple[Effect, ...]) -> list[Belief]:
+        """What the logs say of each rival beside ``effects``, or of those alone where there is none."""
+        others = tuple(effect for effect in effects if effect.id not in {rival.id for rival in between})
+        models = [(*others, rival) for rival in between] or [others]
+        names = [rival.key for rival in between] or ["the model"]
+        return [belief_of(self.likelihood(model), name) for model, name in zip(models, names, strict=True)]
 
     def amplitudes(self, drag: Estimate | None = None) -> Amplitudes:
         """What would make one model agree with all rows of the tables; the steady turns' own drag goes before ``drag``.
@@ -240,6 +239,14 @@ def files_at_hand(paths: Sequence[Path]) -> list[Path]:
     return files
 
 
+def _require_channels(effect: Effect, logged: Collection[str]) -> None:
+    missing = " and ".join(name for name in effect.needs if name not in logged)
+    if missing:
+        text = f"needs {missing}, which these logs do not all hold."
+        mend = f"Map {missing} in [signals] of rovid.toml, or leave the effect out."
+        raise ConfigError(text, where=effect.key, mend=mend)
+
+
 def open_study(paths: Sequence[Path], *, cutoff: float | None = None, axis: Axis = YAW) -> Study:
     """Read whatever ``paths`` hold.
 
@@ -251,11 +258,8 @@ def open_study(paths: Sequence[Path], *, cutoff: float | None = None, axis: Axis
     steady, sine = find_table(paths, STEADY_COLUMNS), find_table(paths, SINE_COLUMNS)
     if steady is not None or sine is not None:
         if axis is not YAW:
-            raise ConfigError(
-                f"{(steady or sine)} is a table of yaw, and no table is read along another axis.",
-                where="--axis",
-                mend="Give logs, or leave --axis out.",
-            )
+            text = f"{(steady or sine)} is a table of yaw, and no table is read along another axis."
+            raise ConfigError(text, where="--axis", mend="Give logs, or leave --axis out.")
         return Study(paths=tuple(paths), vehicle=vehicle_of_tables(paths), steady=steady, sine=sine)
     config = load_config(find_config(paths), axis)
     campaign = read_campaign(paths, config)

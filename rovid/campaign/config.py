@@ -123,12 +123,14 @@ class Config:
     @property
     def needed(self) -> tuple[str, ...]:
         """Names of the signals without which a log says nothing."""
-        commands = [signal.name for signal in self.commands]
+        return (*self._placing, *(signal.name for signal in self.commands))
+
+    @property
+    def _placing(self) -> tuple[str, ...]:
+        """Names of the signals that tell together where the vehicle is."""
         if self.measured in self.axis.fixes:
-            return (*self.axis.fixes, *commands)
-        if self.measured:
-            return (self.measured, *commands)
-        return tuple(commands)
+            return self.axis.fixes
+        return (self.measured,) if self.measured else ()
 
     def maps(self, kind: str) -> bool:
         """Whether any signal is mapped to logs of the format ``kind``."""
@@ -173,12 +175,14 @@ def find_config(paths: Sequence[Path]) -> Path:
     for candidate in (folder, *folder.parents):
         if (candidate / FILE_NAME).is_file() or odd(candidate / FILE_NAME):
             return candidate / FILE_NAME
-    raise ConfigError(
-        f"no {FILE_NAME} here or in any folder above it; it says which column holds which signal and what "
-        "the thrusters are.",
-        where=paths[0],
-        mend="Run `rovid init LOGS`, which writes one from the logs.",
-    )
+    raise _no_config(paths[0])
+
+
+def _no_config(where: Path) -> ConfigError:
+    found = f"no {FILE_NAME} here or in any folder above it"
+    tells = "it says which column holds which signal and what the thrusters are"
+    mend = "Run `rovid init LOGS`, which writes one from the logs."
+    return ConfigError(f"{found}; {tells}.", where=where, mend=mend)
 
 
 def load_config(path: Path, axis: Axis = YAW) -> Config:
@@ -263,9 +267,7 @@ class _Reader:
     def measured(self, signals: Mapping[str, Signal], kinds: Iterable[str], blocks: Sequence[Any]) -> str:
         """Name of the signal that tells where the vehicle is; logs of ``kinds`` may hold it by a standard name."""
         axis = self.axis
-        there = set(signals)
-        for kind in kinds:
-            there.update(STANDARD.get(kind, ()))
+        there = set(signals).union(*(STANDARD.get(kind, ()) for kind in kinds))
         measured = next((name for name in (*axis.positions, axis.rate) if name in there), "")
         if not measured and axis.fixes and there.issuperset(axis.fixes):
             measured = axis.fixes[0]
@@ -307,10 +309,8 @@ class _Reader:
 
     def vehicle(self, table: Mapping[str, Any], thrusters: tuple[Thruster, ...]) -> Vehicle:
         self.known(table, _VEHICLE_KEYS, "[vehicle]")
-        numbers = {}
-        for key in _VEHICLE_NUMBERS:
-            if key in table:
-                numbers[key] = self.number(table[key], f"[vehicle] {key}", positive=True)
+        given = [key for key in _VEHICLE_NUMBERS if key in table]
+        numbers = {key: self.number(table[key], f"[vehicle] {key}", positive=True) for key in given}
         name = self.name(table.get("name", "vehicle"), "[vehicle] name")
         return Vehicle(name=name, thrusters=thrusters, axis=self.axis, **numbers)
 
@@ -322,24 +322,32 @@ class _Reader:
         self.known(block, _THRUSTER_KEYS, place)
         name = self.name(block.get("name", f"thruster_{index + 1}"), f"{place} name")
         place = f"[[thrusters]] {name!r}"
-        arm = self.axis.arm
-        if arm not in block and any(other in block for other in _ARMS):
+        if self._pushes_elsewhere(block):
             return None
-        examples = {arm: _example(self.axis), "curve": '"thrust_curve.csv"', "command": '{ csv = "…" }'}
-        for key, example in examples.items():
-            if key not in block:
-                raise self.complain(place, f"has no {key}.", f"Add {key} = {example}.")
-        outside = block.get("outside", "refuse")
-        if outside not in {"refuse", "clamp"}:
-            raise self.complain(f"{place} outside", f'is {outside!r}; "refuse" or "clamp" was expected.')
+        self._require_keys(block, place)
         thruster = Thruster(
             name=name,
-            arm=self.number(block[arm], f"{place} {arm}"),
+            clamp=self._clamps(block, place),
+            arm=self.number(block[self.axis.arm], f"{place} {self.axis.arm}"),
             curve=read_curve(self.path.parent / str(block["curve"])),
-            clamp=outside == "clamp",
             ahead=self.number(block.get("surge", 0.0), f"{place} surge"),
         )
         return thruster, self.signal(f"command.{name}", block["command"], f"{place} command")
+
+    def _pushes_elsewhere(self, block: Mapping[str, Any]) -> bool:
+        return self.axis.arm not in block and any(other in block for other in _ARMS)
+
+    def _require_keys(self, block: Mapping[str, Any], place: str) -> None:
+        examples = {self.axis.arm: _example(self.axis), "curve": '"thrust_curve.csv"', "command": '{ csv = "…" }'}
+        for key, example in examples.items():
+            if key not in block:
+                raise self.complain(place, f"has no {key}.", f"Add {key} = {example}.")
+
+    def _clamps(self, block: Mapping[str, Any], place: str) -> bool:
+        outside = block.get("outside", "refuse")
+        if outside not in {"refuse", "clamp"}:
+            raise self.complain(f"{place} outside", f'is {outside!r}; "refuse" or "clamp" was expected.')
+        return bool(outside == "clamp")
 
     def signals(self, table: Mapping[str, Any]) -> dict[str, Signal]:
         for name in table:
@@ -355,10 +363,7 @@ class _Reader:
             if key != "sign" and not isinstance(text, str):
                 raise self.complain(f"{place} {key}", f"is {text!r}; text was expected.")
         sources = {key: text for key, text in entry.items() if key not in _NOT_SOURCES}
-        # A signal that is none of these is the user's own, and keeps its unit.
-        units, default = UNITS.get(name), _DEFAULT_UNIT.get(name, "")
-        if name == "time":
-            units, default = dict.fromkeys(TIME_UNITS, 1.0), "auto"
+        units, default = _units_of(name)
         unit = entry.get("unit", default)
         sign = self.number(entry.get("sign", 1), f"{place} sign")
         if abs(sign) != 1:
@@ -372,6 +377,13 @@ class _Reader:
 def _keys(blocks: Sequence[Any]) -> set[str]:
     """All keys of the blocks that are such."""
     return {key for block in blocks if isinstance(block, dict) for key in block}
+
+
+def _units_of(signal: str) -> tuple[Mapping[str, float] | None, str]:
+    """What one of each unit is in SI, and the usual one; none where a signal is the user's own, and keeps its unit."""
+    if signal == "time":
+        return dict.fromkeys(TIME_UNITS, 1.0), "auto"
+    return UNITS.get(signal), _DEFAULT_UNIT.get(signal, "")
 
 
 def _example(axis: Axis) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -59,14 +60,9 @@ class Table:
         """
         values = np.empty(len(self.rows))
         for k, cell in enumerate(self.text(column)):
-            if not cell and empty_allowed:
-                values[k] = np.nan
-                continue
-            try:
-                values[k] = float(cell)
-            except ValueError:
-                values[k] = np.nan
-            if not abs(values[k]) <= LARGEST:
+            values[k] = _number(cell)
+            may_lack = empty_allowed and not cell
+            if not may_lack and not abs(values[k]) <= LARGEST:
                 raise LogError(
                     f"{column} is {cell!r}, a number was expected.",
                     where=f"{self.path}:{self.lines[k]}",
@@ -100,13 +96,7 @@ def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> Table:
         The file cannot be read or holds no rows.
     """
     refuse_odd(path, LogError)
-    lines, texts = [], []
-    for number, line in enumerate(_content(path).splitlines(), 1):
-        if _says_something(line):
-            lines.append(number)
-            texts.append(line)
-    if not lines:
-        raise LogError("is empty.", where=path)
+    lines, texts = _telling_lines(path)
     rows = _rows(path, texts)
     if headerless and len(rows[0]) == len(headerless) and all(map(_is_number, rows[0])):
         rows.insert(0, headerless)
@@ -114,6 +104,14 @@ def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> Table:
     if len(rows) < 2:
         raise LogError("holds a header and no rows.", where=path)
     return Table(path=path, header=rows[0], rows=tuple(rows[1:]), lines=tuple(lines[1:]))
+
+
+def _telling_lines(path: Path) -> tuple[list[int], list[str]]:
+    """Numbers and texts of the lines that say something."""
+    telling = [(number, line) for number, line in enumerate(_content(path).splitlines(), 1) if _says_something(line)]
+    if not telling:
+        raise LogError("is empty.", where=path)
+    return [number for number, _ in telling], [line for _, line in telling]
 
 
 def _content(path: Path) -> str:
@@ -166,6 +164,13 @@ def offered(wanted: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -
     if len(header) < 2 or not numbers:
         return "It is no table of numbers under the names of two columns or more."
     return nearest(wanted, header)
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return math.nan
 
 
 def _is_number(cell: str) -> bool:
@@ -239,21 +244,20 @@ def read_curve(path: Path) -> ThrustCurve:
     RovidError
         The file is missing, has other columns, text in a number, fewer than two points or a repeated command.
     """
-    refuse_odd(path)
-    if not path.is_file():
-        raise ConfigError(
-            "there is no such thrust curve.",
-            where=path,
-            mend="Make one from bench readings with `rovid fit-thruster BENCH.csv -o " + path.name + "`.",
-        )
+    _require_curve(path)
     table = read_table(path)
     command, thrust = map(table.numbers, CURVE_COLUMNS)
     order = np.argsort(command, kind="stable")
     command, thrust = command[order], thrust[order]
     if len(command) < 2 or np.any(np.diff(command) <= 0):
-        raise ConfigError(
-            f"has {len(command)} points, some at one command; two or more different commands were expected.",
-            where=path,
-            mend="`rovid fit-thruster` turns repeated bench readings into a curve.",
-        )
+        text = f"has {len(command)} points, some at one command; two or more different commands were expected."
+        mend = "`rovid fit-thruster` turns repeated bench readings into a curve."
+        raise ConfigError(text, where=path, mend=mend)
     return ThrustCurve(command=command, thrust=thrust)
+
+
+def _require_curve(path: Path) -> None:
+    refuse_odd(path)
+    if not path.is_file():
+        mend = f"Make one from bench readings with `rovid fit-thruster BENCH.csv -o {path.name}`."
+        raise ConfigError("there is no such thrust curve.", where=path, mend=mend)

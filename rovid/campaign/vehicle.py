@@ -92,6 +92,10 @@ class Thruster:
         """Width of the commands that the curve knows; NaN for a logged torque."""
         return float("nan") if self.curve is None else self.curve.span
 
+    def used(self, most: float) -> Self:
+        """With the largest torque that was logged, where that stands in the place of a curve."""
+        return self if self.curve is not None else replace(self, most=most or 1.0)
+
 
 # Total over rigid-body yaw inertia; published vehicles lie between 1.1 and 2.5, a closed hull full of water at 4.
 PLAUSIBLE_RATIO = (0.9, 8.0)
@@ -150,12 +154,9 @@ class Vehicle:
 
     def used(self, trials: Sequence[Trial]) -> Self:
         """With what a logged torque comes to in ``trials``."""
-        most = np.max([np.max(np.abs(trial.commands), axis=0) for trial in trials], axis=0)
-        thrusters = []
-        for thruster, size in zip(self.thrusters, most.tolist(), strict=True):
-            known = thruster if thruster.curve is not None else replace(thruster, most=size or 1.0)
-            thrusters.append(known)
-        return replace(self, thrusters=tuple(thrusters))
+        most = np.max([np.max(np.abs(trial.commands), axis=0) for trial in trials], axis=0).tolist()
+        thrusters = tuple(thruster.used(size) for thruster, size in zip(self.thrusters, most, strict=True))
+        return replace(self, thrusters=thrusters)
 
     def thrust(self, commands: FloatArray) -> FloatArray:
         """(n, k) thrust in N for (n, k) commands; the torque itself for a logged torque."""

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from rovid.commands.manual import Page
 from rovid.commands.options import AxisName, Json, Logs
 from rovid.commands.session import announce_compilation, console, print_json
 from rovid.ground.errors import DataError
+
+if TYPE_CHECKING:
+    from rovid.inspect.check import Check
 
 PAGE = Page(
     text="""
@@ -44,9 +49,12 @@ def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
         if checked.rows:
             show_advice(console(), checked.advice)
     if checked.problems:
-        name, problem = next(iter(checked.problems.items()))
-        raise DataError(
-            f"{len(checked.problems)} of {len(checked.problems) + len(checked.rows)} logs cannot be used. {problem}"
-            if name in problem
-            else f"{name}: {problem}"
-        )
+        raise DataError(_first_problem(checked))
+
+
+def _first_problem(checked: Check) -> str:
+    name, problem = next(iter(checked.problems.items()))
+    if name not in problem:
+        return f"{name}: {problem}"
+    bad = len(checked.problems)
+    return f"{bad} of {bad + len(checked.rows)} logs cannot be used. {problem}"

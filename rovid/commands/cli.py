@@ -62,11 +62,12 @@ def main() -> None:
     except OSError as error:
         if error.errno != errno.ENAMETOOLONG:
             raise
-        where = shown(str(error.filename))
-        sys.stderr.write(
-            f"rovid: {where}: there is no such file or folder: no file's name is as long. Give a shorter one.\n"
-        )
+        sys.stderr.write(f"rovid: {_too_long(error.filename)}\n")
         raise SystemExit(2) from None
+
+
+def _too_long(name: object) -> str:
+    return f"{shown(str(name))}: there is no such file or folder: no file's name is as long. Give a shorter one."
 
 
 def _version(wanted: bool) -> None:

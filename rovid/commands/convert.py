@@ -53,9 +53,8 @@ def convert(
     claim.write({target: made.content})
     remarks = [remark.text for remark in made.trial.remarks]
     if json:
-        print_json(
-            {"schema": "rovid-convert/1", "file": str(output), "configuration": made.mapping, "warnings": remarks}
-        )
+        document = {"schema": "rovid-convert/1", "file": str(output), "configuration": made.mapping}
+        print_json(document | {"warnings": remarks})
     else:
         typer.echo(made.mapping, nl=False)
         sys.stderr.writelines(f"Note: {shown(text, LINE_LENGTH)}\n" for text in remarks)

@@ -65,7 +65,7 @@ def report(
     stored = stored_at(parameters, axis, force=force)
     study = opened(logs or remembered(stored), cutoff, stored.axis)
     folder = output or Path("report" if stored.axis is YAW else f"report_{stored.axis.name}")
-    with working("Fitting drag and inertia …") as report_progress:
+    with working("Fitting drag and inertia …") as progress:
         page = build_report(
             stored,
             study,
@@ -74,16 +74,10 @@ def report(
             controlled=control,
             exported=export,
             force=force,
-            report=report_progress,
+            report=progress,
         )
     if json:
-        print_json(
-            {
-                "schema": "rovid-report/1",
-                **axis_document(stored.axis),
-                "page": str(page),
-                "parameters": str(stored.path),
-            }
-        )
+        written = {"page": str(page), "parameters": str(stored.path)}
+        print_json({"schema": "rovid-report/1", **axis_document(stored.axis), **written})
     else:
         console().print(str(page), highlight=False, soft_wrap=True)

@@ -83,16 +83,20 @@ def forms_for(vehicle: Vehicle, channels: Collection[str] = (), trials: Sequence
         if not vehicle.thrusters and (effect.actuates or effect.races):
             continue
         if effect.each_thruster:
-            # One thruster alone only scales the torque, which yaw data do not show.
-            names = [t.name for t in vehicle.thrusters if t.curve is not None]
-            ways = ("", thruster_imbalance.BESIDE)
-            found += [thruster_imbalance.of_thruster(name + way) for name in names for way in ways if len(names) > 1]
+            found += _of_each_thruster(vehicle)
         elif set(effect.needs) <= set(channels) and (tells_speed or not _stands_in(effect)):
             found.append(effect)
     if vehicle.thrusters and len(trials) > 1:
         # Of two nobody knows which one is the odd one.
         found += [supply_sag.of_trial(name) for name in (trials[1:] if len(trials) == 2 else trials)]
     return tuple(found)
+
+
+def _of_each_thruster(vehicle: Vehicle) -> list[Effect]:
+    # One thruster alone only scales the torque, which yaw data do not show.
+    names = [t.name for t in vehicle.thrusters if t.curve is not None]
+    ways = ("", thruster_imbalance.BESIDE)
+    return [thruster_imbalance.of_thruster(name + way) for name in names for way in ways if len(names) > 1]
 
 
 def _stands_in(effect: Effect) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rovid.campaign.trial import Trial
-from rovid.campaign.vehicle import ThrustCurve, Vehicle
+from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.ground.arrays import FloatArray
 
 # Channels of the log that say how fast the vehicle goes ahead and to starboard, m/s.
@@ -116,13 +116,12 @@ def actuation(vehicle: Vehicle, trial: Trial, parts: int = 1) -> Actuation:
 
     ``parts`` is how many each interval between two instants is cut into.
     """
-    curves = [thruster.curve for thruster in vehicle.thrusters]
     return Actuation(
         time=trial.time if parts == 1 else _instants(trial.time, parts),
         names=tuple(thruster.name for thruster in vehicle.thrusters),
         ahead=vehicle.ahead,
-        ends=np.array([(-t.most, t.most) if t.curve is None else t.curve.command[[0, -1]] for t in vehicle.thrusters]),
-        dead_zone=np.array([(0.0, 0.0) if c is None else _dead_zone(c) for c in curves]),
+        ends=np.array([_ends(thruster) for thruster in vehicle.thrusters]),
+        dead_zone=np.array([_dead_zone(thruster.curve) for thruster in vehicle.thrusters]),
         extras={name: finer(values, parts) for name, values in trial.extras.items()},
         reference=trial.reference,
         trial=trial.name,
@@ -145,7 +144,16 @@ def neutral_commands(vehicle: Vehicle) -> FloatArray:
     return np.array([0.0 if t.curve is None else sum(_dead_zone(t.curve)) / 2.0 for t in vehicle.thrusters])
 
 
-def _dead_zone(curve: ThrustCurve) -> tuple[float, float]:
+def _ends(thruster: Thruster) -> tuple[float, float]:
+    """Lowest and highest command."""
+    if thruster.curve is None:
+        return -thruster.most, thruster.most
+    return float(thruster.curve.command[0]), float(thruster.curve.command[-1])
+
+
+def _dead_zone(curve: ThrustCurve | None) -> tuple[float, float]:
+    if curve is None:
+        return 0.0, 0.0
     zeros = curve.command[curve.thrust == 0.0]
     if zeros.size:
         return float(zeros[0]), float(zeros[-1])

@@ -175,10 +175,11 @@ class Effect:
     def starts(self) -> list[FloatArray]:
         """Where to begin the search for the parameters, in units of their scale."""
         count = max(len(parameter.starts) for parameter in self.parameters)
-        return [
-            np.array([p.starts[min(number, len(p.starts) - 1)] for p in self.parameters], dtype=float)
-            for number in range(count)
-        ]
+        return [self._start(number) for number in range(count)]
+
+    def _start(self, number: int) -> FloatArray:
+        """(k,) the start of that number, or a parameter's last where it has fewer."""
+        return np.array([p.starts[min(number, len(p.starts) - 1)] for p in self.parameters], dtype=float)
 
     def values(self, numbers: FloatArray) -> dict[str, float]:
         """Parameters by name."""

@@ -22,19 +22,24 @@ def keeps_compiled() -> bool:
 
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # numba ships no types
         return False
-    if _numba_keeps():
+    if _numba_keeps() or _keeps_privately():
         return True
-    private = _private_folder()
-    if private is not None:
-        os.environ["NUMBA_CACHE_DIR"] = str(private / "numba")
-        numba.config.reload_config()  # type: ignore[no-untyped-call]  # numba ships no types
-        if _numba_keeps():
-            return True
     sys.stderr.write(
         "Note: compiled code cannot be kept anywhere, so that each run compiles anew, which takes half a minute. "
         "Set NUMBA_CACHE_DIR to a folder that can be written.\n"
     )
     return False
+
+
+def _keeps_privately() -> bool:
+    import numba
+
+    private = _private_folder()
+    if private is None:
+        return False
+    os.environ["NUMBA_CACHE_DIR"] = str(private / "numba")
+    numba.config.reload_config()  # type: ignore[no-untyped-call]  # numba ships no types
+    return _numba_keeps()
 
 
 def keep_fonts() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -99,12 +99,15 @@ def search(path: Path, unreadable: Callable[[OSError], None]) -> Folder:
         # What os.walk is left with here is where it goes next.
         folders[:] = sorted(_shown(folders))
         inside = [Path(here, name) for name in _shown(names)]
-        for one in (*(Path(here, name) for name in folders), *inside):
-            what = odd(one) or _above(one)
-            if what:
-                strange[one] = what
+        strange |= _strange((*(Path(here, name) for name in folders), *inside))
         files += [one for one in inside if one not in strange]
     return Folder(files=tuple(sorted(files)), odd=dict(sorted(strange.items())))
+
+
+def _strange(paths: Iterable[Path]) -> dict[Path, str]:
+    """Those of ``paths`` that are not to be read or followed, and what they are."""
+    whats = {path: odd(path) or _above(path) for path in paths}
+    return {path: what for path, what in whats.items() if what}
 
 
 def _shown(names: list[str]) -> list[str]:
@@ -113,9 +116,6 @@ def _shown(names: list[str]) -> list[str]:
 
 def _above(path: Path) -> str:
     """That ``path`` is a link to a folder in which it lies; empty where it is not."""
-    if not path.is_symlink():
-        return ""
-    holder, target = path.parent.resolve(), path.resolve()
-    if target in (holder, *holder.parents):
+    if path.is_symlink() and path.parent.resolve().is_relative_to(path.resolve()):
         return _ABOVE
     return ""

@@ -65,6 +65,10 @@ def _toml_sign(sign: str) -> str:
         return "\\" + sign
     if is_visible(sign):
         return sign
+    return _code_of(sign)
+
+
+def _code_of(sign: str) -> str:
     code = ord(sign)
     if code < 0x10000:
         return f"\\u{code:04X}"
@@ -92,12 +96,13 @@ def _csv_cell(text: str) -> str:
 
 def identifiers(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:
     """Each of ``names`` as XML, YAML, topics and programs take it; no two alike, and none of those ``taken``."""
-    found = []
-    for name in names:
-        plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
-        begins_well = re.match("[A-Za-z_]", plain)
-        found.append(plain if begins_well else f"_{plain}")
-    return _distinct(found, taken)
+    return _distinct([_identifier(name) for name in names], taken)
+
+
+def _identifier(name: str) -> str:
+    plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    begins_well = re.match("[A-Za-z_]", plain)
+    return plain if begins_well else f"_{plain}"
 
 
 def words(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:

@@ -11,13 +11,14 @@ import numpy as np
 from rovid.campaign.axis import Axis
 from rovid.campaign.trial import Campaign, Trial
 from rovid.campaign.vehicle import ThrustCurve, Vehicle
-from rovid.effects import restoring_of
+from rovid.effects import Effect, restoring_of
 from rovid.effects.actuation import neutral_commands
 from rovid.effects.restoring import columns
-from rovid.ground.arrays import FloatArray
+from rovid.ground.arrays import FloatArray, IntArray
 from rovid.ground.errors import RovidError
 from rovid.identify.estimate import Estimate
 from rovid.identify.regression import fit_regression
+from rovid.motion.rates import Rates
 from rovid.motion.runs import Run, Runs, prepare
 from rovid.motion.segments import Hold, SineRun, find_holds, find_sines
 
@@ -117,10 +118,8 @@ def _follows(run: Run) -> float:
         return 0.0
     course = max(round(_FEEDBACK_SECONDS / (step * rates.kernel.period)), 3)
     # The set point moves, but slowly: what is left of each after a running mean.
-    drive = _less_mean(run.drive[known], course)
-    position = _less_mean(rates.position[known], course)
-    rate = _less_mean(rates.rate[known], course)
-    x = np.column_stack((position, rate))
+    drive, *motion = (_less_mean(one[known], course) for one in (run.drive, rates.position, rates.rate))
+    x = np.column_stack(motion)
     values, *_ = np.linalg.lstsq(x, drive, rcond=None)
     total = float(drive @ drive)
     # A vehicle's own answer to a command has the other sign: only what pushes back is feedback.
@@ -167,10 +166,7 @@ def _misfit(runs: Runs, shift: int) -> float:
     for run in runs.items:
         drive = _later(run.drive, shift)
         known = np.flatnonzero(run.rates.valid & np.isfinite(drive))[::each]
-        rate = run.rates.rate[known]
-        plain = (run.rates.acceleration[known], np.abs(rate) * rate, rate, np.ones(len(rate)))
-        brings_back = columns(restoring, run.rates.position[known])
-        rows.append(np.column_stack((*plain, brings_back)))
+        rows.append(_regressors(run.rates, known, restoring))
         drives.append(drive[known])
     x = np.concatenate(rows)
     y = np.concatenate(drives)
@@ -181,12 +177,18 @@ def _misfit(runs: Runs, shift: int) -> float:
     return float(np.mean(left**2))
 
 
+def _regressors(rates: Rates, rows: IntArray, restoring: Effect | None) -> FloatArray:
+    """(n, k) what the drive of these rows works against: inertia, drag, a constant, and what brings back."""
+    rate = rates.rate[rows]
+    plain = (rates.acceleration[rows], np.abs(rate) * rate, rate, np.ones(len(rate)))
+    return np.column_stack((*plain, columns(restoring, rates.position[rows])))
+
+
 def _later(drive: FloatArray, shift: int) -> FloatArray:
     """The drive ``shift`` samples later, or earlier where that is negative; NaN where it was not logged."""
-    count = len(drive)
     late, early = max(shift, 0), max(-shift, 0)
-    moved = np.full(count, np.nan)
-    moved[late : count - early] = drive[early : count - late]
+    moved = np.full(len(drive), np.nan)
+    moved[late : len(drive) - early] = drive[early : len(drive) - late]
     return moved
 
 

@@ -328,17 +328,9 @@ def _head(survey: Survey) -> Iterator[str]:
 
 def _thrusters(survey: Survey) -> Iterator[str]:
     if survey.curve_guessed is not None:
-        yield ""
-        proportion = f"thrust in proportion to the command, {_FULL_THRUST:g} N at its end"
-        yield f"# {survey.curve} is a guess: {proportion}. Until a"
-        yield "# bench curve takes its place, inertia and drag are right among themselves, not in size, and the"
-        yield "# diagnosis finds the drive's dead band as one."
-    named: dict[str, dict[str, Thrusting]] = {}
-    for kind, guesses in survey.guesses.items():
-        for command in guesses.commands:
-            named.setdefault(command.name, {})[kind] = command
+        yield from _guessed_curve(survey)
     turning = {command.name for command in _commands(survey.guesses) if command.way}
-    for name, ones in named.items():
+    for name, ones in _by_name(survey).items():
         # Where some are known to turn the vehicle, the others wait for the user to say so.
         mark = "# " if turning and name not in turning else ""
         way = next((one.way for one in ones.values() if one.way), 1)
@@ -350,6 +342,23 @@ def _thrusters(survey: Survey) -> Iterator[str]:
         yield f"{mark}curve = {toml_text(survey.curve)}"
         sources = {kind: one.source for kind, one in ones.items()}
         yield f"{mark}command = {_sources(sources)}"
+
+
+def _guessed_curve(survey: Survey) -> Iterator[str]:
+    proportion = f"thrust in proportion to the command, {_FULL_THRUST:g} N at its end"
+    yield ""
+    yield f"# {survey.curve} is a guess: {proportion}. Until a"
+    yield "# bench curve takes its place, inertia and drag are right among themselves, not in size, and the"
+    yield "# diagnosis finds the drive's dead band as one."
+
+
+def _by_name(survey: Survey) -> dict[str, dict[str, Thrusting]]:
+    """Each thruster by the formats in which its command was found."""
+    named: dict[str, dict[str, Thrusting]] = {}
+    for kind, guesses in survey.guesses.items():
+        for command in guesses.commands:
+            named.setdefault(command.name, {})[kind] = command
+    return named
 
 
 def _signals(survey: Survey) -> Iterator[str]:

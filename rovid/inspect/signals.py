@@ -109,11 +109,8 @@ def _motions(
 
 def _supply(shared: Iterable[str], taken: set[str]) -> str | None:
     """The first source that is named as the voltage of the supply."""
-    for source in shared:
-        named = words(source)
-        if named & _SUPPLY and not named & _NOT_VOLTS and source not in taken:
-            return source
-    return None
+    free = {source: words(source) for source in shared if source not in taken}
+    return next((source for source, said in free.items() if said & _SUPPLY and not said & _NOT_VOLTS), None)
 
 
 def _finite(seen: Sequence[Seen]) -> FloatArray:

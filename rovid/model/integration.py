@@ -9,7 +9,7 @@ import numpy as np
 from rovid.campaign.trial import Trial
 from rovid.effects.actuation import bridged
 from rovid.effects.base import TERM_STATES
-from rovid.ground.arrays import FloatArray
+from rovid.ground.arrays import FloatArray, IntArray
 from rovid.model.drive import Drive
 from rovid.model.equation import Equation
 from rovid.motion.rates import body_position, on_grid, uniform_grid
@@ -60,12 +60,7 @@ def initial_rate(trial: Trial, swing: float = 0.0) -> float:
     The slope is taken over two seconds at most, and only until the first command changes: a fast vehicle is elsewhere
     soon after. One that swings at ``swing`` rad/s is so after a fraction of a radian.
     """
-    changed = np.flatnonzero(np.any(trial.commands != trial.commands[0], axis=1))
-    steady = trial.time[changed[0]] - trial.time[0] if changed.size else _START_SECONDS
-    most = _START_SWING / swing if swing > 0.0 else _START_SECONDS
-    known = np.flatnonzero(trial.measured)
-    early = known[trial.time[known] <= trial.time[0] + min(steady, most, _START_SECONDS)]
-    early = early if len(early) >= _START_SAMPLES else known[:_START_SAMPLES]
+    early = _start_rows(trial, swing)
     time = trial.time[early] - trial.time[0]
     if trial.rate is not None and (read := np.isfinite(trial.rate[early])).any():
         if swing > 0.0 and read.sum() > 1:
@@ -76,6 +71,16 @@ def initial_rate(trial: Trial, swing: float = 0.0) -> float:
         return 0.0
     bent = len(time) > _START_SAMPLES or swing > 0.0
     return float(np.polynomial.polynomial.polyfit(time, angle - angle[0], 2 if bent else 1)[1])
+
+
+def _start_rows(trial: Trial, swing: float) -> IntArray:
+    """Measured samples before the first change of a command, or the first few where those are fewer."""
+    changed = np.flatnonzero(np.any(trial.commands != trial.commands[0], axis=1))
+    steady = trial.time[changed[0]] - trial.time[0] if changed.size else _START_SECONDS
+    most = _START_SWING / swing if swing > 0.0 else _START_SECONDS
+    known = np.flatnonzero(trial.measured)
+    early = known[trial.time[known] <= trial.time[0] + min(steady, most, _START_SECONDS)]
+    return early if len(early) >= _START_SAMPLES else known[:_START_SAMPLES]
 
 
 def euler_heading(trial: Trial, rate: FloatArray) -> FloatArray:

@@ -74,10 +74,8 @@ class ZeroPhaseFilter:
         return _convolve(values, self.second)
 
     def smooth_held(self, averages: FloatArray) -> FloatArray:
-        """Low-passed signal of which the averages over each grid cell are given.
-
-        The three-point correction undoes the averaging to fourth order, 1/sinc(f h) = 1 + (pi f h)^2/6.
-        """
+        """Low-passed signal of which the averages over each grid cell are given."""
+        # These three points undo the averaging to fourth order, 1/sinc(f h) = 1 + (pi f h)^2/6.
         correction = np.array([-1.0, 26.0, -1.0]) / 24.0
         return _convolve(averages, np.convolve(self.value, correction, mode="same"))
 
@@ -295,15 +293,18 @@ def choose_cutoff(trials: Sequence[Trial]) -> float:
     shape = (2.0 * np.sin(np.pi * frequency * period)) ** power
     # So near to half the sampling frequency all is noise.
     top = frequency > 0.35 / period
-    level = float(np.median(spectrum[top] / shape[top]))
-    noise = level * shape
-    lost = np.cumsum(np.clip(spectrum - noise, 0.0, None)[::-1])[::-1]
-    cost = lost + np.cumsum(noise)
+    noise = float(np.median(spectrum[top] / shape[top])) * shape
     # The filter has to fit into the logs, but one short log may not spoil the rates of all.
     low = 8.0 * _HALF_WIDTH / float(np.median([trial.duration for trial in trials]))
     high = _MAX_CUTOFF / period
-    best = float(frequency[int(np.argmin(cost))])
+    best = float(frequency[int(np.argmin(_cost(spectrum, noise)))])
     return float(np.clip(best, min(low, high), high))
+
+
+def _cost(spectrum: FloatArray, noise: FloatArray) -> FloatArray:
+    """(n,) power that a cut-off at each frequency takes from the signal, and what it leaves of the ``noise``."""
+    lost = np.cumsum(np.clip(spectrum - noise, 0.0, None)[::-1])[::-1]
+    return np.asarray(lost + np.cumsum(noise))
 
 
 def _acceleration_spectrum(trials: Sequence[Trial], period: float) -> tuple[FloatArray, FloatArray]:

@@ -114,17 +114,11 @@ def _free(trials: Sequence[Trial]) -> tuple[Sequence[Trial], list[Remark]]:
     found, remarks = [], []
     for trial in trials:
         parts = releases(trial)
-        spans = []
-        for part in parts:
-            time = trial.time[part]
-            span = f"{time[0]:.1f} to {time[-1]:.1f} s"
+        spans = [_span(trial.time[part]) for part in parts]
+        for part, span in zip(parts, spans, strict=True):
             name = trial.name if len(parts) == 1 else f"{trial.name}, {span}"
-            spans.append(span)
             found.append(trial.part(part, name))
-        kind, told = "left out", "was left out: it holds no swings that die out"
-        if parts:
-            kind, told = "released", f"swings freely from {', from '.join(spans)}: the rest was left out"
-        remarks.append(Remark(kind=kind, count=len(trial.time), text=f"{trial.name} {told}."))
+        remarks.append(_release_remark(trial, spans))
     if not found:
         axis = trials[0].axis
         raise DataError(
@@ -156,11 +150,19 @@ def _gyro_remarks(off: Sequence[Run]) -> list[Remark]:
     return [Remark(kind="gyro", count=len(off), text=text)]
 
 
+def _span(time: FloatArray) -> str:
+    return f"{time[0]:.1f} to {time[-1]:.1f} s"
+
+
+def _release_remark(trial: Trial, spans: Sequence[str]) -> Remark:
+    kind, told = "left out", "was left out: it holds no swings that die out"
+    if spans:
+        kind, told = "released", f"swings freely from {', from '.join(spans)}: the rest was left out"
+    return Remark(kind=kind, count=len(trial.time), text=f"{trial.name} {told}.")
+
+
 def channels(runs: Sequence[Run]) -> set[str]:
     """Further channels that every run has, with readings in one of them at least."""
     every = [run.trial.extras for run in runs]
-    found = set[str]()
-    for name in set.intersection(*map(set, every)):
-        if any(np.isfinite(extras[name]).any() for extras in every):
-            found.add(name)
-    return found
+    shared: set[str] = set.intersection(*map(set, every))
+    return {name for name in shared if any(np.isfinite(extras[name]).any() for extras in every)}

@@ -66,26 +66,24 @@ def find_holds(trial: Trial, vehicle: Vehicle, torque: FloatArray) -> list[Hold]
     # Compiled code is imported where it is used, so that commands which need none start at once.
     from rovid.motion.held import constant_runs
 
-    ranges = np.array([thruster.command_range() for thruster in vehicle.thrusters])
-    logged = _HELD_TORQUE_SHARE / _HELD_SHARE * float(np.max(np.abs(torque), initial=0.0))
-    tolerance = _HELD_SHARE * np.where(np.isfinite(ranges), ranges, logged)
-    starts = constant_runs(np.ascontiguousarray(trial.commands), tolerance).astype(np.intp)
+    starts = constant_runs(np.ascontiguousarray(trial.commands), _tolerance(vehicle, torque)).astype(np.intp)
     stops = np.append(starts[1:], len(trial.time) - 1)
     holds = []
     for start, stop in zip(starts, stops, strict=True):
         if trial.time[stop] - trial.time[start] < MIN_HOLD_SECONDS:
             continue
         rows = slice(start, max(stop, start + 1))
-        holds.append(
-            Hold(
-                trial=trial,
-                start=float(trial.time[start]),
-                stop=float(trial.time[stop]),
-                command=np.median(trial.commands[rows], axis=0),
-                torque=float(np.median(torque[rows])),
-            )
-        )
+        command, push = np.median(trial.commands[rows], axis=0), float(np.median(torque[rows]))
+        begin, end = float(trial.time[start]), float(trial.time[stop])
+        holds.append(Hold(trial=trial, start=begin, stop=end, command=command, torque=push))
     return holds
+
+
+def _tolerance(vehicle: Vehicle, torque: FloatArray) -> FloatArray:
+    """(k,) how far each command may move and still be held."""
+    ranges = np.array([thruster.command_range() for thruster in vehicle.thrusters])
+    logged = _HELD_TORQUE_SHARE / _HELD_SHARE * float(np.max(np.abs(torque), initial=0.0))
+    return np.asarray(_HELD_SHARE * np.where(np.isfinite(ranges), ranges, logged))
 
 
 def find_sines(trial: Trial, torque: FloatArray) -> list[SineRun]:
@@ -139,10 +137,9 @@ def _held_at(trial: Trial, torque: FloatArray, instants: FloatArray) -> FloatArr
 def _alike(periods: FloatArray, amplitudes: FloatArray, first: int, last: int) -> bool:
     recent = slice(max(first, last - 10), last)
     period, amplitude = np.median(periods[recent]), np.median(amplitudes[recent])
-    return bool(
-        abs(periods[last] - period) < _SAME_PERIOD * period
-        and abs(amplitudes[last] - amplitude) < _SAME_AMPLITUDE * amplitude
-    )
+    same_period = abs(periods[last] - period) < _SAME_PERIOD * period
+    same_amplitude = abs(amplitudes[last] - amplitude) < _SAME_AMPLITUDE * amplitude
+    return bool(same_period and same_amplitude)
 
 
 def _rising_crossings(time: FloatArray, torque: FloatArray) -> FloatArray:
@@ -205,18 +202,22 @@ def releases(trial: Trial) -> list[slice]:
     found = list[slice]()
     k = 0
     while k < len(peaks):
-        first = k
-        k += 1
-        shares = list[float]()
-        while k < len(peaks) and sizes[k + 2] <= _GROWS * sizes[k : k + 2].max():
-            share = sizes[k + 2] / max(sizes[k], sizes[k + 1])
-            if shares and share < _CUT_SHORT * float(np.median(shares)):
-                break
-            shares.append(share)
-            k += 1
+        first, k = k, _end_of_decay(sizes, k)
         if k - first >= _FEWEST_HALF_SWINGS:
             found.append(slice(int(known[peaks[first]]), int(known[peaks[k - 1]]) + 1))
     return found
+
+
+def _end_of_decay(sizes: FloatArray, first: int) -> int:
+    """Number of the peak behind a decay that begins with peak ``first``; (m + 2,) ``sizes`` begin with two zeros."""
+    k, shares = first + 1, list[float]()
+    while k + 2 < len(sizes) and sizes[k + 2] <= _GROWS * sizes[k : k + 2].max():
+        share = sizes[k + 2] / max(sizes[k], sizes[k + 1])
+        if shares and share < _CUT_SHORT * float(np.median(shares)):
+            break
+        shares.append(share)
+        k += 1
+    return k
 
 
 def _half_swings(tilt: FloatArray) -> list[tuple[int, int]]:

@@ -7,6 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
+from itertools import combinations_with_replacement
 from pathlib import Path
 
 import numpy as np
@@ -259,13 +260,9 @@ def _entries(estimate: Estimate) -> dict[str, Entry]:
 
 def _covariance(estimate: Estimate) -> dict[tuple[str, str], float]:
     """Each pair once, the one that is named first in front."""
-    covariance = {}
-    for i, first in enumerate(estimate.names):
-        for j, second in enumerate(estimate.names):
-            refused = first in estimate.refused or second in estimate.refused
-            if i <= j and not refused:
-                covariance[first, second] = float(estimate.covariance[i, j])
-    return covariance
+    known = [(k, name) for k, name in enumerate(estimate.names) if name not in estimate.refused]
+    pairs = combinations_with_replacement(known, 2)
+    return {(first, second): float(estimate.covariance[i, j]) for (i, first), (j, second) in pairs}
 
 
 def _absolute(paths: Sequence[Path]) -> tuple[Path, ...]:

@@ -35,29 +35,22 @@ def read_parameters(path: Path) -> Parameters:
     ConfigError
         It is missing, not a parameter file, or of a schema newer than this rovid knows.
     """
-    refuse_odd(path)
-    if not path.is_file():
-        raise ConfigError(
-            "is a folder, not a parameter file." if path.exists() else "there is no such parameter file.",
-            where=path,
-            mend="Run `rovid fit-drag LOGS` first, or point to one with -p.",
-        )
+    _require_file(path)
     document = read_toml(path, mend=_AGAIN if PARAMETERS.marks(path) else _ANOTHER)
     _check_schema(path, document.get("schema"))
     try:
         return _parse(path, document)
     except KeyError as error:
-        raise ConfigError(
-            f"is damaged: it has no {error.args[0]!r}.",
-            where=path,
-            mend=_AGAIN,
-        ) from error
+        raise ConfigError(f"is damaged: it has no {error.args[0]!r}.", where=path, mend=_AGAIN) from error
     except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise ConfigError(
-            f"is damaged: {error}.",
-            where=path,
-            mend=_AGAIN,
-        ) from error
+        raise ConfigError(f"is damaged: {error}.", where=path, mend=_AGAIN) from error
+
+
+def _require_file(path: Path) -> None:
+    refuse_odd(path)
+    if not path.is_file():
+        text = "is a folder, not a parameter file." if path.exists() else "there is no such parameter file."
+        raise ConfigError(text, where=path, mend="Run `rovid fit-drag LOGS` first, or point to one with -p.")
 
 
 def _check_schema(path: Path, schema: object) -> None:
@@ -88,12 +81,9 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
 
 
 def _entry(name: str, written: Mapping[str, Any]) -> Entry:
-    return Entry(
-        value=_number(written["value"], name),
-        standard_error=_number_or_nan(written["standard_error"], f"standard_error of {name}"),
-        unit=str(written["unit"]),
-        method=str(written["method"]),
-    )
+    value = _number(written["value"], name)
+    error = _number_or_nan(written["standard_error"], f"standard_error of {name}")
+    return Entry(value=value, standard_error=error, unit=str(written["unit"]), method=str(written["method"]))
 
 
 def _check_entry(name: str, entry: Entry) -> None:

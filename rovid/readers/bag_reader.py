@@ -20,7 +20,7 @@ from rovid.campaign.config import Config
 from rovid.campaign.trial import Remark
 from rovid.ground.errors import LogError, nearest
 from rovid.readers.raw import Contents, RawLog, foreign, library, mapped
-from rovid.readers.topics import Decoder, Listing, Topics
+from rovid.readers.topics import Decoder, Handler, Listing, Topics
 
 KIND = "bag"
 _EXTRA = "ros"
@@ -74,18 +74,20 @@ def read(path: Path, config: Config) -> RawLog:
     """
     topics = Topics(path, KIND, mapped(config, KIND, path), config.time)
     with _opened(path) as (connections, messages, damage):
-        handlers = {}
-        for one in connections:
-            topic = topics.open(one.topic, mapping=False)
-            if topic is None:
-                continue
-            handler = topic.handler(partial(_decoder, path, one), mapping=False)
-            if handler is not None:
-                handlers[one.number] = handler
+        found = {one.number: _handler(path, topics, one) for one in connections}
+        handlers = {number: handler for number, handler in found.items() if handler is not None}
         for number, stamp, data in _until_damage(messages, handlers, damage):
             handlers[number](data, stamp, stamp)
     remarks = tuple(Remark(kind="truncated", count=1, text=text) for text in damage)
     return topics.result(lambda _: remarks, "".join(f" {text}" for text in damage))
+
+
+def _handler(path: Path, topics: Topics, one: _Connection) -> Handler | None:
+    """What takes the messages of ``one``; None where they are not wanted."""
+    topic = topics.open(one.topic, mapping=False)
+    if topic is None:
+        return None
+    return topic.handler(partial(_decoder, path, one), mapping=False)
 
 
 def sources(path: Path) -> Contents:
@@ -202,18 +204,29 @@ def _ros2(path: Path) -> Iterator[_Bag]:
                 raise sqlite3.DatabaseError(f"no table {min(lacking)}")
             # Bags up to ROS 2 Humble do not hold the definitions of their messages.
             definitions = dict(bag.execute(_DEFINITIONS)) if "message_definitions" in names else {}
-            connections = []
-            for number, topic, kind, encoding in bag.execute(_TOPICS):
-                text = definitions.get(kind, "")
-                one = _Connection(number=number, topic=topic, kind=kind, encoding=encoding, definition=text)
-                connections.append(one)
-            ((pages,),) = bag.execute("PRAGMA page_count")
-            ((page,),) = bag.execute("PRAGMA page_size")
+            connections = _connections(bag, definitions)
+            size = _whole_size(bag)
         except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite quotes what is damaged, text or not
             raise _unreadable(path, error, "Record the log again, or leave it out.") from error
-        lost = pages * page - path.stat().st_size
+        lost = size - path.stat().st_size
         damage = [f"The bag is cut: {lost} bytes of it are not there."] if lost > 0 else []
         yield connections, lambda wanted: bag.execute(_MESSAGES, (json.dumps(sorted(wanted)),)), damage
+
+
+def _connections(bag: sqlite3.Connection, definitions: Mapping[str, str]) -> list[_Connection]:
+    connections = []
+    for number, topic, kind, encoding in bag.execute(_TOPICS):
+        text = definitions.get(kind, "")
+        one = _Connection(number=number, topic=topic, kind=kind, encoding=encoding, definition=text)
+        connections.append(one)
+    return connections
+
+
+def _whole_size(bag: sqlite3.Connection) -> int:
+    """Bytes that the file has if it is not cut."""
+    ((pages,),) = bag.execute("PRAGMA page_count")
+    ((page,),) = bag.execute("PRAGMA page_size")
+    return int(pages * page)
 
 
 def _unreadable(path: Path, error: Exception, mend: str) -> LogError:

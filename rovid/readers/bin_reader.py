@@ -55,8 +55,7 @@ def read(path: Path, config: Config) -> RawLog:
             raise foreign(path, _NAME)
         with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
             log = Log(path, data, {split_sensor(source)[0] for source in sources})
-            clock = config.time.sources.get(KIND, "TimeUS")
-            channels = channels_of(path, KIND, signals, log.columns, clock)
+            channels = channels_of(path, KIND, signals, log.columns, config.time.sources.get(KIND, "TimeUS"))
     return raw_log(channels, tuple(log.remarks))
 
 

@@ -109,16 +109,12 @@ def find_logs(paths: Sequence[Path], config: Config) -> tuple[list[tuple[str, Pa
         A path does not exist, or there are no logs.
     """
     remarks: list[Remark] = []
-    everything: list[_File] = []
-    for path in paths:
-        everything += _search(path, remarks)
-    files = _named(_once(everything, remarks))
+    files = _named(_once(_search_all(paths, remarks), remarks))
     if config.maps("nmea"):
         files = _without_companions(files)
     logs = [one for one in files if _is_log(one, config, remarks)]
-    if not logs:
-        # A table alone is read as the log that it was given for, which says what it lacks.
-        logs = [one for one in files if one.asked]
+    # A table alone is read as the log that it was given for, which says what it lacks.
+    logs = logs or [one for one in files if one.asked]
     if not logs:
         raise _no_logs(paths, files)
     kept = _without_copies(logs, remarks)
@@ -134,11 +130,12 @@ def _without_companions(files: Sequence[_File]) -> list[_File]:
 
 def files_in(paths: Sequence[Path]) -> list[Path]:
     """Every file in ``paths`` that may be a log or a table, whatever is in it."""
-    files: list[Path] = []
-    for path in paths:
-        if path.exists():
-            files += [one.path for one in _search(path, [])]
-    return files
+    there = [path for path in paths if path.exists()]
+    return [one.path for one in _search_all(there, [])]
+
+
+def _search_all(paths: Sequence[Path], remarks: list[Remark]) -> list[_File]:
+    return [one for path in paths for one in _search(path, remarks)]
 
 
 def _search(path: Path, remarks: list[Remark]) -> Iterator[_File]:
@@ -177,10 +174,7 @@ def _left_out(name: str, why: str) -> Remark:
 def _named(files: Sequence[_File]) -> list[_File]:
     """Files with names that differ: with more of their path where two folders hold the same name."""
     counts = Counter(one.name for one in files)
-    named = []
-    for one in files:
-        alone = counts[one.name] == 1
-        named.append(one if alone else replace(one, name=one.path.as_posix()))
+    named = [one if counts[one.name] == 1 else replace(one, name=one.path.as_posix()) for one in files]
     return sorted(named, key=lambda one: one.name)
 
 
@@ -222,11 +216,8 @@ def _skipped(name: str, why: str) -> Remark:
 def _no_logs(paths: Sequence[Path], files: Sequence[_File]) -> LogError:
     where = ", ".join(map(str, paths))
     if not files:
-        return LogError(
-            f"holds no logs: no {', '.join(READERS)} file.",
-            where=where or "logs",
-            mend="Give the folder that holds the logs.",
-        )
+        text = f"holds no logs: no {', '.join(READERS)} file."
+        return LogError(text, where=where or "logs", mend="Give the folder that holds the logs.")
     names = [one.name for one in files]
     if len(names) > 5:
         names[5:] = ["…"]

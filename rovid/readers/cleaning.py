@@ -179,9 +179,7 @@ def _repeats(path: _Path) -> BoolArray | None:
     edges = np.flatnonzero(steps) + 1
     if len(edges) <= _FEWEST_RUNS:
         return None
-    fast = np.abs(path.short[edges - 1]) > _SAME_STEP * path.least  # not one quantum, which rest can make
-    runs = np.diff(edges)[fast[:-1] & fast[1:]]
-    held = round(float(np.median(runs))) if len(runs) >= _FEWEST_RUNS else 1
+    held = _rows_a_reading(path, edges)
     if held < 2:
         return None
     starts = np.concatenate(([0], edges))
@@ -191,6 +189,13 @@ def _repeats(path: _Path) -> BoolArray | None:
     # A long run is a vehicle at rest: the sensor measured the same again every ``held`` rows.
     bad = (phase > 0) & ((phase % held > 0) | (left < 0.75 * held))
     return bad if bad.any() else None
+
+
+def _rows_a_reading(path: _Path, edges: IntArray) -> int:
+    """For how many rows a reading stays while the vehicle moves; 1 where too few of them tell."""
+    fast = np.abs(path.short[edges - 1]) > _SAME_STEP * path.least  # not one quantum, which rest can make
+    runs = np.diff(edges)[fast[:-1] & fast[1:]]
+    return round(float(np.median(runs))) if len(runs) >= _FEWEST_RUNS else 1
 
 
 def _spikes(path: _Path) -> BoolArray | None:
@@ -287,9 +292,7 @@ def _frozen(path: _Path) -> BoolArray | None:
     bad = np.zeros(len(path.angle), dtype=bool)
     moves = np.flatnonzero(~still)
     end = int(moves[-1]) + 1 if moves.size else 0
-    if end and len(path.angle) - end >= _STUCK_SAMPLES:
-        around = _FROZEN_RATIO * _neighbours(path.short, end, len(path.short))
-        bad[end:] = abs(path.short[end - 1]) > max(path.kind.jump, path.jerk, around)
+    bad[end:] = _stuck_to_the_end(path, end)
     for first, last in _still_runs(path, moves):
         around = _FROZEN_RATIO * _neighbours(path.short, first, last)
         out = abs(path.short[last])
@@ -300,6 +303,14 @@ def _frozen(path: _Path) -> BoolArray | None:
         elif length >= _FROZEN_SAMPLES and seconds >= _FROZEN_SECONDS and out > around:
             bad[first + 1 : last + 1] = True  # its first value was measured
     return bad if bad.any() else None
+
+
+def _stuck_to_the_end(path: _Path, last: int) -> bool:
+    """Whether the value that came at row ``last`` and stayed stands behind a jump."""
+    if not last or len(path.angle) - last < _STUCK_SAMPLES:
+        return False
+    around = _FROZEN_RATIO * _neighbours(path.short, last, len(path.short))
+    return bool(abs(path.short[last - 1]) > max(path.kind.jump, path.jerk, around))
 
 
 def _still_runs(path: _Path, moves: IntArray) -> Iterator[tuple[int, int]]:

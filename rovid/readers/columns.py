@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -64,13 +65,15 @@ def channels_of(
 
 def numeric_sources(topics: Mapping[str, Columns]) -> list[str]:
     """Sources of every number in ``topics``, a quaternion as one, clocks left out."""
-    names: dict[str, None] = {}
-    for topic, columns in topics.items():
-        for field, values in columns.items():
-            name = field.partition("[")[0] if field.startswith("q[") else field
-            if values.dtype.kind in "iuf" and not field.lower().startswith("time"):
-                names[f"{topic}.{name}"] = None
-    return list(names)
+    every = (_numeric_in(topic, columns) for topic, columns in topics.items())
+    return list(dict.fromkeys(chain.from_iterable(every)))
+
+
+def _numeric_in(topic: str, columns: Columns) -> Iterator[str]:
+    for field, values in columns.items():
+        name = field.partition("[")[0] if field.startswith("q[") else field
+        if values.dtype.kind in "iuf" and not field.lower().startswith("time"):
+            yield f"{topic}.{name}"
 
 
 def raw_log(channels: Mapping[str, Channel], remarks: tuple[Remark, ...]) -> RawLog:
@@ -85,11 +88,8 @@ def raw_log(channels: Mapping[str, Channel], remarks: tuple[Remark, ...]) -> Raw
 
 def missing_topic(path: Path, kind: str, name: str, present: Mapping[str, Any]) -> LogError:
     """That there is no topic ``name``, and which of those that are there come near."""
-    return LogError(
-        f"holds no message {name!r}. {nearest(name, present)}",
-        where=path,
-        mend=f'Write {kind} = "<message>.<field>" in rovid.toml.',
-    )
+    mend = f'Write {kind} = "<message>.<field>" in rovid.toml.'
+    return LogError(f"holds no message {name!r}. {nearest(name, present)}", where=path, mend=mend)
 
 
 def split_sensor(topic: str) -> tuple[str, int | None]:

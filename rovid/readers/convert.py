@@ -112,11 +112,14 @@ def _columns(trial: Trial, config: Config) -> list[_Column]:
 def _column(signal: str, values: FloatArray, taken: set[str]) -> _Column:
     unit = _unit(signal)
     [name] = words([with_unit(re.sub(r"\W+", "_", signal), unit)], taken={*taken, _TIME})
+    return _Column(signal=signal, name=name, numbers=_in_unit(values, signal, unit), unit=unit)
+
+
+def _in_unit(values: FloatArray, signal: str, unit: str) -> FloatArray:
+    """(n,) of a signal in SI in ``unit``; a heading within one turn."""
     if unit == "deg":
         values = np.rad2deg(values)
-    if signal == "heading":
-        values = np.remainder(values, 360.0)
-    return _Column(signal=signal, name=name, numbers=values, unit=unit)
+    return np.remainder(values, 360.0) if signal == "heading" else values
 
 
 def _unit(signal: str) -> str:

@@ -95,11 +95,8 @@ class Layout:
 
     def decimal(self, columns: Collection[int]) -> str:
         """The decimal sign that the first rows use in ``columns``."""
-        for row in self.rows:
-            for at in columns:
-                if at < len(row) and _DECIMAL_COMMA.fullmatch(row[at]):
-                    return ","
-        return "."
+        cells = (row[at] for row in self.rows for at in columns if at < len(row))
+        return "," if any(map(_DECIMAL_COMMA.fullmatch, cells)) else "."
 
     def column(self, name: str, signal: str) -> int:
         """Index of the column ``name``.
@@ -113,11 +110,8 @@ class Layout:
         if len(places) == 1:
             return places[0]
         if places:
-            raise LogError(
-                f"has {len(places)} columns named {name!r}, which is mapped to {signal}; one was expected.",
-                where=self.path,
-                mend="Rename the others in the header.",
-            )
+            text = f"has {len(places)} columns named {name!r}, which is mapped to {signal}; one was expected."
+            raise LogError(text, where=self.path, mend="Rename the others in the header.")
         raise LogError(
             f"has no column {name!r}, which rovid.toml maps to {signal}. {offered(name, self.names, self.rows)}",
             where=self.path,
@@ -290,22 +284,29 @@ def last_whole_line(file: IO[bytes], size: int) -> tuple[int, int]:
 
     A recorder that loses power leaves a line without an end, or a tail of NUL bytes.
     """
-    end = size
-    while end:
-        start = max(0, end - _TAIL)
-        file.seek(start)
-        block = file.read(end - start)
-        text = block.rstrip(b"\0")
-        end = start + len(text)
-        if text:
-            break
-    nul, whole = size - end, end
+    whole = _end_of_text(file, size)
+    nul = size - whole
     while whole:
-        start = max(0, whole - _TAIL)
-        file.seek(start)
-        block = file.read(whole - start)
+        start, block = _block_before(file, whole)
         at = max(block.rfind(b"\n"), block.rfind(b"\r"))
         if at >= 0:
             return start + at + 1, nul
         whole = start
     return 0, nul
+
+
+def _end_of_text(file: IO[bytes], size: int) -> int:
+    """Where the NUL bytes begin that stand at the end of the file."""
+    text, end = b"", size
+    while end and not text:
+        start, block = _block_before(file, end)
+        text = block.rstrip(b"\0")
+        end = start + len(text)
+    return end
+
+
+def _block_before(file: IO[bytes], end: int) -> tuple[int, bytes]:
+    """Where the last block before ``end`` begins, and what it holds."""
+    start = max(0, end - _TAIL)
+    file.seek(start)
+    return start, file.read(end - start)

@@ -190,12 +190,8 @@ class _Table:
     def time(self, frame: pd.DataFrame) -> FloatArray:
         """(n,) s; NaN where missing."""
         signal = self.signals["time"]
-        return stamps(
-            frame[self.columns["time"]],
-            signal.sources[KIND],
-            signal.unit,
-            lambda row: f"{self.layout.path}:{self.line(row)}",
-        )
+        column = frame[self.columns["time"]]
+        return stamps(column, signal.sources[KIND], signal.unit, lambda row: f"{self.layout.path}:{self.line(row)}")
 
     def epoch(self, frame: pd.DataFrame, time: FloatArray) -> float | None:
         """Seconds since 1970 of time zero; None where nobody knows."""
@@ -325,8 +321,7 @@ def _clock(rising: Sequence[str], numbers: Mapping[str, FloatArray]) -> str:
     called = [name for name in rising if words(name) & CLOCK]
     likely = [name for name in called if not words(name) & NOT_CLOCK]
     unnamed = [name for name in rising if name in numbers]
-    candidates = likely or called or unnamed
-    return candidates[0] if candidates else ""
+    return next(iter(likely or called or unnamed), "")
 
 
 def _numbers(cells: Sequence[str], layout: Layout) -> FloatArray | None:

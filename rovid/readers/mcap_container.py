@@ -95,11 +95,8 @@ class Recording:
             The file is no MCAP file or packs its chunks in an unknown way.
         """
         if self._bytes(0, len(MAGIC)) != MAGIC:
-            raise LogError(
-                "is not an MCAP file: it does not begin with the bytes that mark one.",
-                where=self.path,
-                mend="Export the log again, or give it the suffix of its format.",
-            )
+            text = "is not an MCAP file: it does not begin with the bytes that mark one."
+            raise LogError(text, where=self.path, mend="Export the log again, or give it the suffix of its format.")
         summary = self._summary() if by_index else None
         try:
             if summary is not None:

@@ -194,11 +194,8 @@ class Pick:
         found = repr(value) if isinstance(value, str | bytes) else f"a {type(value).__name__}"
         wanted = "a number or a quaternion" if self.signal in ANGLES else "a number"
         names = ", ".join(field_names(message)) or "none"
-        return LogError(
-            f"{self.source} ({self.signal}) is {found[:60]}; {wanted} was expected. The message's fields: {names}.",
-            where=self.where,
-            mend=f"Name one field for {self.signal} in rovid.toml.",
-        )
+        text = f"{self.source} ({self.signal}) is {found[:60]}; {wanted} was expected. The message's fields: {names}."
+        return LogError(text, where=self.where, mend=f"Name one field for {self.signal} in rovid.toml.")
 
     def column(self) -> FloatArray:
         """(n,) values as logged; rad where they come from a quaternion; NaN where missing."""

@@ -19,7 +19,7 @@ import numpy as np
 
 from rovid.campaign.config import Config
 from rovid.campaign.trial import Remark
-from rovid.ground.arrays import FloatArray
+from rovid.ground.arrays import FloatArray, IntArray
 from rovid.ground.errors import ConfigError, LogError, nearest
 from rovid.ground.places import odd
 from rovid.readers.formats import READERS
@@ -248,13 +248,7 @@ class _Text:
         column = 0 if self.dated else 1
         spread = {}
         for kind in kinds:
-            marks = np.array(self._marks[kind])[:, column] - 1
-            early = marks < 0
-            of_mark = np.bincount(marks[~early], minlength=len(times))
-            before = np.cumsum(of_mark) - of_mark
-            turn = np.arange(len(marks)) - before[marks] - np.count_nonzero(early)
-            share = turn / np.maximum(of_mark[marks], 1)
-            spread[kind] = np.where(early, np.nan, times[marks] + steps[marks] * share)
+            spread[kind] = _between(times, steps, np.array(self._marks[kind])[:, column] - 1)
         return spread
 
     def _timeless(self) -> LogError:
@@ -263,6 +257,16 @@ class _Text:
             where=self.path,
             mend="Let the INS send ZDA, or the logger write the time in front of each line.",
         )
+
+
+def _between(times: FloatArray, steps: FloatArray, marks: IntArray) -> FloatArray:
+    """(n,) s of sentences, evenly behind that of (m,) ``times`` that their ``marks`` name; NaN where it is below 0."""
+    early = marks < 0
+    of_mark = np.bincount(marks[~early], minlength=len(times))
+    before = np.cumsum(of_mark) - of_mark
+    turn = np.arange(len(marks)) - before[marks] - np.count_nonzero(early)
+    share = turn / np.maximum(of_mark[marks], 1)
+    return np.where(early, np.nan, times[marks] + steps[marks] * share)
 
 
 def _lines(path: Path) -> Iterator[tuple[bytes, bool]]:
@@ -315,9 +319,7 @@ def _time_of_day(cells: list[bytes]) -> float:
     text = _cell(cells, 1)
     hours, minutes, rest = map(_number, (text[:2], text[2:4], text[4:]))
     time = 3600.0 * hours + 60.0 * minutes + rest
-    if 0.0 <= time <= _DAY + 1.0:
-        return time
-    return np.nan
+    return time if 0.0 <= time <= _DAY + 1.0 else np.nan
 
 
 def _zda(cells: list[bytes]) -> float:

@@ -63,12 +63,18 @@ def order(
     remarks: list[Remark] = []
     with np.errstate(over="ignore", invalid="ignore"):  # of what is no time at all
         steps = np.diff(time)
-    # A NaN makes the first false; between sensible ends, increasing values are sensible.
-    if not bool(steps.min(initial=np.inf) > _TICK) or not sensible(time[:1]).all() or not sensible(time[-1:]).all():
+    if not _only_grows(time, steps):
         time, values, remarks = _mend(time, values, clock, place, sortable=sortable, where=where)
         steps = np.diff(time)
     _refuse_leap(time, steps, clock, where)
     return Ordered(time=time, values=values, remarks=tuple(remarks))
+
+
+def _only_grows(time: FloatArray, steps: FloatArray) -> bool:
+    """Whether (n,) sensible times, (n-1,) ``steps`` apart, all come later than the one before."""
+    # A NaN makes this false; between sensible ends, increasing values are sensible.
+    grows = bool(steps.min(initial=np.inf) > _TICK)
+    return grows and bool(sensible(time[:1]).all() and sensible(time[-1:]).all())
 
 
 def _mend(
@@ -83,11 +89,8 @@ def _mend(
     remarks: list[Remark] = []
     rows = np.flatnonzero(sensible(time))
     if len(time) and not len(rows):
-        raise LogError(
-            f"{clock} holds no time in any of its {len(time)} samples.",
-            where=where,
-            mend="Map the column or field that holds the time in [signals] time.",
-        )
+        text = f"{clock} holds no time in any of its {len(time)} samples."
+        raise LogError(text, where=where, mend="Map the column or field that holds the time in [signals] time.")
     if lost := len(time) - len(rows):
         remarks.append(_remark("missing", lost, f"{clock} is missing in {lost} samples; they were left out."))
     if sortable:
@@ -157,11 +160,8 @@ def _merge(
 
 def _refuse_coarse(doubled: int, total: int, clock: str, where: str) -> None:
     if doubled > _MOST_DUPLICATE * total:
-        raise LogError(
-            f"{clock} repeats the stamp before it in {doubled} of {total} samples; most should differ.",
-            where=where,
-            mend="Log the time with more decimals, or map another time.",
-        )
+        text = f"{clock} repeats the stamp before it in {doubled} of {total} samples; most should differ."
+        raise LogError(text, where=where, mend="Log the time with more decimals, or map another time.")
 
 
 def _refuse_leap(time: FloatArray, steps: FloatArray, clock: str, where: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -87,22 +87,27 @@ def _require(path: Path, footer: Any, wanted: Mapping[str, str]) -> list[str]:
     leaves = [footer.schema.column(at) for at in range(len(footer.schema.names))]
     present = [leaf.path for leaf in leaves if leaf.max_repetition_level == 0]  # no lists
     for name, column in wanted.items():
-        if column not in present:
-            raise _no_column(path, column, name, present)
-        if present.count(column) > 1:
-            raise LogError(f"has {present.count(column)} columns {column!r} ({name}).", where=path, mend="Rename one.")
+        _require_one(path, column, name, present)
     chosen = [leaf for leaf in leaves if leaf.path in wanted.values()]
     # What the footer says of single columns is not asked for: where it is damaged, pyarrow ends the whole process.
     require_room(path, footer.num_rows, len(chosen))
     blobs = [leaf for leaf in chosen if leaf.physical_type.endswith("BYTE_ARRAY")]
-    for leaf in blobs:
-        if leaf.logical_type.type not in _READABLE:
-            raise LogError(
-                f"{leaf.path} holds bytes; numbers were expected.",
-                where=path,
-                mend="Map another column in rovid.toml, or leave this log out.",
-            )
+    _refuse_bytes(path, blobs)
     return [leaf.path for leaf in blobs if leaf.logical_type.type in {"STRING", "ENUM"}]
+
+
+def _require_one(path: Path, column: str, name: str, present: list[str]) -> None:
+    if column not in present:
+        raise _no_column(path, column, name, present)
+    if present.count(column) > 1:
+        raise LogError(f"has {present.count(column)} columns {column!r} ({name}).", where=path, mend="Rename one.")
+
+
+def _refuse_bytes(path: Path, leaves: Iterable[Any]) -> None:
+    mend = "Map another column in rovid.toml, or leave this log out."
+    for leaf in leaves:
+        if leaf.logical_type.type not in _READABLE:
+            raise LogError(f"{leaf.path} holds bytes; numbers were expected.", where=path, mend=mend)
 
 
 def _batches(path: Path, columns: list[str], texts: list[str]) -> Iterator[dict[str, Any]]:
@@ -148,12 +153,9 @@ def sources(path: Path) -> Contents:
         schema = parquet.read_schema(path)
     counts = Counter(schema.names)
     clock = next((name for name in counts if counts[name] == 1 and words(name) & CLOCK), "")
-    numbers = []
-    for column in schema:
-        is_number = types.is_integer(column.type) or types.is_floating(column.type)
-        if is_number and counts[column.name] == 1 and column.name != clock:
-            numbers.append(column.name)
-    return Contents(clock=clock, sources=tuple(numbers))
+    numbers = [column.name for column in schema if types.is_integer(column.type) or types.is_floating(column.type)]
+    once = tuple(name for name in numbers if counts[name] == 1 and name != clock)
+    return Contents(clock=clock, sources=once)
 
 
 def _check(path: Path) -> None:

@@ -166,11 +166,9 @@ def require_room(path: Path, rows: int, columns: int) -> None:
 
 def foreign(path: Path, what: str) -> LogError:
     """That ``path`` is not ``what`` its suffix says."""
-    return LogError(
-        f"is not {what}: it {'does not begin as one' if path.stat().st_size else 'is empty'}.",
-        where=path,
-        mend="Fetch the log again, or give it the suffix of its format.",
-    )
+    found = "does not begin as one" if path.stat().st_size else "is empty"
+    mend = "Fetch the log again, or give it the suffix of its format."
+    return LogError(f"is not {what}: it {found}.", where=path, mend=mend)
 
 
 def sensible(values: FloatArray) -> BoolArray:

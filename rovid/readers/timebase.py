@@ -13,16 +13,16 @@ map and its heading do together.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from rovid.campaign.axis import YAW
+from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.config import Config, Signal
 from rovid.campaign.trial import Remark, Trial
-from rovid.ground.arrays import FloatArray
+from rovid.ground.arrays import FloatArray, IntArray
 from rovid.ground.errors import LogError
 from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED, TURNING, Kind, clean
 from rovid.readers.ordering import order
@@ -148,36 +148,46 @@ def _along(work: _Builder, north: FloatArray, others: Mapping[str, FloatArray | 
             mend="Leave this log out, or map the column or topic that holds them.",
         )
     steps = np.column_stack((np.diff(north[known]), np.diff(east[known])))
-    headings = heading[known]
-    course = 0.5 * (headings[1:] + headings[:-1])
-    along = np.column_stack((np.cos(course), np.sin(course)))
-    if work.config.axis.name == "sway":
+    along = _directions(heading[known], work.config.axis)
+    return _summed(np.sum(steps * along, axis=1), known, len(north))
+
+
+def _directions(heading: FloatArray, axis: Axis) -> FloatArray:
+    """(m-1, 2) unit vectors, north and east, along the body's ``axis`` between (m,) headings in rad."""
+    course = 0.5 * (heading[1:] + heading[:-1])
+    if axis.name == "sway":
         # A quarter turn to starboard.
-        along = np.column_stack((-along[:, 1], along[:, 0]))
-    gone = np.cumsum(np.sum(steps * along, axis=1))
-    position = np.full(len(north), np.nan)
-    position[known] = np.concatenate(([0.0], gone))
-    return position
+        return np.column_stack((-np.sin(course), np.cos(course)))
+    return np.column_stack((np.cos(course), np.sin(course)))
 
 
 def _integral(time: FloatArray, rate: FloatArray) -> FloatArray:
     """(n,) of the rate at the (n,) instants, by the trapezoidal rule; NaN where it was not measured."""
     known = np.flatnonzero(np.isfinite(rate))
     steps = 0.5 * (rate[known][1:] + rate[known][:-1]) * np.diff(time[known])
-    position = np.full(len(time), np.nan)
+    return _summed(steps, known, len(time))
+
+
+def _summed(steps: FloatArray, known: IntArray, count: int) -> FloatArray:
+    """(count,) sum of the (m-1,) ``steps`` between the (m,) ``known`` rows; NaN in the others."""
+    position = np.full(count, np.nan)
     position[known] = np.concatenate(([0.0], np.cumsum(steps)))
     return position
 
 
 def _ordered(work: _Builder) -> dict[str, Series]:
     """Every signal in order of time, in SI; each clock is put in order once."""
-    clocks: dict[int, dict[str, Channel]] = {}
-    for name, channel in work.raw.channels.items():
-        clocks.setdefault(id(channel.time), {})[name] = channel
     series: dict[str, Series] = {}
-    for channels in clocks.values():
+    for channels in _by_clock(work.raw.channels):
         series.update(_one_clock(work, channels))
     return series
+
+
+def _by_clock(channels: Mapping[str, Channel]) -> Iterable[dict[str, Channel]]:
+    clocks: dict[int, dict[str, Channel]] = {}
+    for name, channel in channels.items():
+        clocks.setdefault(id(channel.time), {})[name] = channel
+    return clocks.values()
 
 
 def _one_clock(work: _Builder, channels: Mapping[str, Channel]) -> dict[str, Series]:
@@ -199,10 +209,7 @@ def _one_clock(work: _Builder, channels: Mapping[str, Channel]) -> dict[str, Ser
 
 
 def _scaled(values: FloatArray, channel: Channel, signal: Signal) -> FloatArray:
-    factor = signal.factor
-    if channel.radians:
-        # Of the factor only the sense is left.
-        factor = float(np.sign(factor))
+    factor = float(np.sign(signal.factor)) if channel.radians else signal.factor  # of radians only the sense is left
     if factor == 1.0:
         return values
     with np.errstate(invalid="ignore"):  # a damaged number may be a NaN that signals
@@ -212,7 +219,19 @@ def _scaled(values: FloatArray, channel: Channel, signal: Signal) -> FloatArray:
 def _measured(work: _Builder, logged: Series) -> Series:
     """What is measured along the axis, unwrapped; NaN where it is not."""
     name, known = work.config.measured, logged.known
-    source = work.raw.channels[name].source
+    _refuse_unmeasured(work, work.raw.channels[name].source, known)
+    cleaned = clean(logged.stamps, known, work.kind, work.measured)
+    _say_missing(work, name, logged)
+    work.remarks.extend(cleaned.remarks)
+    _check_interval(work, logged.stamps)
+    values = cleaned.position
+    if logged.missing:
+        values = np.full(len(logged.time), np.nan)
+        values[logged.good] = cleaned.position
+    return Series(time=logged.time, values=values)
+
+
+def _refuse_unmeasured(work: _Builder, source: str, known: FloatArray) -> None:
     if len(known) < _FEWEST:
         raise LogError(
             f"{source} holds {len(known)} {work.measured} readings; at least {_FEWEST} were expected.",
@@ -225,15 +244,6 @@ def _measured(work: _Builder, logged: Series) -> Series:
             where=work.name,
             mend=f"Map the column or topic that holds the {work.measured}, or leave this log out.",
         )
-    cleaned = clean(logged.stamps, known, work.kind, work.measured)
-    _say_missing(work, name, logged)
-    work.remarks.extend(cleaned.remarks)
-    _check_interval(work, logged.stamps)
-    values = cleaned.position
-    if logged.missing:
-        values = np.full(len(logged.time), np.nan)
-        values[logged.good] = cleaned.position
-    return Series(time=logged.time, values=values)
 
 
 def _say_missing(work: _Builder, name: str, logged: Series, then: str = "") -> None:

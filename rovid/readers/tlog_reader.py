@@ -170,15 +170,19 @@ class Log:
         if bad:
             text = f"{bad} messages have a wrong checksum and were left out."
             self.remarks.append(Remark(kind="truncated", count=bad, text=text))
-        rows = np.frombuffer(payloads, dtype=layout)
-        columns = {_CLOCK: np.frombuffer(stamps, dtype=np.uint64)}
-        for field in layout.names or ():
-            values = rows[field]
-            if values.ndim == 2:
-                columns |= {f"{field}[{at}]": column for at, column in enumerate(values.T)}
-            else:
-                columns[field] = values
-        return columns
+        return {_CLOCK: np.frombuffer(stamps, dtype=np.uint64), **_flat(np.frombuffer(payloads, dtype=layout))}
+
+
+def _flat(rows: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """(n,) of each field of (n,) records, and of each number of a field that holds several."""
+    columns: dict[str, NDArray[Any]] = {}
+    for field in rows.dtype.names or ():
+        values = rows[field]
+        if values.ndim == 2:
+            columns |= {f"{field}[{at}]": column for at, column in enumerate(values.T)}
+        else:
+            columns[field] = values
+    return columns
 
 
 def _head(head: bytes) -> tuple[int, int, int, int]:

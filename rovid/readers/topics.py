@@ -123,10 +123,8 @@ class Topic:
     def _no_stamp(self, message: Any) -> LogError:
         wanted = "header.stamp" if self.clock == "header" else repr(self.clock)
         names = ", ".join(field_names(message)) or "none"
-        return self._complaint(
-            f"has no time {wanted}, which time in rovid.toml asks for; its fields: {names}",
-            f'Set time = {{ {self.kind} = "log" }} in [signals] to go by the time of recording.',
-        )
+        mend = f'Set time = {{ {self.kind} = "log" }} in [signals] to go by the time of recording.'
+        return self._complaint(f"has no time {wanted}, which time in rovid.toml asks for; its fields: {names}", mend)
 
     def _undecodable(self, error: Exception) -> LogError:
         return self._complaint(
@@ -245,13 +243,14 @@ class Topics:
             raise self._missing(f"holds no message on topic {topic.name!r} ({signal}).", "Leave this log out.")
         pick = next(pick for pick in topic.picks if pick.signal == signal)
         if not pick.seen:
-            field = ".".join(pick.fields) or "of a quaternion"
-            names = ", ".join(field_names(topic.last)) or "none"
-            raise self._missing(
-                f"topic {topic.name!r} never holds the field {field!r} ({signal}). Its fields: {names}.",
-                f"Correct {signal} in rovid.toml.",
-            )
+            raise self._never_seen(topic, pick)
         return topic, pick
+
+    def _never_seen(self, topic: Topic, pick: Pick) -> LogError:
+        field = ".".join(pick.fields) or "of a quaternion"
+        names = ", ".join(field_names(topic.last)) or "none"
+        text = f"topic {topic.name!r} never holds the field {field!r} ({pick.signal}). Its fields: {names}."
+        return self._missing(text, f"Correct {pick.signal} in rovid.toml.")
 
     def _missing(self, what: str, mend: str) -> LogError:
         return LogError(what + self.damage, where=self.path, mend=mend)

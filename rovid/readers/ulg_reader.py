@@ -39,15 +39,7 @@ def read(path: Path, config: Config) -> RawLog:
     names = {signal.sources[KIND].partition(".")[0].partition("#")[0] for signal in signals.values()}
     _check(path)
     log = _Log(path, names)
-
-    def topic(name: str) -> Columns:
-        base, _, instance = name.partition("#")
-        columns = log.topics.get(base if instance == "0" else name)
-        if columns is None:
-            raise missing_topic(path, KIND, name, log.present)
-        return columns
-
-    channels = channels_of(path, KIND, signals, topic, config.time.sources.get(KIND, "timestamp"))
+    channels = channels_of(path, KIND, signals, log.columns, config.time.sources.get(KIND, "timestamp"))
     return raw_log(channels, log.remarks)
 
 
@@ -100,6 +92,15 @@ class _Log:
                 ) from error
         self.topics: dict[str, Columns] = {_called(data.name, data.multi_id): data.data for data in log.data_list}
         self.remarks = _remarks(log, cut=file.cut)
+        self._path = path
+
+    def columns(self, topic: str) -> Columns:
+        """What ``topic`` holds, with its instance behind a # or of the only one."""
+        base, _, instance = topic.partition("#")
+        columns = self.topics.get(base if instance == "0" else topic)
+        if columns is None:
+            raise missing_topic(self._path, KIND, topic, self.present)
+        return columns
 
 
 class _Source(io.BufferedReader):

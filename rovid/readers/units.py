@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from rovid.campaign.config import Signal
-from rovid.ground.arrays import FloatArray
+from rovid.ground.arrays import FloatArray, IntArray
 from rovid.ground.errors import LogError
 from rovid.readers.raw import Channel, sensible
 
@@ -86,11 +86,8 @@ def _looks_like_degrees(time: FloatArray, values: FloatArray) -> str:
 def _wrong_unit(channel: Channel, signal: Signal, looks: str, where: str) -> LogError:
     names = {"deg": "degrees", "rad": "radians"}
     other = "rad" if signal.unit == "deg" else "deg"
-    return LogError(
-        f"{channel.source} is declared in {names[signal.unit]} but looks like {names[other]}: {looks}.",
-        where=where,
-        mend=f'Set unit = "{other}" in [signals] heading.',
-    )
+    text = f"{channel.source} is declared in {names[signal.unit]} but looks like {names[other]}: {looks}."
+    return LogError(text, where=where, mend=f'Set unit = "{other}" in [signals] heading.')
 
 
 def told_by_gyro(
@@ -132,11 +129,7 @@ def _compare(time: FloatArray, heading: FloatArray, yaw_rate: FloatArray) -> tup
         return None
     t, psi, r = time[rows], heading[rows], yaw_rate[rows]
     width = max(2, 2 * round(_WINDOW / float(np.median(np.diff(t))) / 2))
-    first = np.arange(0, len(t) - width, max(1, len(t) // 20_000))
-    span = t[first + width] - t[first]
-    if span.size:
-        # A window with a gap in it says nothing of the middle.
-        first = first[span < 2.0 * np.median(span)]
+    first = _windows(t, width)
     if len(first) < _FEWEST_WINDOWS:
         return None
     middle, last = first + width // 2, first + width
@@ -147,9 +140,16 @@ def _compare(time: FloatArray, heading: FloatArray, yaw_rate: FloatArray) -> tup
     return _ratio(rate[usual], mean[usual])
 
 
+def _windows(time: FloatArray, width: int) -> IntArray:
+    """(m,) first row of each window of ``width`` rows, those with a gap left out."""
+    first = np.arange(0, len(time) - width, max(1, len(time) // 20_000))
+    span = time[first + width] - time[first]
+    # A window with a gap in it says nothing of the middle.
+    return first[span < 2.0 * np.median(span)] if span.size else first
+
+
 def _ratio(rate: FloatArray, gyro: FloatArray) -> tuple[float, float] | None:
-    own = math.sqrt(float(rate @ rate))
-    logged = math.sqrt(float(gyro @ gyro))
+    own, logged = (math.sqrt(float(values @ values)) for values in (rate, gyro))
     if min(own, logged) == 0.0:
         return None
     alike = float(rate @ gyro) / (own * logged)

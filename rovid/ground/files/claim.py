@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 from rovid.ground.errors import OutputError, RovidError
 from rovid.ground.files.folders import held, settle
 from rovid.ground.files.form import Form
-from rovid.ground.files.journal import PREFIX, new_journal, survivor, sync_folder, write_synced
+from rovid.ground.files.journal import PREFIX, Journal, new_journal, survivor, sync_folder, write_synced
 
 # Content that depends on what is there is made while nobody else writes.
 Content = str | bytes | Callable[[], str]
@@ -164,16 +164,20 @@ def _write(files: Mapping[Path, bytes], stale: Sequence[Path], folders: Sequence
         for staged, target in moves:
             write_synced(staged, files[target])
             _take_after(staged, target)
-        if not is_set:
-            journal.put_in_place()
+        if is_set:
+            _commit(journal, folders)
         else:
-            _sync(folders)
-            write_synced(journal.commit, b"")
-            with _undisturbed(), survivor(journal):
-                journal.put_in_place()
-                journal.close()
+            journal.put_in_place()
         _sync(folders)
     finally:
+        journal.close()
+
+
+def _commit(journal: Journal, folders: Sequence[Path]) -> None:
+    _sync(folders)
+    write_synced(journal.commit, b"")
+    with _undisturbed(), survivor(journal):
+        journal.put_in_place()
         journal.close()
 
 

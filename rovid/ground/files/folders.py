@@ -7,9 +7,13 @@ import errno
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rovid.ground.errors import OutputError
 from rovid.ground.files.journal import JOURNAL, PREFIX, read_journal
+
+if TYPE_CHECKING:
+    from filelock import BaseFileLock
 
 _LOCK = f"{PREFIX}lock"
 _PATIENCE = 60.0  # s; a set is written in far less
@@ -60,19 +64,22 @@ def _locked(folder: Path) -> Iterator[None]:
     try:
         lock.acquire()
     except Timeout as error:
-        raise OutputError(
-            "is being written by another process of rovid.", where=folder, mend="Wait for it, and try again."
-        ) from error
+        text = "is being written by another process of rovid."
+        raise OutputError(text, where=folder, mend="Wait for it, and try again.") from error
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             raise
     try:
         yield
     finally:
-        # Still held: whoever waits for it takes the lock of a file that is gone for none, and makes a new one.
-        with contextlib.suppress(OSError):
-            path.unlink()
-        lock.release()
+        _let_go(lock, path)
+
+
+def _let_go(lock: BaseFileLock, path: Path) -> None:
+    # Still held: whoever waits for it takes the lock of a file that is gone for none, and makes a new one.
+    with contextlib.suppress(OSError):
+        path.unlink()
+    lock.release()
 
 
 def _left(folder: Path) -> list[Path]:

@@ -102,12 +102,9 @@ def new_journal(
 ) -> Journal:
     """A journal for a set in ``folders``; nothing is written yet."""
     name = PREFIX + secrets.token_hex(8)
-    return Journal(
-        journals=tuple(folder / (name + JOURNAL) for folder in folders),
-        commit=folders[0] / f"{name}.commit",
-        moves=tuple(moves),
-        removals=tuple(removals),
-    )
+    journals = tuple(folder / (name + JOURNAL) for folder in folders)
+    commit = folders[0] / f"{name}.commit"
+    return Journal(journals=journals, commit=commit, moves=tuple(moves), removals=tuple(removals))
 
 
 def read_journal(path: Path) -> Journal | None:
