@@ -17,13 +17,7 @@ _MOTION = 2.0
 def lack_of(runs: Sequence[Run], cutoff: float) -> str:
     """What is missing for a diagnosis, and what to run; ``cutoff`` in Hz is the low pass's."""
     if len(runs) < FEWEST_TRIALS:
-        part = shortest_part(runs, cutoff)
-        seconds = sum(recorded(run.trial) for run in runs)
-        return (
-            f"there are too few trials ({len(runs)}, {seconds:.0f} s in all) to hold any out and test a cause on, and "
-            f"they are too short to be cut into {FEWEST_TRIALS} parts of {part:.0f} s. Record more runs, of other "
-            "kinds (a hold the other way, a sine, a coast-down)."
-        )
+        return _too_few(runs, cutoff)
     axis = runs[0].trial.axis
     if all(run.trial.driven for run in runs) and not any(map(_is_pushed, runs)):
         return f"no thruster ever runs: there is no {axis.push} to explain the motion with. Log a run under thrust."
@@ -35,6 +29,16 @@ def lack_of(runs: Sequence[Run], cutoff: float) -> str:
             f"that {move} it."
         )
     return ""
+
+
+def _too_few(runs: Sequence[Run], cutoff: float) -> str:
+    part = shortest_part(runs, cutoff)
+    seconds = sum(recorded(run.trial) for run in runs)
+    return (
+        f"there are too few trials ({len(runs)}, {seconds:.0f} s in all) to hold any out and test a cause on, and "
+        f"they are too short to be cut into {FEWEST_TRIALS} parts of {part:.0f} s. Record more runs, of other "
+        "kinds (a hold the other way, a sine, a coast-down)."
+    )
 
 
 def _is_pushed(run: Run) -> bool:

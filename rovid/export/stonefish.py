@@ -222,11 +222,14 @@ def _scenario(subject: Subject, hull: _Hull, drag: _Drag, inputs: list[Curve], t
 """
 
 
+def _rotor_dynamics(lag: float) -> str:
+    if lag <= 0.0:
+        return '<rotor_dynamics type="zero_order"/>'
+    return f'<rotor_dynamics type="first_order"><time_constant value="{lag:.10g}"/></rotor_dynamics>'
+
+
 def _thruster(curve: Curve, table: Curve, side: float, lag: float) -> str:
     # FRD: at x = side*arm, pushing along side*y, the torque about z is arm*thrust.
-    dynamics = '<rotor_dynamics type="zero_order"/>'
-    if lag > 0.0:
-        dynamics = f'<rotor_dynamics type="first_order"><time_constant value="{lag:.10g}"/></rotor_dynamics>'
     limit = float(np.max(np.abs(curve.command)))
     return f"""    <!-- {curve_comment(table)} -->
     <actuator name="{curve.identifier}" type="thruster">
@@ -236,7 +239,7 @@ def _thruster(curve: Curve, table: Curve, side: float, lag: float) -> str:
         <material name="Neutral"/>
         <look name="Yellow"/>
       </propeller>
-      {dynamics}
+      {_rotor_dynamics(lag)}
       <thrust_model type="linear_interpolation">
         <input value="{numbers(curve.command)}"/>
         <output value="{numbers(curve.thrust)}"/>

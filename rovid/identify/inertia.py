@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -229,16 +229,20 @@ def _method_warnings(methods: dict[str, Inertia], refused: dict[str, str], axis:
             f"No single inertia fits all sine runs ({runs} {unit}): lag, delay or water set in motion, not drag, "
             "makes the orbit integral change with period or amplitude."
         )
+    return [*texts, *_disagreements(methods, unit)]
+
+
+def _disagreements(methods: dict[str, Inertia], unit: str) -> Iterator[str]:
+    """What is said of each two methods whose values lie too far apart."""
     sure = [name for name in ("orbit_integral", "harmonic_balance", "regression") if name in methods]
     for first, second in combinations(sure, 2):
         a, b = methods[first], methods[second]
         gap = abs(a.value - b.value) / math.hypot(a.standard_error, b.standard_error)
         if gap > _DISAGREE_SIGMAS:
-            texts.append(
+            yield (
                 f"{METHODS[first]} and {METHODS[second]} disagree by {gap:.0f} standard errors "
                 f"({a.value:.4g} against {b.value:.4g} {unit}): the base model misses something."
             )
-    return texts
 
 
 def plausibility(estimate: Estimate, rigid_body: float | None) -> list[str]:

@@ -264,12 +264,15 @@ def _direction_warnings(
     if not p_value <= _BY_CHANCE:
         return []
     up, down = (directions[name].value("quadratic_drag") for name, _ in ways)
-    text = (
+    return [_said_to_differ(up, down, p_value, axis)]
+
+
+def _said_to_differ(up: float, down: float, p_value: float, axis: Axis) -> str:
+    return (
         f"The two directions differ (p = {p_value:.1g}): quadratic drag {up:.4g} with the {axis.position_words} "
         f"growing, {down:.4g} with it falling. Thrust curve, a constant {axis.push} or the drag itself is not the same "
         "both ways."
     )
-    return [text]
 
 
 def _p_of_one_line(balance: TorqueBalance, residuals: FloatArray, directions: dict[str, Estimate]) -> float:

@@ -12,13 +12,14 @@ from rich.text import Text
 
 from rovid.campaign.axis import Axis
 from rovid.campaign.vehicle import Vehicle
-from rovid.control.loop_design import Control, RunResult
+from rovid.control.loop_design import Control, RunResult, Spread
 from rovid.control.tuning import Margins
 from rovid.diagnose.amplitudes import Amplitudes, Explanation
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.diagnose.record import INVISIBLE, Diagnosis, Finding, Side, not_identifiable
 from rovid.ground.numbers import plus_minus
 from rovid.ground.screen import led
+from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS
 from rovid.model.names import unit_of
 from rovid.show.terminal import number, say, show_parameters, table
@@ -48,10 +49,13 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         say(console, f"left unexplained: {share:.2g} % of the {axis.push}'s variance")
     if diagnosis.verdict == "nothing_found":
         _show_detectable(console, diagnosis, axis)
-    invisible = " and ".join(INVISIBLE[name] for name in not_identifiable(vehicle))
-    say(console, f"never visible in {axis.name} data: {invisible}")
+    say(console, f"never visible in {axis.name} data: {_invisible(vehicle)}")
     run = next_experiment(diagnosis)
     say(console, led("Next:", f"{run['run']} ({run['reason']})"))
+
+
+def _invisible(vehicle: Vehicle) -> str:
+    return " and ".join(INVISIBLE[name] for name in not_identifiable(vehicle))
 
 
 def _show_causes(console: Console, diagnosis: Diagnosis, axis: Axis) -> None:
@@ -126,12 +130,16 @@ def _show_finding(console: Console, finding: Finding, axis: Axis) -> None:
 
 def _show_sizes(console: Console, finding: Finding) -> None:
     """The parameters of what was found, a line each."""
-    effect, estimate = finding.effect, finding.estimate
-    for parameter in effect.parameters:
-        name = f"{effect.key}.{parameter.name}"
-        value = plus_minus(estimate.value(name), estimate.standard_error(name))
-        unit = estimate.unit(name)
-        say(console, f"  {parameter.name} {value} {unit if unit != '1' else ''}")
+    for parameter in finding.effect.parameters:
+        size = _size(finding.estimate, f"{finding.effect.key}.{parameter.name}")
+        say(console, f"  {parameter.name} {size}")
+
+
+def _size(estimate: Estimate, name: str) -> str:
+    """Value, standard error and unit."""
+    value = plus_minus(estimate.value(name), estimate.standard_error(name))
+    unit = estimate.unit(name)
+    return f"{value} {unit if unit != '1' else ''}"
 
 
 def _show_deciding(console: Console, finding: Finding) -> None:
@@ -194,14 +202,18 @@ def _control_lines(result: Control) -> Iterator[str | Text]:
     )
     yield _margins(result.margins)
     if spread is not None:
-        yield (
-            f"over the parameters' uncertainty ({spread.draws} draws): {100.0 * spread.stable:.0f} % stable; 95 % have "
-            f"gain {_decibels(spread.gain_db)}, phase {spread.phase_deg:.0f} deg, delay {spread.delay_s:.2f} s or more"
-        )
+        yield _spread(spread)
     if result.allocation.limited:
         yield f"torque from {law.lowest:.0f} to {law.highest:.0f} N m"
     else:
         yield "no thrusters are known: the torque itself is commanded, without limit"
+
+
+def _spread(spread: Spread) -> str:
+    return (
+        f"over the parameters' uncertainty ({spread.draws} draws): {100.0 * spread.stable:.0f} % stable; 95 % have "
+        f"gain {_decibels(spread.gain_db)}, phase {spread.phase_deg:.0f} deg, delay {spread.delay_s:.2f} s or more"
+    )
 
 
 def _margins(margins: Margins) -> str | Text:
