@@ -271,6 +271,11 @@ def _with_effect(rows: _Rows, plain: Model) -> tuple[Explanation, ...]:
     # Amplitudes tell nothing of waves, nor of what acts by the heading.
     tried = [effect for effect in forms_for(rows.vehicle) if not isinstance(effect.acts, OnHeading | Wave)]
     fits = spread(lambda effect: rows.nearest(plain, effect), tried)
+    return _best_forms(fits)
+
+
+def _best_forms(fits: Sequence[Explanation]) -> tuple[Explanation, ...]:
+    """The likeliest of each effect, the likeliest effect first."""
     best: dict[str, Explanation] = {}
     for fit in sorted(fits, key=_unlikely):
         best.setdefault(fit.model.effects[0].id, fit)

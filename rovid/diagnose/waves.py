@@ -117,13 +117,17 @@ def _with_waves(plain: Fitted, wave: Effect) -> Fitted:
 
 def _disturbed(misfit: Misfit, x: FloatArray) -> FloatArray:
     """``x`` with the likeliest of a few disturbances: unlimited, a climb from one far too small goes astray."""
-    begins = []
-    for share, memory in itertools.product(_SHARES, _MEMORIES):
-        begin = x.copy()
-        begin[DISTURBANCE] = math.log(share * misfit.records.torque)
-        begin[MEMORY] = math.log(memory)
-        begins.append(np.clip(begin, *misfit.coordinates.bounds))
+    pairs = itertools.product(_SHARES, _MEMORIES)
+    begins = [_with_disturbance(misfit, x, share, memory) for share, memory in pairs]
     return min(begins, key=misfit.cost)
+
+
+def _with_disturbance(misfit: Misfit, x: FloatArray, share: float, memory: float) -> FloatArray:
+    """``x`` with a disturbance of a ``share`` of the torque in use and a ``memory`` in s, within the bounds."""
+    begin = x.copy()
+    begin[DISTURBANCE] = math.log(share * misfit.records.torque)
+    begin[MEMORY] = math.log(memory)
+    return np.clip(begin, *misfit.coordinates.bounds)
 
 
 def _borne_out(better: Fitted, plain: Fitted) -> float:

@@ -137,13 +137,14 @@ def _picture(name: str, figure: Figure, *, caption: str, alt: str) -> Picture:
 
 def _worst(items: Sequence[TrialSimulation]) -> tuple[TrialSimulation, ...]:
     """All trials, or those with the largest error where there are too many, in their own order."""
-
-    def error(item: TrialSimulation) -> float:
-        return item.fit.rmse if math.isfinite(item.fit.rmse) else 0.0
-
-    ranked = sorted(items, key=error, reverse=True)
+    ranked = sorted(items, key=_error, reverse=True)
     chosen = {id(item) for item in ranked[:LARGE_PLOTS]}
     return tuple(item for item in items if id(item) in chosen)
+
+
+def _error(item: TrialSimulation) -> float:
+    """Root mean square of the rate's, rad/s or m/s; 0 where there is none."""
+    return item.fit.rmse if math.isfinite(item.fit.rmse) else 0.0
 
 
 def _steady_drag(evidence: Evidence) -> Model | None:

@@ -17,6 +17,7 @@ from rovid.control.tuning import Margins
 from rovid.diagnose.amplitudes import Amplitudes, Explanation
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.diagnose.record import INVISIBLE, Diagnosis, Finding, Side, not_identifiable
+from rovid.effects import Effect
 from rovid.ground.numbers import plus_minus
 from rovid.ground.screen import led
 from rovid.identify.estimate import Estimate
@@ -101,10 +102,14 @@ def _show_predictions(console: Console, amplitudes: Amplitudes) -> None:
 def _show_explanations(console: Console, amplitudes: Amplitudes) -> None:
     rows = table("Each would explain it alone", "effect", "with", "run that would tell", "inertia kg m²", left=3)
     for cause in amplitudes.causes:
-        effect = cause.model.effects[0]
-        sizes = ", ".join(_sizes(cause))
-        rows.add_row(effect.title, sizes, effect.experiment, number(cause.model.inertia, ".0f"))
+        rows.add_row(*_explanation_cells(cause))
     console.print(rows)
+
+
+def _explanation_cells(cause: Explanation) -> tuple[str, str, str, str]:
+    effect = cause.model.effects[0]
+    inertia = number(cause.model.inertia, ".0f")
+    return effect.title, ", ".join(_sizes(cause)), effect.experiment, inertia
 
 
 def _sizes(cause: Explanation) -> Iterator[str]:
@@ -174,10 +179,14 @@ def _show_gain(console: Console, base: Side, extended: Side, floor: float, axis:
 def _show_detectable(console: Console, diagnosis: Diagnosis, axis: Axis) -> None:
     rows = table("The smallest that would have been seen", "effect", "parameter", "size", "unit", left=2)
     for effect, size in diagnosis.detectable:
-        name = effect.parameters[0].name
-        seen = number(size, ".2g") if math.isfinite(size) else "not visible"
-        rows.add_row(axis.words(effect.title), name, seen, unit_of(f"{effect.key}.{name}", axis))
+        rows.add_row(*_detectable_cells(effect, size, axis))
     console.print(rows)
+
+
+def _detectable_cells(effect: Effect, size: float, axis: Axis) -> tuple[str, str, str, str]:
+    name = effect.parameters[0].name
+    seen = number(size, ".2g") if math.isfinite(size) else "not visible"
+    return axis.words(effect.title), name, seen, unit_of(f"{effect.key}.{name}", axis)
 
 
 def show_control(console: Console, result: Control) -> None:
