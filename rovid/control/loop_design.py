@@ -309,4 +309,5 @@ def _decay(ratio: float) -> float:
 
 
 def _amplitude(allocation: Allocation, setting: Setting) -> float:
+    """N m of the sines that the actuators are tried with: as in use, but half of what there is at most."""
     return min(setting.torque_in_use, 0.5 * allocation.highest, -0.5 * allocation.lowest)

@@ -212,6 +212,7 @@ def _crossings(x: FloatArray, y: FloatArray) -> list[tuple[float, bool]]:
 
 
 def _decibel(logarithm: float) -> float:
+    """The natural ``logarithm`` of a gain in dB."""
     return 20.0 * logarithm / math.log(10.0)
 
 
@@ -299,6 +300,7 @@ def largest_bandwidth(loop_of: Callable[[float], Loop], limit: float) -> float:
 
 
 def _is_comfortable(loop: Loop) -> bool:
+    """Whether phase margin, sensitivity peak and delay margin leave room for what the model does not know."""
     margins = loop.margins()
     damped = margins.phase_deg >= _PHASE_MARGIN and margins.sensitivity_peak <= _SENSITIVITY_PEAK
     return damped and margins.stable and margins.delay_s >= loop.lag(margins.crossover)
@@ -339,6 +341,7 @@ def _of_pair(parameters: Parameters, first: str, second: str) -> float:
 
 
 def _scale(matrix: FloatArray, centre: FloatArray) -> FloatArray:
+    """(p,) standard deviations; the size of the ``centre`` where there are none."""
     spread = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     return np.asarray(np.where(spread > 0.0, spread, np.maximum(np.abs(centre), 1.0)))
 

@@ -334,6 +334,7 @@ def _holds(steady: Table, start: Model) -> list[Trial]:
 
 
 def _sine(period: float, amplitude: float) -> Trial:
+    """A sine of torque, ``period`` in s and ``amplitude`` in N m, from its peak on."""
     time = np.linspace(0.0, _PERIODS * period, _PERIODS * _SAMPLES + 1, dtype=np.float64)
     # The mean over each interval, for which it is held. A rate that starts at the torque's peak has least to forget.
     torque = amplitude * np.cos(2.0 * np.pi * (time + 0.5 * period / _SAMPLES) / period)
@@ -341,6 +342,7 @@ def _sine(period: float, amplitude: float) -> Trial:
 
 
 def _hold(torque: float, rate: float, start: Model) -> Trial:
+    """A ``torque`` in N m held for several time constants at about ``rate`` in rad/s."""
     slope = 2.0 * start.quadratic_drag * rate + start.linear_drag
     constant = start.inertia / max(slope, 1e-12)
     time = np.linspace(0.0, _HOLD * constant, _HOLD_SAMPLES, dtype=np.float64)

@@ -174,6 +174,7 @@ def _key_of(name: str) -> str:
 
 
 def _uncertainty(estimate: Estimate) -> float:
+    """Relative standard error of the inertia."""
     return estimate.standard_error("inertia") / estimate.value("inertia")
 
 

@@ -51,6 +51,7 @@ def deciding_experiment(finding: Finding) -> dict[str, Any] | None:
 
 
 def _separating(one: Effect, other: Effect, *, untried: bool = False) -> dict[str, Any]:
+    """The run that tells two causes apart; that which shows the ``other`` where it was not tried as a rival."""
     pair = [one.id, other.id]
     run = other.experiment if untried else _PAIRS.get(frozenset(pair), one.experiment)
     return {"run": run, "separates": pair}

@@ -42,10 +42,12 @@ def _too_few(runs: Sequence[Run], cutoff: float) -> str:
 
 
 def _is_pushed(run: Run) -> bool:
+    """Whether a thruster ever runs."""
     return bool(np.any(run.torque != 0.0))
 
 
 def _moves(run: Run) -> bool:
+    """Whether the rate is more than the sensor's noise."""
     rate = run.rates.rate[np.isfinite(run.rates.rate)]
     # What the noise alone would add up to.
     still = run.rates.rate_noise * math.sqrt(len(rate))

@@ -338,4 +338,5 @@ def _climbed_from_best(misfit: Misfit, x: FloatArray, starts: Sequence[FloatArra
 
 
 def _named(effects: Sequence[Effect]) -> str:
+    """The titles, in a row, for a line of progress."""
     return ", ".join(effect.title for effect in effects) or "no effect"

@@ -109,6 +109,7 @@ def by_innovations(full: Readings, candidates: Sequence[Effect], ahead: Work, re
 
 
 def _base_of(records: Readings) -> Fitted:
+    """The model without effects, by each next reading."""
     return fit_base(records, free_run_r2(records.runs, records.start))
 
 
@@ -120,6 +121,7 @@ def _beside(begun: Fitted, candidates: Sequence[Effect]) -> list[Effect]:
 
 
 def _but_waves(effects: Sequence[Effect]) -> list[Effect]:
+    """Those of the ``effects`` that need no phase."""
     return [effect for effect in effects if not effect.wave]
 
 
@@ -162,6 +164,7 @@ def _is_hopeless(current: Fitted, promises: Sequence[Promise]) -> bool:
 
 
 def _ahead(effects: tuple[Effect, ...], records: HorizonRecords, x: FloatArray) -> Fitted:
+    """The likeliest model by predictions some time ahead, from (p,) ``x`` on."""
     return climbed(HorizonMisfit(records, effects=effects), x)
 
 

@@ -94,6 +94,7 @@ def _reach(thruster: Thruster, neutral: float, ends: FloatArray) -> list[float]:
 
 
 def _largest(subject: Subject, commands: FloatArray) -> float:
+    """Largest size of the yaw rate in rad/s that (n, k) ``commands`` lead to."""
     return float(np.max(np.abs(rovid_rate(subject, subject.model, commands))))
 
 

@@ -42,6 +42,7 @@ def export(subject: Subject) -> Target:
 
 
 def _value(subject: Subject, key: str, name: str) -> float:
+    """A parameter of the effect ``key``; 0 where the model is without it."""
     return subject.effects.get(key, {}).get(name, 0.0)
 
 

@@ -33,6 +33,7 @@ def export(subject: Subject) -> Target:
 
 
 def _thrusters(subject: Subject) -> Iterator[str]:
+    """Lines of each thruster's arm and curve."""
     for index in range(len(subject.vehicle.thrusters)):
         thruster = thruster_of(subject, index, list)
         yield f"    thruster_{index}:"
@@ -40,6 +41,7 @@ def _thrusters(subject: Subject) -> Iterator[str]:
 
 
 def _entries(indent: str, values: Mapping[str, Any]) -> list[str]:
+    """A line for each value, as far in as its parent asks."""
     return [f"{indent}{name}: {_yaml(value)}" for name, value in values.items()]
 
 

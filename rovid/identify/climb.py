@@ -122,6 +122,7 @@ def _step(
 
 
 def _shortened(step: FloatArray) -> FloatArray:
+    """(p,) ``step``, its share that changes no logarithm by more than is trusted."""
     longest = float(np.max(np.abs(step[LOGARITHMS])))
     return step * min(1.0, _LONGEST / max(longest, 1e-300))
 

@@ -182,6 +182,7 @@ def _with_drag_error(balance: Inertia, trials: Sequence[SineTrial], drag: Estima
 
 
 def _drag_model(values: FloatArray) -> Model:
+    """Model of 1 kg m^2 with (2,) quadratic and linear drag."""
     return Model(inertia=1.0, quadratic_drag=float(values[0]), linear_drag=float(values[1]))
 
 
@@ -194,6 +195,7 @@ def _model(inertia: float, drag: Estimate) -> Model:
 
 
 def _as_inertia(regression: Regression) -> Inertia:
+    """By the regression over all runs at once, in kg m^2."""
     estimate = regression.estimate
     return Inertia(value=estimate.value("inertia"), standard_error=estimate.standard_error("inertia"), runs=())
 
@@ -218,6 +220,7 @@ def _single(reading: Inertia, trials: Sequence[SineTrial], axis: Axis) -> Estima
 
 
 def _method_warnings(methods: dict[str, Inertia], refused: dict[str, str], axis: Axis) -> list[str]:
+    """What is said of methods that gave nothing, of sine runs that disagree, and of methods that do."""
     texts, unit = [], axis.unit("kg m^2")
     for reason in dict.fromkeys(refused.values()):
         names = " and ".join(METHODS[name] for name in refused if refused[name] == reason and name != "peak")

@@ -149,10 +149,12 @@ def _torque(runs: Sequence[Run]) -> tuple[FloatArray, IntArray]:
 
 
 def _motion(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(n,) rate, acceleration and position behind the filter."""
     return run.rates.rate, run.rates.acceleration, run.rates.position
 
 
 def _regressors(axis: Axis, motion: tuple[FloatArray, FloatArray, FloatArray]) -> FloatArray:
+    """(n, p) what inertia, quadratic drag, linear drag and each restoring unknown are multiplied by."""
     rate, acceleration, position = motion
     return np.column_stack((acceleration, np.abs(rate) * rate, rate, columns(restoring_of(axis), position)))
 
@@ -218,6 +220,7 @@ def _bounded(
 
 
 def _solve(instruments: FloatArray, measured: FloatArray, torque: FloatArray, free: BoolArray) -> FloatArray:
+    """(p,) values of the unknowns; those that are not ``free`` are zero."""
     values = np.zeros(len(free))
     values[free] = _of_free(instruments[:, free], measured[:, free], torque)
     return values

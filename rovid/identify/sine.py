@@ -108,6 +108,7 @@ def require_motion(trials: Sequence[SineTrial], axis: Axis) -> None:
 
 
 def _trial(run: Run, sine: SineRun) -> SineTrial | None:
+    """The mean orbit of one sine run after its first periods; None where too little of it is whole."""
     first = sine.start + _DROPPED_CYCLES * sine.period
     cycles = sine.cycles - _DROPPED_CYCLES
     rates = run.rates
@@ -174,6 +175,7 @@ def harmonic_balance(trials: Sequence[SineTrial], drag: Model | None) -> Inertia
 
 
 def _ratio(wave: Wave, torque: NDArray[np.complex128], harmonics: slice) -> tuple[float, float]:
+    """Work of the torque on the acceleration, and the acceleration squared, of ``harmonics`` over the whole run."""
     acceleration = wave.acceleration()[harmonics]
     work = float(np.real(np.sum(torque * np.conj(acceleration))))
     weight = float(np.sum(np.abs(acceleration) ** 2))
@@ -212,6 +214,7 @@ def _combine(trials: Sequence[SineTrial], reading: Callable[[Wave], tuple[float,
 
 
 def _jackknife(readings: Sequence[tuple[float, float]]) -> float:
+    """Standard error in kg m^2, from (work, weight) with one period after another left out."""
     ratios = np.array([work / weight for work, weight in readings])
     count = len(ratios)
     squares = float(np.sum((ratios - ratios.mean()) ** 2))
@@ -242,6 +245,7 @@ def peak_reading(wave: Wave, drag: Model) -> float:
 
 
 def _peak(wave: Wave, amplitudes: NDArray[np.complex128]) -> float:
+    """Largest size of what has these complex ``amplitudes``, over one period."""
     return float(np.max(np.abs(wave.over_one_period(amplitudes))))
 
 

@@ -173,6 +173,7 @@ def _states(axis: Axis) -> str:
 
 
 def _from_table(points: Sequence[SteadyPoint]) -> bool:
+    """Whether the rates come from a table, which knows no error of theirs."""
     return all(math.isnan(point.rate_error) for point in points)
 
 
@@ -291,6 +292,7 @@ def _p_of_one_line(balance: TorqueBalance, residuals: FloatArray, directions: di
 
 
 def _warnings(estimate: Estimate) -> list[str]:
+    """What is said of a parameter that is not determined, or that may as well be zero."""
     texts = [f"{name} is not determined: {reason}" for name, reason in estimate.refused.items()]
     for name in NAMES:
         value = estimate.value(name)

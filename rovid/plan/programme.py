@@ -179,6 +179,7 @@ def _courses(pace: Pace) -> Iterator[tuple[str, list[_Piece]]]:
 
 
 def _sine(period: float, level: float, cycles: int, pace: Pace) -> list[_Piece]:
+    """Whole periods of a sine that reaches the share ``level``, ``period`` in s."""
     step = max(pace.period, period / 200.0)
     time = np.arange(0.0, cycles * period, step)
     return [(step, float(level * math.sin(2.0 * math.pi * t / period))) for t in time]
@@ -213,6 +214,7 @@ def _random_piece(rng: np.random.Generator, typical: float, level: float) -> _Pi
 
 
 def _played(name: str, pieces: Sequence[_Piece], pace: Pace) -> Planned:
+    """The run that a crew plays of (seconds, share) ``pieces``."""
     time, shares = _course(pieces, pace)
     return Planned(name=name, time=time, commands=pace.commands(shares))
 

@@ -121,6 +121,7 @@ def _best_first(worths: Sequence[Worth], *, rivals: bool) -> list[Worth]:
 
 
 def _worth(run: Planned, beliefs: Sequence[Belief], vehicle: Vehicle, limits: Limits, narrow: str) -> Worth | None:
+    """What ``run`` is worth; None where it leaves the limits."""
     if run.seconds > limits.seconds:
         return None
     trials = [_imagined(run, belief, vehicle) for belief in beliefs]

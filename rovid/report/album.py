@@ -148,6 +148,7 @@ def _error(item: TrialSimulation) -> float:
 
 
 def _steady_drag(evidence: Evidence) -> Model | None:
+    """Model of what balances the push in a steady state; None where the drag is not known."""
     drag = evidence.parameters.drag()
     if drag is None:
         return None
@@ -339,6 +340,7 @@ def _left_over(evidence: Evidence) -> Iterator[Picture]:
 
 
 def _root_mean_square(items: Sequence[Residual]) -> str:
+    """Of what is left, in N m or N, as text."""
     left, _, _ = sizes(items)
     return number(left, ".3g")
 

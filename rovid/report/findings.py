@@ -277,6 +277,7 @@ def _listed(texts: list[str], last: str = "and") -> str:
 
 
 def _joined(texts: list[str]) -> Iterator[str]:
+    """All but the last in one text, and the last."""
     if len(texts) > 1:
         yield ", ".join(texts[:-1])
     yield from texts[-1:]

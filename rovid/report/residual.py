@@ -133,6 +133,7 @@ def _all_noises(items: Sequence[Residual]) -> FloatArray:
 
 
 def _rms(values: FloatArray) -> float:
+    """Root mean square; NaN of nothing."""
     if not values.size:
         return math.nan
     return float(np.sqrt(np.mean(values**2)))

@@ -113,6 +113,7 @@ def _explanation_cells(cause: Explanation) -> tuple[str, str, str, str]:
 
 
 def _sizes(cause: Explanation) -> Iterator[str]:
+    """Name, value and unit of each parameter."""
     for name, (value, unit) in cause.sizes.items():
         # A plain number has the unit 1, which is not said.
         yield f"{name} {value:.3g} {unit}".removesuffix(" 1")
@@ -271,12 +272,14 @@ def _run_cells(run: RunResult) -> list[str]:
 
 
 def _aid(run: RunResult) -> str:
+    """What of the model the controller uses."""
     if not run.model_aid:
         return "–"
     return "extended" if run.effects_known else "drag"
 
 
 def _cycle(run: RunResult) -> str:
+    """Amplitude and period of a limit cycle, if any."""
     cycle = run.measures.limit_cycle
     if cycle is None:
         return "–"
