@@ -113,6 +113,7 @@ def _limits(law: Law, ways: tuple[str, str], statement: str) -> str:
 
 
 def _numbers(law: Law) -> dict[str, str]:
+    """The law's numbers, as either language reads them."""
     names = ("kp", "kd", "inertia", "quadratic_drag", "linear_drag", "period", "blend")
     shapes = ("1.0", "x", "x * x * x", "sin(heading)", "cos(heading)", "sin(2.0 * heading)", "cos(2.0 * heading)")
     held = [f"{value!r} * {shape}" for value, shape in zip(law.hold, shapes, strict=True) if value != 0.0]

@@ -94,6 +94,7 @@ def _grid(thruster: Thruster, used: FloatArray, *, fine: bool) -> FloatArray:
 
 
 def _steady_thrust(subject: Subject, held: list[Effect], index: int, command: FloatArray) -> FloatArray:
+    """(m,) N of the thruster at ``index`` at each (m,) command, effects that are ``held`` on the way."""
     vehicle = subject.vehicle
     commands = np.tile(neutral_commands(vehicle), (len(command), 1))
     commands[:, index] = command

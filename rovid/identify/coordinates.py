@@ -213,5 +213,6 @@ def _restoring(records: Records) -> tuple[EffectParameter, ...]:
 
 
 def _parameters(records: Records, effects: tuple[Effect, ...]) -> list[EffectParameter]:
+    """Of what brings the vehicle back, then of each effect."""
     own = [parameter for effect in effects for parameter in effect.parameters]
     return [*_restoring(records), *own]

@@ -137,6 +137,7 @@ def _said_apart(names: Sequence[str], values: FloatArray) -> str:
 
 
 def _require_surplus(sines: _Sines) -> None:
+    """Refuse a row in which drag takes all of the torque."""
     surplus = sines.surplus(sines.rate)
     if (surplus > 0.0).all():
         return
@@ -157,6 +158,7 @@ def row_names(table: Table) -> list[str]:
 
 
 def _require_positive(table: Table) -> None:
+    """Refuse a row with a period, torque or rate of nothing or less."""
     for name in SINE_COLUMNS:
         values = table.numbers(name)
         if (values <= 0.0).any():

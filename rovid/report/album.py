@@ -164,6 +164,7 @@ def _steady_drag(evidence: Evidence) -> Model | None:
 
 
 def _thrust(evidence: Evidence) -> Iterator[Picture]:
+    """Thrust curves with the commands in use."""
     runs = () if evidence.runs is None else evidence.runs.items
     figure = thrust.thrust_curves(evidence.vehicle, runs)
     if figure is None:
@@ -195,6 +196,7 @@ def _steady(evidence: Evidence) -> Iterator[Picture]:
 
 
 def _inertia(evidence: Evidence) -> Iterator[Picture]:
+    """Inertia by each method."""
     fit = evidence.inertia
     if fit is None:
         return
@@ -245,6 +247,7 @@ def sheets(items: Sequence[T], size: int) -> Iterator[tuple[Sequence[T], str]]:
 
 
 def _overview(items: Sequence[TrialSimulation]) -> Iterator[Picture]:
+    """All trials, simulated, in small panels."""
     for part, suffix in sheets(items, simulations.PER_SHEET):
         rate = part[0].run.trial.axis.rate_words
         fits = "; ".join(f"{item.run.trial.name} R² {number(item.fit.r2, '.4f')}" for item in part)
@@ -268,6 +271,7 @@ def _large(item: TrialSimulation, place: int) -> Picture:
 
 
 def _residuals(evidence: Evidence) -> Iterator[Picture]:
+    """What the model leaves of the torque."""
     if evidence.runs is None or not evidence.simulations:
         return
     axis = evidence.axis
@@ -303,6 +307,7 @@ def _rivals_of(finding: Finding) -> Picture:
 
 
 def _compared(evidence: Evidence) -> Iterator[Picture]:
+    """The trial that gains most by what was found."""
     if evidence.compared is None:
         return
     base, extended = evidence.compared

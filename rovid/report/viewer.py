@@ -50,6 +50,7 @@ def viewer_document(evidence: Evidence) -> dict[str, Any]:
 
 
 def _trial(each: Series) -> dict[str, Any]:
+    """What the page is given of one trial's signals."""
     levels = [{"rows": level.shape[1], "data": _text(level)} for level in each.levels]
     return {"name": each.name, "samples": each.samples, "levels": levels}
 
@@ -161,4 +162,5 @@ def _line(label: str, look: str, column: int, less: int | None = None) -> dict[s
 
 
 def _text(level: NDArray[np.float32]) -> str:
+    """The table's bytes as base64, a row after another."""
     return base64.b64encode(np.ascontiguousarray(level).tobytes()).decode("ascii")

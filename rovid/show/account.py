@@ -84,6 +84,7 @@ def _show_amplitudes(console: Console, amplitudes: Amplitudes) -> None:
 
 
 def _show_predictions(console: Console, amplitudes: Amplitudes) -> None:
+    """Peak rates as measured, and as the model without effects has them."""
     title = "Peak yaw rate of the sine trials, rad/s"
     rows = table(title, "trial", "inertia by", "kg m²", "measured", "predicted", "%", left=2)
     for each in amplitudes.predictions:
@@ -238,6 +239,7 @@ def _margins(margins: Margins) -> str | Text:
 
 
 def _closed_loop_runs(result: Control) -> Table:
+    """A row for each run of the design."""
     rows = table(
         "Closed-loop runs, with 2 % of the torque in use as disturbance",
         *("run", "effects", "model aid", "63 % s", "rise s", "settled s", "overshoot deg", "steady deg", "effort N m"),

@@ -50,6 +50,7 @@ def _entry(entry: Entry) -> Document:
 
 
 def _trial_simulation(item: TrialSimulation) -> Document:
+    """How well one trial is followed."""
     axis = item.run.trial.axis
     return {
         "name": item.run.trial.name,
@@ -112,6 +113,7 @@ def control_document(result: Control, warnings: Sequence[str]) -> Document:
 
 
 def _closed_run(run: RunResult) -> Document:
+    """A closed-loop run: times in s, angles in deg, effort in N m."""
     measures = run.measures
     return {
         "name": run.name,

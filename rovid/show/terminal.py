@@ -307,6 +307,7 @@ def show_plan(console: Console, plan: Plan, written: Sequence[Path]) -> None:
 
 
 def _planned_runs(plan: Plan) -> Table:
+    """The runs, the best first, and what each would tell."""
     rivals = len(plan.beliefs) > 1
     if rivals:
         gain = "log-likelihood"

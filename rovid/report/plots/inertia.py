@@ -68,10 +68,12 @@ def method_interval(fit: InertiaFit, name: str) -> tuple[float, float] | None:
 
 
 def _unbiased(fit: InertiaFit) -> list[str]:
+    """Names of the methods that do not go by peaks."""
     return [name for name in fit.methods if name != "peak"]
 
 
 def _crowded(fit: InertiaFit) -> bool:
+    """Whether all intervals lie so close that an axis from zero would hide them."""
     ends = _interval_ends(fit)
     if len(fit.methods) < 2 or not ends:
         return False

@@ -46,6 +46,7 @@ def _squared(axis: Axis) -> str:
 
 
 def _against(panel: Axes, driver: FloatArray, left: FloatArray) -> None:
+    """Some of the points, and their mean in bins, of what is ``left`` over its ``driver``."""
     known = np.flatnonzero(np.isfinite(driver) & np.isfinite(left))
     step = max(len(known) // _DOTS, 1)
     rows = known[::step]
