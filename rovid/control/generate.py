@@ -93,23 +93,27 @@ $limits        return torque
 
 def c_source(law: Law) -> str:
     """C99 of ``law``, without allocation."""
-    limits = ""
-    for sign, value in (("<", law.lowest), (">", law.highest)):
-        if math.isfinite(value):
-            limits += f"    if (torque {sign} {value!r}) torque = {value!r};\n"
+    limits = _limits(law, ("<", ">"), "    if (torque {way} {value!r}) torque = {value!r};\n")
     return _C.substitute(_numbers(law), limits=limits)
 
 
 def python_source(law: Law) -> str:
     """Python of ``law``, with the standard library alone."""
-    limits = ""
-    for call, value in (("max", law.lowest), ("min", law.highest)):
-        if math.isfinite(value):
-            limits += f"        torque = {call}(torque, {value!r})\n"
+    limits = _limits(law, ("max", "min"), "        torque = {way}(torque, {value!r})\n")
     return _PYTHON.substitute(_numbers(law), limits=limits)
 
 
+def _limits(law: Law, ways: tuple[str, str], statement: str) -> str:
+    """A ``statement`` for each limit of the torque that there is, with the way that belongs to the low and the high."""
+    text = ""
+    for way, value in zip(ways, (law.lowest, law.highest), strict=True):
+        if math.isfinite(value):
+            text += statement.format(way=way, value=value)
+    return text
+
+
 def _numbers(law: Law) -> dict[str, str]:
+    """The law's numbers, as either language reads them."""
     names = ("kp", "kd", "inertia", "quadratic_drag", "linear_drag", "period", "blend")
     shapes = ("1.0", "x", "x * x * x", "sin(heading)", "cos(heading)", "sin(2.0 * heading)", "cos(2.0 * heading)")
     held = [f"{value!r} * {shape}" for value, shape in zip(law.hold, shapes, strict=True) if value != 0.0]

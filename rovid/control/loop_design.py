@@ -297,11 +297,17 @@ def duration(law: Law, model: Model) -> float:
     """s, after which a run has settled and gone on for as long again."""
     natural = math.sqrt(law.kp / model.inertia)
     ratio = damping_ratio(law.kp, law.kd, model.inertia)
-    if ratio >= 1.0:
-        # Of two modes without a swing the slower.
-        ratio -= math.sqrt(ratio**2 - 1.0)
-    return max(_LENGTHS / (natural * ratio), _SHORTEST)
+    return max(_LENGTHS / (natural * _decay(ratio)), _SHORTEST)
+
+
+def _decay(ratio: float) -> float:
+    """Rate at which a motion of this damping ``ratio`` dies out, of the natural frequency."""
+    if ratio < 1.0:
+        return ratio
+    # Of two modes without a swing the slower.
+    return ratio - math.sqrt(ratio**2 - 1.0)
 
 
 def _amplitude(allocation: Allocation, setting: Setting) -> float:
+    """N m of the sines that the actuators are tried with: as in use, but half of what there is at most."""
     return min(setting.torque_in_use, 0.5 * allocation.highest, -0.5 * allocation.lowest)

@@ -212,6 +212,7 @@ def _crossings(x: FloatArray, y: FloatArray) -> list[tuple[float, bool]]:
 
 
 def _decibel(logarithm: float) -> float:
+    """The natural ``logarithm`` of a gain in dB."""
     return 20.0 * logarithm / math.log(10.0)
 
 
@@ -229,14 +230,20 @@ def linearised(model: Model, heading: float = 0.0) -> tuple[FloatArray, FloatArr
         acceleration = (push + extra - model.drag(rate)) / model.inertia
         return np.concatenate(([rate, acceleration], slopes.ravel()))
 
-    rest, matrix = np.zeros(size), np.empty((size, size))
-    for at in range(size):
-        nudge = _NUDGE * np.eye(size)[at]
-        matrix[:, at] = (change(nudge, 0.0) - change(-nudge, 0.0)) / (2.0 * _NUDGE)
-    # The square of the nudge is what quadratic drag leaves in its slope at rest.
+    rest, matrix = np.zeros(size), _slopes(change, size)
     by_torque = 0.5 * (change(rest, 1.0) - change(rest, -1.0))
     moves = np.flatnonzero(np.any(matrix != 0.0, axis=1) | (by_torque != 0.0))
     return matrix[np.ix_(moves, moves)], by_torque[moves]
+
+
+def _slopes(change: Callable[[FloatArray, float], FloatArray], size: int) -> FloatArray:
+    """(n, n) slopes of the ``change`` about rest along each of ``size`` states, without a push."""
+    slopes = np.empty((size, size))
+    for at in range(size):
+        nudge = _NUDGE * np.eye(size)[at]
+        # The square of the nudge is what quadratic drag leaves in its slope at rest.
+        slopes[:, at] = (change(nudge, 0.0) - change(-nudge, 0.0)) / (2.0 * _NUDGE)
+    return slopes
 
 
 def actuators(
@@ -258,12 +265,17 @@ def actuators(
         wanted = amplitude * np.sin(frequency * time)
         acting = model.drivetrain.driven(vehicle, where, allocation(wanted)).torque
         part = slice(count - measured, count)
-        ahead, back = np.exp(1j * frequency * time[part]), np.exp(-1j * frequency * time[part])
-        basis = np.column_stack((ahead, back, np.ones(measured)))
-        coefficients, *_ = np.linalg.lstsq(basis, acting[part], rcond=None)
         # Of a sine itself this coordinate is its amplitude over 2j.
-        response[at] = coefficients[0] / (amplitude / 2j)
+        response[at] = _phasor(time[part], acting[part], float(frequency)) / (amplitude / 2j)
     return frequencies, response
+
+
+def _phasor(time: FloatArray, signal: FloatArray, frequency: float) -> complex:
+    """What exp(i w t) of ``frequency`` w in rad/s has to be multiplied by to fit the ``signal``, its mean aside."""
+    ahead, back = np.exp(1j * frequency * time), np.exp(-1j * frequency * time)
+    basis = np.column_stack((ahead, back, np.ones(len(time))))
+    coefficients, *_ = np.linalg.lstsq(basis, signal, rcond=None)
+    return complex(coefficients[0])
 
 
 def largest_bandwidth(loop_of: Callable[[float], Loop], limit: float) -> float:
@@ -279,15 +291,19 @@ def largest_bandwidth(loop_of: Callable[[float], Loop], limit: float) -> float:
     for bandwidth in BANDWIDTHS[::-1]:
         if bandwidth > limit:
             continue
-        loop = loop_of(float(bandwidth))
-        margins = loop.margins()
-        comfortable = margins.phase_deg >= _PHASE_MARGIN and margins.sensitivity_peak <= _SENSITIVITY_PEAK
-        if comfortable and margins.stable and margins.delay_s >= loop.lag(margins.crossover):
+        if _is_comfortable(loop_of(float(bandwidth))):
             return float(bandwidth)
     raise DataError(
         f"no bandwidth above {BANDWIDTHS[0]:g} rad/s leaves a comfortable margin: the loop is delayed too much.",
         mend="Give --bandwidth, or --kp and --kd, or shorten --period and --delay.",
     )
+
+
+def _is_comfortable(loop: Loop) -> bool:
+    """Whether phase margin, sensitivity peak and delay margin leave room for what the model does not know."""
+    margins = loop.margins()
+    damped = margins.phase_deg >= _PHASE_MARGIN and margins.sensitivity_peak <= _SENSITIVITY_PEAK
+    return damped and margins.stable and margins.delay_s >= loop.lag(margins.crossover)
 
 
 def drawn(parameters: Parameters, count: int, seed: int) -> list[Model]:
@@ -311,16 +327,21 @@ def drawn(parameters: Parameters, count: int, seed: int) -> list[Model]:
 
 
 def _covariance(parameters: Parameters, names: Sequence[str]) -> FloatArray:
-    """(p, p) of the file, which has each pair once, in either order."""
+    """(p, p) of the file."""
     matrix = np.zeros((len(names), len(names)))
-    for row, first in enumerate(names):
-        for column, second in enumerate(names):
-            turned = parameters.covariance.get((second, first), 0.0)
-            matrix[row, column] = parameters.covariance.get((first, second), turned)
+    for row, column in np.ndindex(matrix.shape):
+        matrix[row, column] = _of_pair(parameters, names[row], names[column])
     return matrix
 
 
+def _of_pair(parameters: Parameters, first: str, second: str) -> float:
+    """Covariance of two parameters; the file has each pair once, in either order."""
+    turned = parameters.covariance.get((second, first), 0.0)
+    return parameters.covariance.get((first, second), turned)
+
+
 def _scale(matrix: FloatArray, centre: FloatArray) -> FloatArray:
+    """(p,) standard deviations; the size of the ``centre`` where there are none."""
     spread = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     return np.asarray(np.where(spread > 0.0, spread, np.maximum(np.abs(centre), 1.0)))
 

@@ -68,11 +68,9 @@ class Explanation:
     @property
     def sizes(self) -> dict[str, tuple[float, str]]:
         """Value and unit of each parameter of the effect; a command is the torque here."""
-        effect = self.model.effects[0]
         sizes = {}
-        for parameter, value in zip(effect.parameters, self.model.effect_values, strict=True):
-            unit = parameter.unit.replace("command", "N m")
-            sizes[parameter.name] = (value, unit)
+        for parameter, value in zip(self.model.effects[0].parameters, self.model.effect_values, strict=True):
+            sizes[parameter.name] = (value, parameter.unit.replace("command", "N m"))
         return sizes
 
     @property
@@ -273,6 +271,11 @@ def _with_effect(rows: _Rows, plain: Model) -> tuple[Explanation, ...]:
     # Amplitudes tell nothing of waves, nor of what acts by the heading.
     tried = [effect for effect in forms_for(rows.vehicle) if not isinstance(effect.acts, OnHeading | Wave)]
     fits = spread(lambda effect: rows.nearest(plain, effect), tried)
+    return _best_forms(fits)
+
+
+def _best_forms(fits: Sequence[Explanation]) -> tuple[Explanation, ...]:
+    """The likeliest of each effect, the likeliest effect first."""
     best: dict[str, Explanation] = {}
     for fit in sorted(fits, key=_unlikely):
         best.setdefault(fit.model.effects[0].id, fit)
@@ -303,9 +306,6 @@ def _rows(sine: Table, steady: Table | None, start: Model, rigid_body: float | N
     rates = [table.numbers(column) for table, column in tables]
     digits = [table.resolution(column) for table, column in tables]
     largest = max(float(np.abs(run.commands).max()) for run in runs)
-    # Without a rigid body's inertia, what was found may itself be the largest of its kind, or the least.
-    least = rigid_body or start.inertia / _RATIOS[1]
-    most = rigid_body or start.inertia
     return _Rows(
         runs=runs,
         rates=np.concatenate(rates),
@@ -313,21 +313,28 @@ def _rows(sine: Table, steady: Table | None, start: Model, rigid_body: float | N
         start=start,
         vehicle=_of_torque(largest),
         drag_known=steady is None,
-        inertias=(_RATIOS[0] * least, _RATIOS[1] * most),
+        inertias=_inertias(start, rigid_body),
     )
+
+
+def _inertias(start: Model, rigid_body: float | None) -> tuple[float, float]:
+    """The least and the largest that there may be, water set in motion included, in kg m^2."""
+    # Without a rigid body's inertia, what was found may itself be the largest of its kind, or the least.
+    least = rigid_body or start.inertia / _RATIOS[1]
+    most = rigid_body or start.inertia
+    return _RATIOS[0] * least, _RATIOS[1] * most
 
 
 def _holds(steady: Table, start: Model) -> list[Trial]:
     """A hold for each row of the steady turns."""
-    torque, rate = steady.numbers("torque_Nm"), steady.numbers("yaw_rate_rad_s")
-    slowest = _SLOWEST * float(np.max(np.abs(rate)))
-    holds = []
-    for held, reached in zip(torque.tolist(), rate.tolist(), strict=True):
-        holds.append(_hold(held, max(abs(reached), slowest), start))
-    return holds
+    torque, rate = steady.numbers("torque_Nm"), np.abs(steady.numbers("yaw_rate_rad_s"))
+    reached = np.maximum(rate, _SLOWEST * np.max(rate))
+    pairs = zip(torque.tolist(), reached.tolist(), strict=True)
+    return [_hold(held, speed, start) for held, speed in pairs]
 
 
 def _sine(period: float, amplitude: float) -> Trial:
+    """A sine of torque, ``period`` in s and ``amplitude`` in N m, from its peak on."""
     time = np.linspace(0.0, _PERIODS * period, _PERIODS * _SAMPLES + 1, dtype=np.float64)
     # The mean over each interval, for which it is held. A rate that starts at the torque's peak has least to forget.
     torque = amplitude * np.cos(2.0 * np.pi * (time + 0.5 * period / _SAMPLES) / period)
@@ -335,6 +342,7 @@ def _sine(period: float, amplitude: float) -> Trial:
 
 
 def _hold(torque: float, rate: float, start: Model) -> Trial:
+    """A ``torque`` in N m held for several time constants at about ``rate`` in rad/s."""
     slope = 2.0 * start.quadratic_drag * rate + start.linear_drag
     constant = start.inertia / max(slope, 1e-12)
     time = np.linspace(0.0, _HOLD * constant, _HOLD_SAMPLES, dtype=np.float64)

@@ -102,9 +102,7 @@ def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
     fitted = fitted.canonical()
     names = fitted.model.names
     doubt, said = form_doubt(fitted)
-    # What follows a signal is a dependence; it is no parameter of the vehicle.
-    signals = {effect.key for effect in fitted.effects if is_signal(effect)}
-    at = [k for k, name in enumerate(names) if _key_of(name) not in signals]
+    at = _of_vehicle(fitted)
     scatter = fitted.covariance(sandwich=not white) + doubt
     estimate = Estimate(
         names=tuple(names[k] for k in at),
@@ -118,6 +116,12 @@ def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
     if not fitted.records.driven:
         return estimate.undriven()
     return estimate
+
+
+def _of_vehicle(fitted: Fitted) -> list[int]:
+    """Places of the vehicle's parameters; what follows a signal is a dependence, and none of them."""
+    signals = {effect.key for effect in fitted.effects if is_signal(effect)}
+    return [k for k, name in enumerate(fitted.model.names) if _key_of(name) not in signals]
 
 
 def _across_forms(work: Work, estimate: Estimate) -> Estimate:
@@ -139,10 +143,14 @@ def _across_forms(work: Work, estimate: Estimate) -> Estimate:
             likelier = min(worth(fit) - worth(final), 0.0)
             weights.append(1.0 if alike else math.exp(likelier))
             moved.append(_moved(estimate, fit))
-    share = np.array(weights) / (1.0 + sum(weights))
     off = np.array(moved).reshape(-1, len(estimate.names))
-    between = off.T @ (off * share[:, np.newaxis])
-    return replace(estimate, covariance=estimate.covariance + between)
+    return replace(estimate, covariance=estimate.covariance + _between(off, np.array(weights)))
+
+
+def _between(off: FloatArray, weights: FloatArray) -> FloatArray:
+    """(p, p) covariance between models that are (m, p) ``off`` the one whose weight is 1."""
+    share = weights / (1.0 + sum(weights))
+    return np.asarray(off.T @ (off * share[:, np.newaxis]))
 
 
 def _moved(estimate: Estimate, fit: Fitted) -> FloatArray:
@@ -166,6 +174,7 @@ def _key_of(name: str) -> str:
 
 
 def _uncertainty(estimate: Estimate) -> float:
+    """Relative standard error of the inertia."""
     return estimate.standard_error("inertia") / estimate.value("inertia")
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from rovid.diagnose.record import Diagnosis, Finding
 from rovid.diagnose.signals import signal_of
 from rovid.effects import Effect, effect_named
-from rovid.plan.run_design import command_rows
+from rovid.plan.run_design import commands_by_name
 
 # Runs that separate two causes best (EFFECTS.md 3.1); where none stands here, the run that reveals either.
 _PAIRS = {
@@ -42,19 +42,16 @@ def deciding_experiment(finding: Finding) -> dict[str, Any] | None:
     plan = finding.plan
     if plan is None or not plan.decides:
         return told
-    times, rows = command_rows(plan.best)
-    commands = {"time_s": times}
-    for k, name in enumerate(plan.thrusters):
-        commands[name] = [row[k] for row in rows]
     return told | {
         "run": plan.best.run.name,
         "minutes": plan.best.run.seconds / 60.0,
         "expected_log_likelihood_ratio": plan.best.gain,
-        "commands": commands,
+        "commands": commands_by_name(plan),
     }
 
 
 def _separating(one: Effect, other: Effect, *, untried: bool = False) -> dict[str, Any]:
+    """The run that tells two causes apart; that which shows the ``other`` where it was not tried as a rival."""
     pair = [one.id, other.id]
     run = other.experiment if untried else _PAIRS.get(frozenset(pair), one.experiment)
     return {"run": run, "separates": pair}

@@ -143,6 +143,7 @@ def _folds(count: int) -> list[list[int]]:
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
+    """Root mean square of what is known; None where nothing is."""
     known = [value for value in values if value is not None]
     if not known:
         return None

@@ -58,11 +58,9 @@ def quickly_climbed(misfit: Misfit, x: FloatArray, iterations: int) -> Fitted:
 
 def is_plausible(fitted: Fitted) -> bool:
     """Whether the last effect is of a size that there is, none of its parameters at the edge, nor the inertia."""
-    if not fitted.is_physical:
-        return False
     effect = fitted.effects[-1]
-    values = fitted.own(effect)
-    return not any(map(_at_edge, values.tolist(), effect.parameters))
+    values = fitted.own(effect).tolist()
+    return fitted.is_physical and not any(map(_at_edge, values, effect.parameters))
 
 
 def is_beyond(fitted: Fitted, effect: Effect) -> bool:

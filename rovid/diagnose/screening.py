@@ -61,17 +61,10 @@ def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
 def fit_all(current: Fitted, promises: Sequence[Promise]) -> tuple[list[Fitted], list[Fitted]]:
     """Each promise kept: fitted together with all else; and those that fell behind, left where they were."""
 
-    def begin(promise: Promise) -> Fitted:
-        misfit = current.misfit.like((*current.effects, promise.effect))
-        scaled = [sized(promise.effect, promise.start, share) for share in _SHARES]
-        begins = [np.concatenate((current.x, start)) for start in (promise.unscaled, *scaled)]
-        nearest = min(begins, key=misfit.cost)
-        return quickly_climbed(misfit, nearest, _FIRST_ITERATIONS)
-
     def gain(fit: Fitted) -> float:
         return worth(fit) - worth(current)
 
-    ahead, behind = spread(begin, promises), list[Fitted]()
+    ahead, behind = spread(lambda promise: _begun(current, promise), promises), list[Fitted]()
     for share, iterations in _STAGES:
         most = max(map(gain, ahead), default=0.0)
         least = max(share * most, 0.0)
@@ -79,6 +72,14 @@ def fit_all(current: Fitted, promises: Sequence[Promise]) -> tuple[list[Fitted],
         ahead = [fit for fit in ahead if fit not in behind]
         ahead = spread(lambda fit: quickly_climbed(fit.misfit, fit.x, iterations), ahead)  # noqa: B023 - used at once
     return ahead, behind
+
+
+def _begun(current: Fitted, promise: Promise) -> Fitted:
+    """``current`` with what is promised, after the first steps from the nearest of several sizes."""
+    misfit = current.misfit.like((*current.effects, promise.effect))
+    scaled = [sized(promise.effect, promise.start, share) for share in _SHARES]
+    begins = [np.concatenate((current.x, start)) for start in (promise.unscaled, *scaled)]
+    return quickly_climbed(misfit, min(begins, key=misfit.cost), _FIRST_ITERATIONS)
 
 
 class _Complement:

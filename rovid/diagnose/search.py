@@ -183,11 +183,13 @@ class Search:
     def _best_singles(self, current: Fitted) -> list[Fitted]:
         """With one effect more, each cause in its worthiest form, the worthiest first."""
         best: dict[str, Fitted] = {}
-        for fit in sorted(self.extensions(current), key=worth, reverse=True):
-            effect = fit.effects[-1]
-            if self.allows(effect) and is_plausible(fit):
-                best.setdefault(effect.id, fit)
+        for fit in sorted(self._plausible(current), key=worth, reverse=True):
+            best.setdefault(fit.effects[-1].id, fit)
         return list(best.values())
+
+    def _plausible(self, current: Fitted) -> list[Fitted]:
+        """With one effect more that may be, of a size that there is."""
+        return [fit for fit in self.extensions(current) if self.allows(fit.effects[-1]) and is_plausible(fit)]
 
     def _joined(self, one: Fitted, other: Fitted) -> Fitted:
         """``one`` with the last effect of ``other`` besides."""
@@ -272,11 +274,14 @@ class Search:
     def _promised(self, current: Fitted) -> list[Promise]:
         """What each effect that ``current`` lacks promises, worked out once."""
         if current.key not in self.promises:
-            taken = {effect.id for effect in current.effects}
             self.report(f"{_named(current.effects)}: trying {len(self.candidates)} forms of what else there may be …")
-            lacking = [effect for effect in self.candidates if effect.id not in taken]
-            self.promises[current.key] = screen(current, lacking)
+            self.promises[current.key] = screen(current, self._lacking(current))
         return self.promises[current.key]
+
+    def _lacking(self, current: Fitted) -> list[Effect]:
+        """The forms of all causes of which ``current`` has none."""
+        taken = {effect.id for effect in current.effects}
+        return [effect for effect in self.candidates if effect.id not in taken]
 
     def cause(self, current: Fitted, effect: Effect) -> Cause:
         """What ``effect`` gains, and what each other cause would be worth in its place."""
@@ -333,4 +338,5 @@ def _climbed_from_best(misfit: Misfit, x: FloatArray, starts: Sequence[FloatArra
 
 
 def _named(effects: Sequence[Effect]) -> str:
+    """The titles, in a row, for a line of progress."""
     return ", ".join(effect.title for effect in effects) or "no effect"

@@ -70,16 +70,19 @@ def signal_of(effect: Effect) -> str:
 
 
 def _logged(trial: Trial) -> set[str]:
+    """Names of all signals beside heading and commands."""
     tilts = {name for name in _TILTS if getattr(trial, name) is not None}
     return tilts | set(trial.extras)
 
 
 def _values(trial: Trial, name: str) -> FloatArray:
+    """(n,) of the signal ``name``, in its own unit."""
     values = getattr(trial, name) if name in _TILTS else trial.extras[name]
     return np.asarray(values)
 
 
 def _standardised(runs: Sequence[Run], name: str) -> dict[str, FloatArray] | None:
+    """(n,) the signal in standard deviations from its mean, for each trial; None where it is not known or constant."""
     every = np.concatenate([_values(run.trial, name) for run in runs])
     if not np.isfinite(every).any():
         return None

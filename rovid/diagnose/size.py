@@ -8,6 +8,7 @@ import numpy as np
 
 from rovid.diagnose.rivals import quickly_climbed
 from rovid.effects import Effect
+from rovid.ground.arrays import FloatArray
 from rovid.identify.fitted import Fitted
 
 _ITERATIONS = 20
@@ -44,9 +45,7 @@ def one_size(ahead: Fitted, near: Fitted, effect: Effect) -> bool:
     if effect.needs:
         return True
     if effect not in near.effects:
-        misfit = near.misfit.like((*near.effects, effect))
-        begin = np.concatenate((near.x, ahead.own(effect)))
-        near = quickly_climbed(misfit, begin, _ITERATIONS)
+        near = _extended(near, effect, ahead.own(effect))
     predicted, error = size_of(ahead, effect, sandwich=True)
     here, other = size_of(near, effect, sandwich=True)
     if effect.canonical is not None:
@@ -55,3 +54,10 @@ def one_size(ahead: Fitted, near: Fitted, effect: Effect) -> bool:
     here = math.copysign(1.0, predicted) * here
     missing = abs(predicted) - here
     return here >= _SHRUNK * abs(predicted) or missing <= _APART * math.hypot(error, other)
+
+
+def _extended(near: Fitted, effect: Effect, own: FloatArray) -> Fitted:
+    """``near`` fitted with ``effect`` besides, from its ``own`` parameters on."""
+    misfit = near.misfit.like((*near.effects, effect))
+    begin = np.concatenate((near.x, own))
+    return quickly_climbed(misfit, begin, _ITERATIONS)

@@ -76,11 +76,15 @@ def _counting(records: HorizonRecords, final: Fitted, search: Search) -> Horizon
 def wave_search(full: Readings, forms: Sequence[Effect], pieces: Sequence[Piece]) -> Callable[[Fitted], Waves]:
     """What looks for waves beside a model, by each next reading, over some of the readings."""
     wave = next((form for form in forms if form.wave), None)
+    few = Readings(full.runs, full.vehicle, full.start, interval=_interval_of_waves(full))
+    return lambda beside: look_for_waves(few, beside, wave, pieces)
+
+
+def _interval_of_waves(full: Readings) -> float:
+    """Seconds between the readings that are looked at for waves."""
     seconds = sum(float(np.ptp(run.trial.time)) for run in full.runs)
     farthest = _THINNED_WAVES * time_constant(full.start, full.rate)
-    interval = max(interval_of(full), min(seconds / _READINGS, farthest))
-    few = Readings(full.runs, full.vehicle, full.start, interval=interval)
-    return lambda beside: look_for_waves(few, beside, wave, pieces)
+    return max(interval_of(full), min(seconds / _READINGS, farthest))
 
 
 def by_innovations(full: Readings, candidates: Sequence[Effect], ahead: Work, report: Report) -> Work | None:
@@ -105,6 +109,7 @@ def by_innovations(full: Readings, candidates: Sequence[Effect], ahead: Work, re
 
 
 def _base_of(records: Readings) -> Fitted:
+    """The model without effects, by each next reading."""
     return fit_base(records, free_run_r2(records.runs, records.start))
 
 
@@ -116,6 +121,7 @@ def _beside(begun: Fitted, candidates: Sequence[Effect]) -> list[Effect]:
 
 
 def _but_waves(effects: Sequence[Effect]) -> list[Effect]:
+    """Those of the ``effects`` that need no phase."""
     return [effect for effect in effects if not effect.wave]
 
 
@@ -158,6 +164,7 @@ def _is_hopeless(current: Fitted, promises: Sequence[Promise]) -> bool:
 
 
 def _ahead(effects: tuple[Effect, ...], records: HorizonRecords, x: FloatArray) -> Fitted:
+    """The likeliest model by predictions some time ahead, from (p,) ``x`` on."""
     return climbed(HorizonMisfit(records, effects=effects), x)
 
 

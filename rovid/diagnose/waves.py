@@ -47,9 +47,11 @@ class Waves:
         """What waves gain on pieces that were not fitted."""
         if self.fitted is None:
             return 0.0
-        waves = log_likelihood(cross_validate(self.fitted, self.pieces))
-        none = log_likelihood(cross_validate(self.plain, self.pieces))
-        return waves - none
+        return self._held_out(self.fitted) - self._held_out(self.plain)
+
+    def _held_out(self, fitted: Fitted) -> float:
+        """Log-likelihood of the pieces, each by a fit to the others."""
+        return log_likelihood(cross_validate(fitted, self.pieces))
 
     @cached_property
     def confidence(self) -> float:
@@ -84,20 +86,10 @@ def look_for_waves(records: Readings, beside: Fitted, wave: Effect | None, piece
 
     Two kinds of disturbance are compared: one that fades, of any size, and that with waves besides.
     """
-    # The plain disturbance may be as large as it likes: waves have to be more than that.
-    misfit = InnovationMisfit(records, UNLIMITED, beside.effects)
-    begin = misfit.coordinates.first()
-    other = np.r_[0:DISTURBANCE, COMMON : len(begin)]
-    begin[other] = beside.x[other]
-    plain = quickly_climbed(misfit, _disturbed(misfit, begin), _ITERATIONS)
+    plain = _without_waves(records, beside)
     if wave is None:
         return Waves(records, plain, pieces)
-    wavy = misfit.like((*beside.effects, wave))
-    begins = [np.concatenate((plain.x, start)) for start in wavy.coordinates.starts()]
-    nearest = sorted(begins, key=wavy.cost)[:_BEGUN]
-    tried = [quickly_climbed(wavy, begin, _FIRST_ITERATIONS) for begin in nearest]
-    best = min(tried, key=lambda fitted: fitted.cost)
-    with_waves = quickly_climbed(wavy, best.x, _ITERATIONS)
+    with_waves = _with_waves(plain, wave)
     if not is_plausible(with_waves) or worth(with_waves) <= worth(plain):
         return Waves(records, plain, pieces)
     # Readings whose misfits are not white tell less than they seem to: no more than the stretches of time bear out.
@@ -105,15 +97,37 @@ def look_for_waves(records: Readings, beside: Fitted, wave: Effect | None, piece
     return Waves(records, plain, pieces, with_waves, plain.cost - with_waves.cost, borne_out)
 
 
+def _without_waves(records: Readings, beside: Fitted) -> Fitted:
+    """The model beside a disturbance as large as it likes: waves have to be more than that."""
+    misfit = InnovationMisfit(records, UNLIMITED, beside.effects)
+    begin = misfit.coordinates.first()
+    other = np.r_[0:DISTURBANCE, COMMON : len(begin)]
+    begin[other] = beside.x[other]
+    return quickly_climbed(misfit, _disturbed(misfit, begin), _ITERATIONS)
+
+
+def _with_waves(plain: Fitted, wave: Effect) -> Fitted:
+    misfit = plain.misfit.like((*plain.effects, wave))
+    begins = [np.concatenate((plain.x, start)) for start in misfit.coordinates.starts()]
+    nearest = sorted(begins, key=misfit.cost)[:_BEGUN]
+    tried = [quickly_climbed(misfit, begin, _FIRST_ITERATIONS) for begin in nearest]
+    best = min(tried, key=lambda fitted: fitted.cost)
+    return quickly_climbed(misfit, best.x, _ITERATIONS)
+
+
 def _disturbed(misfit: Misfit, x: FloatArray) -> FloatArray:
     """``x`` with the likeliest of a few disturbances: unlimited, a climb from one far too small goes astray."""
-    begins = []
-    for share, memory in itertools.product(_SHARES, _MEMORIES):
-        begin = x.copy()
-        begin[DISTURBANCE] = math.log(share * misfit.records.torque)
-        begin[MEMORY] = math.log(memory)
-        begins.append(np.clip(begin, *misfit.coordinates.bounds))
+    pairs = itertools.product(_SHARES, _MEMORIES)
+    begins = [_with_disturbance(misfit, x, share, memory) for share, memory in pairs]
     return min(begins, key=misfit.cost)
+
+
+def _with_disturbance(misfit: Misfit, x: FloatArray, share: float, memory: float) -> FloatArray:
+    """``x`` with a disturbance of a ``share`` of the torque in use and a ``memory`` in s, within the bounds."""
+    begin = x.copy()
+    begin[DISTURBANCE] = math.log(share * misfit.records.torque)
+    begin[MEMORY] = math.log(memory)
+    return np.clip(begin, *misfit.coordinates.bounds)
 
 
 def _borne_out(better: Fitted, plain: Fitted) -> float:

@@ -89,13 +89,16 @@ class Work:
             idle = [one for one in self.final.effects if not one_size(self.final, self.waves.likelier, one)]
             if not idle:
                 return
-            for effect in idle:
-                self.shrunk.append(effect)
-                self.search.bar(effect)
-                self.final = self.search.without(self.final, effect)
+            self._refuse(idle)
             self.final = self.search.run(self.final)
         self.final = self.base
         self.waves = self.look_for_waves(self.final)
+
+    def _refuse(self, idle: Sequence[Effect]) -> None:
+        for effect in idle:
+            self.shrunk.append(effect)
+            self.search.bar(effect)
+            self.final = self.search.without(self.final, effect)
 
     def decide(self) -> None:
         """Let every reading decide between an effect and a close rival: the quick look may have taken the wrong one."""

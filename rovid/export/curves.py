@@ -65,23 +65,23 @@ def curves(subject: Subject) -> list[Curve]:
     """Thrust curve of each thruster, with as many points as it takes."""
     held = [effect for effect in subject.model.effects if is_curve_effect(effect)]
     names = identifiers([thruster.name for thruster in subject.vehicle.thrusters], taken=_TAKEN)
-    made: list[Curve] = []
-    for index, thruster in enumerate(subject.vehicle.thrusters):
-        command = _grid(thruster, subject.commands[index], fine=bool(held))
-        thrust = _steady_thrust(subject, held, index, command)
-        kept = _corners(command, thrust)
-        neutral = float(neutral_commands(subject.vehicle)[index])
-        made.append(
-            Curve(
-                name=thruster.name,
-                identifier=names[index],
-                arm=thruster.arm,
-                neutral=neutral,
-                command=command[kept],
-                thrust=thrust[kept],
-            )
-        )
-    return made
+    return [_curve(subject, held, index, name) for index, name in enumerate(names)]
+
+
+def _curve(subject: Subject, held: list[Effect], index: int, identifier: str) -> Curve:
+    """That of the thruster at ``index``, with the effects on curves that are ``held``."""
+    thruster = subject.vehicle.thrusters[index]
+    command = _grid(thruster, subject.commands[index], fine=bool(held))
+    thrust = _steady_thrust(subject, held, index, command)
+    kept = _corners(command, thrust)
+    return Curve(
+        name=thruster.name,
+        identifier=identifier,
+        arm=thruster.arm,
+        neutral=float(neutral_commands(subject.vehicle)[index]),
+        command=command[kept],
+        thrust=thrust[kept],
+    )
 
 
 def _grid(thruster: Thruster, used: FloatArray, *, fine: bool) -> FloatArray:
@@ -94,6 +94,7 @@ def _grid(thruster: Thruster, used: FloatArray, *, fine: bool) -> FloatArray:
 
 
 def _steady_thrust(subject: Subject, held: list[Effect], index: int, command: FloatArray) -> FloatArray:
+    """(m,) N of the thruster at ``index`` at each (m,) command, effects that are ``held`` on the way."""
     vehicle = subject.vehicle
     commands = np.tile(neutral_commands(vehicle), (len(command), 1))
     commands[:, index] = command

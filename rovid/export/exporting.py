@@ -80,11 +80,8 @@ def export(function: Exporter, subject: Subject) -> Exported:
     held = rovid_rate(subject, subject.holding(target.holds), commands)
     theirs = target.plant(commands, PERIOD)
     of_base = compare(held, theirs)
-    losses = []
-    for what, why in target.misses:
-        losses.append(Loss(what=what, why=why, percent_of_range=of_base.percent_of_range))
+    missed = [Loss(what=what, why=why, percent_of_range=of_base.percent_of_range) for what, why in target.misses]
     lost = [effect for effect in subject.model.effects if effect.key not in target.holds]
-    losses += [_loss(subject, effect, commands, whole) for effect in lost]
     notes = [*subject.notes, *target.notes]
     if not target.misses and of_base.percent_of_range > _VISIBLE:
         notes.append("What the target holds differs by its coarse integration step: a smaller one brings it nearer.")
@@ -92,7 +89,7 @@ def export(function: Exporter, subject: Subject) -> Exported:
         content=target.content,
         mismatch=compare(whole, theirs),
         held=of_base,
-        losses=tuple(losses),
+        losses=(*missed, *(_loss(subject, effect, commands, whole) for effect in lost)),
         warnings=tuple(notes),
     )
 

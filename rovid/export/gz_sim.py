@@ -6,7 +6,7 @@ term without absolute value, which feeds a rotation one way. The axes are FLU, z
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -126,11 +126,6 @@ def sdf(
     hydrodynamics: str,
 ) -> str:
     """An SDF model with one link, its thrusters and these hydrodynamics, for the format ``name``."""
-    parts = []
-    for index, thruster in enumerate(subject.vehicle.thrusters):
-        # A logged torque has no thruster.
-        if thruster.curve is not None:
-            parts.append(_thruster(propulsion[index], bands[index], side_of(index)))
     return f"""<?xml version="1.0"?>
 <!-- {export_mark(name)}.
      {xml_comment(subject.vehicle.name)}: yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
@@ -144,9 +139,18 @@ def sdf(
       </inertial>
     </link>
 {hydrodynamics}
-{"".join(parts)}  </model>
+{_thrusters(subject, propulsion, bands)}  </model>
 </sdf>
 """
+
+
+def _thrusters(subject: Subject, propulsion: Sequence[Curve], bands: Sequence[float]) -> str:
+    text = ""
+    for index, thruster in enumerate(subject.vehicle.thrusters):
+        # A logged torque has no thruster.
+        if thruster.curve is not None:
+            text += _thruster(propulsion[index], bands[index], side_of(index))
+    return text
 
 
 def side_of(index: int) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from rovid.campaign.trial import Trial
+from rovid.campaign.vehicle import Thruster
 from rovid.effects.actuation import neutral_commands
 from rovid.export.curves import Curve
 from rovid.export.subject import Subject
@@ -80,15 +81,20 @@ def settling_time(subject: Subject) -> float:
 
 def commands_at(subject: Subject, shares: FloatArray) -> FloatArray:
     """(n, k) commands that push by (n,) ``shares`` of the largest in use, positive ones turning the heading up."""
-    neutral = neutral_commands(subject.vehicle)
-    columns = []
-    for thruster, still, ends in zip(subject.vehicle.thrusters, neutral, subject.commands, strict=True):
-        down, up = sorted(ends, key=lambda command, t=thruster: float(t.torque(np.array([command]))[0]))  # type: ignore[misc]
-        columns.append(np.interp(shares, [-1.0, 0.0, 1.0], [down, still, up]))
+    vehicle = subject.vehicle
+    each = zip(vehicle.thrusters, neutral_commands(vehicle), subject.commands, strict=True)
+    columns = [np.interp(shares, [-1.0, 0.0, 1.0], _reach(*one)) for one in each]
     return np.column_stack(columns)
 
 
+def _reach(thruster: Thruster, neutral: float, ends: FloatArray) -> list[float]:
+    """The commands in use that turn the heading down most, not at all, and up most."""
+    down, up = sorted(ends, key=lambda command: float(thruster.torque(np.array([command]))[0]))
+    return [down, neutral, up]
+
+
 def _largest(subject: Subject, commands: FloatArray) -> float:
+    """Largest size of the yaw rate in rad/s that (n, k) ``commands`` lead to."""
     return float(np.max(np.abs(rovid_rate(subject, subject.model, commands))))
 
 

@@ -42,6 +42,7 @@ def export(subject: Subject) -> Target:
 
 
 def _value(subject: Subject, key: str, name: str) -> float:
+    """A parameter of the effect ``key``; 0 where the model is without it."""
     return subject.effects.get(key, {}).get(name, 0.0)
 
 
@@ -95,11 +96,16 @@ def _dynamics(subject: Subject) -> str:
     return dynamics
 
 
-def _plant(subject: Subject, propulsion: list[Curve]) -> Callable[[FloatArray, float], FloatArray]:
+def _delayed(series: FloatArray, count: int) -> FloatArray:
+    """``series`` later by ``count`` steps, the first value held until then."""
+    return np.concatenate([np.full(count, series[0]), series])[: len(series)]
+
+
+def _joint(subject: Subject) -> Callable[[float, float, float], float]:
+    """From rate, angle and torque to the rate one step later, as the engine does it."""
     model = subject.model
     cubic, stiffness = _value(subject, "drag_curvature", "cubic"), _value(subject, "tether_torsion", "stiffness")
     bias = -_value(subject, "bias_torque", "torque")
-    lag, delay = _value(subject, "thruster_lag", "time_constant"), _value(subject, "command_delay", "delay")
 
     def advance(rate: float, angle: float, torque: float) -> float:
         size = abs(rate)
@@ -109,12 +115,18 @@ def _plant(subject: Subject, propulsion: list[Curve]) -> Callable[[FloatArray, f
         # implicitfast: one Newton step of the velocity-dependent forces.
         return rate + _STEP * (total - stiffness * angle) / (model.inertia + _STEP * slope)
 
+    return advance
+
+
+def _plant(subject: Subject, propulsion: list[Curve]) -> Callable[[FloatArray, float], FloatArray]:
+    advance = _joint(subject)
+    lag, delay = _value(subject, "thruster_lag", "time_constant"), _value(subject, "command_delay", "delay")
+    wait = round(delay / _STEP)
+
     def plant(commands: FloatArray, period: float) -> FloatArray:
         torque = np.zeros(len(commands) * round(period / _STEP))
-        wait = round(delay / _STEP)
         for curve, command in zip(propulsion, commands.T, strict=True):
-            thrust = stepped(curve(command), period, _STEP)
-            late = np.concatenate([np.full(wait, thrust[0]), thrust])[: len(thrust)]
+            late = _delayed(stepped(curve(command), period, _STEP), wait)
             torque -= curve.arm * lagged(late, lag, _STEP)
         return -march(torque, round(period / _STEP), advance, _STEP)
 

@@ -150,11 +150,12 @@ def _terms(subject: Subject) -> str:
 
 def _tables(propulsion: list[Curve]) -> str:
     """A line for each thruster."""
-    lines = ""
-    for curve in propulsion:
-        command, thrust = curve.command.tolist(), curve.thrust.tolist()
-        lines += f"            ({curve.arm!r}, {curve.neutral!r}, {command!r}, {thrust!r}),\n"
-    return lines
+    return "".join(map(_table, propulsion))
+
+
+def _table(curve: Curve) -> str:
+    command, thrust = curve.command.tolist(), curve.thrust.tolist()
+    return f"            ({curve.arm!r}, {curve.neutral!r}, {command!r}, {thrust!r}),\n"
 
 
 def _acting(propulsion: list[Curve], lag: str) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rovid.export.plain import AXES, BASE, EQUATION, base_of, effect_names, target_of, thruster_of
@@ -18,10 +18,7 @@ def export(subject: Subject) -> Target:
     lines += _entries("    ", base_of(subject))
     names = ", ".join(toml_text(thruster.name) for thruster in subject.vehicle.thrusters)
     lines.append(f"    thruster_names: [{names}]")
-    for index in range(len(subject.vehicle.thrusters)):
-        thruster = thruster_of(subject, index, list)
-        lines.append(f"    thruster_{index}:")
-        lines += _entries("      ", {name: thruster[name] for name in ("yaw_arm", "command", "thrust")})
+    lines += _thrusters(subject)
     lines.append(f"    effect_names: [{', '.join(map(toml_text, subject.effects))}]")
     if subject.effects:
         lines.append("    effects:")
@@ -35,7 +32,16 @@ def export(subject: Subject) -> Target:
     return target_of(subject, content, [base[name] for name in BASE], effects)
 
 
+def _thrusters(subject: Subject) -> Iterator[str]:
+    """Lines of each thruster's arm and curve."""
+    for index in range(len(subject.vehicle.thrusters)):
+        thruster = thruster_of(subject, index, list)
+        yield f"    thruster_{index}:"
+        yield from _entries("      ", {name: thruster[name] for name in ("yaw_arm", "command", "thrust")})
+
+
 def _entries(indent: str, values: Mapping[str, Any]) -> list[str]:
+    """A line for each value, as far in as its parent asks."""
     return [f"{indent}{name}: {_yaml(value)}" for name, value in values.items()]
 
 

@@ -142,6 +142,7 @@ def _mesh_integrals(length: float, width: float) -> tuple[float, float]:
 
 
 def _about_z(arm: FloatArray, force: FloatArray) -> FloatArray:
+    """(n,) torque about z in N m of (n, 3) ``force`` at (n, 3) ``arm``."""
     return np.asarray(np.cross(arm, force)[:, 2])
 
 
@@ -222,11 +223,15 @@ def _scenario(subject: Subject, hull: _Hull, drag: _Drag, inputs: list[Curve], t
 """
 
 
+def _rotor_dynamics(lag: float) -> str:
+    """A rotor that follows its set point at once, or with a ``lag`` in s."""
+    if lag <= 0.0:
+        return '<rotor_dynamics type="zero_order"/>'
+    return f'<rotor_dynamics type="first_order"><time_constant value="{lag:.10g}"/></rotor_dynamics>'
+
+
 def _thruster(curve: Curve, table: Curve, side: float, lag: float) -> str:
     # FRD: at x = side*arm, pushing along side*y, the torque about z is arm*thrust.
-    dynamics = '<rotor_dynamics type="zero_order"/>'
-    if lag > 0.0:
-        dynamics = f'<rotor_dynamics type="first_order"><time_constant value="{lag:.10g}"/></rotor_dynamics>'
     limit = float(np.max(np.abs(curve.command)))
     return f"""    <!-- {curve_comment(table)} -->
     <actuator name="{curve.identifier}" type="thruster">
@@ -236,7 +241,7 @@ def _thruster(curve: Curve, table: Curve, side: float, lag: float) -> str:
         <material name="Neutral"/>
         <look name="Yellow"/>
       </propeller>
-      {dynamics}
+      {_rotor_dynamics(lag)}
       <thrust_model type="linear_interpolation">
         <input value="{numbers(curve.command)}"/>
         <output value="{numbers(curve.thrust)}"/>

@@ -48,7 +48,16 @@ def export(subject: Subject) -> Target:
 def export_yaml(subject: Subject) -> Target:
     """The vehicle model of uuv_simulator's controllers; it has no thrusters."""
     split, note = _split(subject)
-    body, added = split
+    return Target(
+        content=_controllers(subject, *split),
+        plant=_plant(subject, split, curves(subject), 0.0, 0.0),
+        holds=curve_keys(subject),
+        notes=(*frame_notes(subject), note, "The controllers' model takes forces: a thruster manager has the curves."),
+    )
+
+
+def _controllers(subject: Subject, body: float, added: float) -> str:
+    """Their YAML, of the yaw inertia in kg m^2 of the ``body`` and the ``added`` one."""
     model = subject.model
     lines = [
         f"# {export_mark('uuv as yaml')}.",
@@ -63,12 +72,7 @@ def export_yaml(subject: Subject) -> Target:
         f"quad_damping: [0, 0, 0, 0, 0, {-model.quadratic_drag:.10g}]",
         "",
     ]
-    return Target(
-        content="\n".join(lines),
-        plant=_plant(subject, split, curves(subject), 0.0, 0.0),
-        holds=curve_keys(subject),
-        notes=(*frame_notes(subject), note, "The controllers' model takes forces: a thruster manager has the curves."),
-    )
+    return "\n".join(lines)
 
 
 def _split(subject: Subject) -> tuple[tuple[float, float], str]:

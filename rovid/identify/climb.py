@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rovid.ground.arrays import FloatArray
+from rovid.ground.arrays import BoolArray, FloatArray
 from rovid.identify.coordinates import LOGARITHMS
 from rovid.identify.scoring import Innovations
 
@@ -122,6 +122,7 @@ def _step(
 
 
 def _shortened(step: FloatArray) -> FloatArray:
+    """(p,) ``step``, its share that changes no logarithm by more than is trusted."""
     longest = float(np.max(np.abs(step[LOGARITHMS])))
     return step * min(1.0, _LONGEST / max(longest, 1e-300))
 
@@ -134,8 +135,7 @@ def bounded_step(
     bounds: tuple[FloatArray, FloatArray],
 ) -> FloatArray:
     """Levenberg-Marquardt step from ``x``; coordinates that would leave their lower and upper ``bounds`` stay."""
-    low, high = bounds
-    free = ~(((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0)))
+    free = ~_outward(x, -gradient, bounds)
     step = np.zeros(len(x))
     size = np.diag(information)
     floor = _FLOOR * float(size.max()) + _FLOOR
@@ -147,11 +147,17 @@ def bounded_step(
         step[:] = 0.0
         step[free] = np.linalg.lstsq(matrix, -gradient[free], rcond=None)[0]
         # A coordinate at its bound that the others press outward is held there too.
-        out = free & (((x <= low) & (step < 0.0)) | ((x >= high) & (step > 0.0)))
+        out = free & _outward(x, step, bounds)
         if not out.any():
             break
         free &= ~out
     return step
+
+
+def _outward(x: FloatArray, way: FloatArray, bounds: tuple[FloatArray, FloatArray]) -> BoolArray:
+    """(p,) which coordinates of ``x`` stand at a bound that they would leave this ``way``."""
+    low, high = bounds
+    return np.asarray(((x <= low) & (way < 0.0)) | ((x >= high) & (way > 0.0)))
 
 
 def damped(damping: float, ratio: float) -> float:

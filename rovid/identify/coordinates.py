@@ -68,11 +68,15 @@ class Coordinates:
 
     def bound_frequencies(self) -> None:
         """Keep what swings by itself slower than readings show (Nyquist)."""
-        period = min(run.trial.period for run in self.records.runs)
-        fastest = math.pi / max(self.records.interval, period)
+        fastest = self._nyquist()
         for at, effect, parameter in self.of_effects():
             if effect.oscillates and parameter.name == "frequency":
                 self.high[at] = max(min(self.high[at], fastest), self.low[at])
+
+    def _nyquist(self) -> float:
+        """Half the sampling frequency, rad/s."""
+        period = min(run.trial.period for run in self.records.runs)
+        return math.pi / max(self.records.interval, period)
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -209,5 +213,6 @@ def _restoring(records: Records) -> tuple[EffectParameter, ...]:
 
 
 def _parameters(records: Records, effects: tuple[Effect, ...]) -> list[EffectParameter]:
+    """Of what brings the vehicle back, then of each effect."""
     own = [parameter for effect in effects for parameter in effect.parameters]
     return [*_restoring(records), *own]

@@ -144,6 +144,7 @@ def _reading(quantity: Callable[[Model], float], model: Model, estimate: Estimat
 
 
 def _with(model: Model, values: FloatArray) -> Model:
+    """``model`` with the (p,) ``values`` of inertia, drag, restoring torque and effects."""
     inertia, quadratic, linear, *others = (float(value) for value in values)
     own = len(model.restoring_values)
     return replace(

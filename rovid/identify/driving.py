@@ -76,10 +76,8 @@ class Driving:
     def _held_between(self) -> list[Drive]:
         if self.steps is None:
             return self._held
-        drives = []
-        for run, held, at in zip(self.runs, self._held, self.steps, strict=True):
-            drives.append(held.between(run.trial.time, at))
-        return drives
+        each = zip(self.runs, self._held, self.steps, strict=True)
+        return [held.between(run.trial.time, at) for run, held, at in each]
 
     @cached_property
     def _parts(self) -> int:

@@ -127,11 +127,13 @@ class Fitted:
     @cached_property
     def simulated_r2(self) -> float:
         """R^2 of the free-running rate."""
-        runs = self.records.runs
-        pairs = zip(runs, self.records.drives(self.model), strict=True)
-        measured = np.concatenate([run.rates.rate for run in runs])
-        simulated = [simulated_rate(run, self.model, drive) for run, drive in pairs]
-        return compare(measured, np.concatenate(simulated)).r2
+        measured = np.concatenate([run.rates.rate for run in self.records.runs])
+        return compare(measured, self._simulated_rates()).r2
+
+    def _simulated_rates(self) -> FloatArray:
+        """(N,) free-running rate in each run."""
+        pairs = zip(self.records.runs, self.records.drives(self.model), strict=True)
+        return np.concatenate([simulated_rate(run, self.model, drive) for run, drive in pairs])
 
     @property
     def scale_doubt(self) -> float:

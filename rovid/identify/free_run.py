@@ -122,9 +122,11 @@ def _model(values: FloatArray, axis: Axis) -> Model:
 
 
 def _misfit(runs: Sequence[Run], model: Model) -> FloatArray:
+    """(N,) rad/s or m/s that the free-running rate is off in all runs."""
     # Where the filter has no answer nothing is missed.
     return np.concatenate([np.nan_to_num(run.rates.rate - _simulated(run, model)) for run in runs])
 
 
 def _simulated(run: Run, model: Model) -> FloatArray:
+    """(n,) rate, free-running under the measured torque."""
     return simulated_rate(run, model, Drive.held(run.torque))

@@ -128,10 +128,13 @@ class HorizonMisfit(Misfit):
     def disturbance(self, x: FloatArray) -> tuple[float, float]:
         """Standard deviation in N m and memory in s of a torque that would drive the errors of the shortest horizon."""
         memory = self.records.time_constant
-        error = self.innovations(x).error
-        shortest = math.sqrt(float(self.sizes(error)[0]))
         span = HORIZONS[0] * memory
-        return 2.0 * self.coordinates.model(x).inertia * shortest / span**2, memory
+        return 2.0 * self.coordinates.model(x).inertia * self._shortest_error(x) / span**2, memory
+
+    def _shortest_error(self, x: FloatArray) -> float:
+        """Root mean square of the errors of the shortest horizon."""
+        error = self.innovations(x).error
+        return math.sqrt(float(self.sizes(error)[0]))
 
     def driven_rate(self, x: FloatArray) -> float:  # noqa: ARG002 - as every misfit
         """Zero: none of the misfit is known to be a disturbance's."""

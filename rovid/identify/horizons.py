@@ -159,16 +159,22 @@ def _followed(course: Course, model: Model, drive: Drive) -> _Followed:
         slope = np.interp(time, trial.time, slopes)
         rate = course.rate / slope
         turned, moving = motion_of(time, course.angle + off[::every], rate)
-    torque, beside = course.torque, np.zeros((len(time), drive.beside.shape[1]))
+    torque, beside = course.torque, _beside(course, drive)
     if not model.drivetrain.is_plain:
         torque = means_on(trial.time, drive.torque, time, course.held, course.since)
-    for column, series in zip(beside.T, drive.beside.T, strict=True):
-        if series.any():
-            column[:] = means_on(trial.time, series, time, course.held, course.since)
     states = np.zeros((len(time), 0, TERM_STATES))
     if model.terms.remembering:
         _, states = along(model.equation_in(trial), course.period, (moving, turned, torque), beside)
     return _Followed(torque, beside, rate, turned, states, slope)
+
+
+def _beside(course: Course, drive: Drive) -> FloatArray:
+    """(n, m) what acts beside the thrusters, on the grid."""
+    beside = np.zeros((len(course.time), drive.beside.shape[1]))
+    for column, series in zip(beside.T, drive.beside.T, strict=True):
+        if series.any():
+            column[:] = means_on(course.run.trial.time, series, course.time, course.held, course.since)
+    return beside
 
 
 def _shares(records: HorizonRecords, errors: FloatArray) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -182,6 +182,7 @@ def _with_drag_error(balance: Inertia, trials: Sequence[SineTrial], drag: Estima
 
 
 def _drag_model(values: FloatArray) -> Model:
+    """Model of 1 kg m^2 with (2,) quadratic and linear drag."""
     return Model(inertia=1.0, quadratic_drag=float(values[0]), linear_drag=float(values[1]))
 
 
@@ -194,6 +195,7 @@ def _model(inertia: float, drag: Estimate) -> Model:
 
 
 def _as_inertia(regression: Regression) -> Inertia:
+    """By the regression over all runs at once, in kg m^2."""
     estimate = regression.estimate
     return Inertia(value=estimate.value("inertia"), standard_error=estimate.standard_error("inertia"), runs=())
 
@@ -218,6 +220,7 @@ def _single(reading: Inertia, trials: Sequence[SineTrial], axis: Axis) -> Estima
 
 
 def _method_warnings(methods: dict[str, Inertia], refused: dict[str, str], axis: Axis) -> list[str]:
+    """What is said of methods that gave nothing, of sine runs that disagree, and of methods that do."""
     texts, unit = [], axis.unit("kg m^2")
     for reason in dict.fromkeys(refused.values()):
         names = " and ".join(METHODS[name] for name in refused if refused[name] == reason and name != "peak")
@@ -229,16 +232,20 @@ def _method_warnings(methods: dict[str, Inertia], refused: dict[str, str], axis:
             f"No single inertia fits all sine runs ({runs} {unit}): lag, delay or water set in motion, not drag, "
             "makes the orbit integral change with period or amplitude."
         )
+    return [*texts, *_disagreements(methods, unit)]
+
+
+def _disagreements(methods: dict[str, Inertia], unit: str) -> Iterator[str]:
+    """What is said of each two methods whose values lie too far apart."""
     sure = [name for name in ("orbit_integral", "harmonic_balance", "regression") if name in methods]
     for first, second in combinations(sure, 2):
         a, b = methods[first], methods[second]
         gap = abs(a.value - b.value) / math.hypot(a.standard_error, b.standard_error)
         if gap > _DISAGREE_SIGMAS:
-            texts.append(
+            yield (
                 f"{METHODS[first]} and {METHODS[second]} disagree by {gap:.0f} standard errors "
                 f"({a.value:.4g} against {b.value:.4g} {unit}): the base model misses something."
             )
-    return texts
 
 
 def plausibility(estimate: Estimate, rigid_body: float | None) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -122,16 +123,21 @@ def _balanced(sines: _Sines) -> tuple[Inertia, list[str]]:
     warnings = []
     if apart:
         value, error = float(values.mean()), float(np.ptp(values)) / 2.0
-        listed = ", ".join(f"{name}: {v:.0f}" for name, v in zip(sines.names, values, strict=True))
-        warnings.append(
-            f"No single inertia fits all sine trials ({listed} kg m^2), not even within the rounding of the rates; "
-            "their mean stands with half their spread as its error."
-        )
+        warnings.append(_said_apart(sines.names, values))
     rows = zip(sines.names, values.tolist(), errors.tolist(), strict=True)
     return Inertia(value=value, standard_error=error, runs=tuple(rows), consistent=not apart), warnings
 
 
+def _said_apart(names: Sequence[str], values: FloatArray) -> str:
+    listed = ", ".join(f"{name}: {value:.0f}" for name, value in zip(names, values, strict=True))
+    return (
+        f"No single inertia fits all sine trials ({listed} kg m^2), not even within the rounding of the rates; "
+        "their mean stands with half their spread as its error."
+    )
+
+
 def _require_surplus(sines: _Sines) -> None:
+    """Refuse a row in which drag takes all of the torque."""
     surplus = sines.surplus(sines.rate)
     if (surplus > 0.0).all():
         return
@@ -152,6 +158,7 @@ def row_names(table: Table) -> list[str]:
 
 
 def _require_positive(table: Table) -> None:
+    """Refuse a row with a period, torque or rate of nothing or less."""
     for name in SINE_COLUMNS:
         values = table.numbers(name)
         if (values <= 0.0).any():

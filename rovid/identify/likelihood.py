@@ -211,16 +211,9 @@ def _by_limit(fitted: Fitted) -> FloatArray:
 
 
 def _warnings(fitted: Fitted) -> list[str]:
-    texts, records = [], fitted.records
+    texts = []
     if fitted.at_limit:
-        push, limit = records.axis.push, fitted.misfit.limit
-        per_inertia = "" if records.driven else PER_INERTIA
-        most = f"{limit * records.torque:.3g} {records.axis.push_unit}{per_inertia}"
-        texts.append(
-            f"The disturbance {push} would exceed {100 * limit:.2g} % of the {push} in use "
-            f"({most}): the model misses something that these data show. The standard errors include what "
-            f"a limit {_LOOSER:g} times as high would change."
-        )
+        texts.append(_at_limit(fitted))
     texts += fitted.misfit.caveats
     if not fitted.is_white:
         texts.append(
@@ -230,3 +223,15 @@ def _warnings(fitted: Fitted) -> list[str]:
     drags = ("quadratic_drag", "linear_drag")
     texts += [f"{name} is held at zero, its lower bound." for name in drags if getattr(fitted.model, name) == 0.0]
     return texts
+
+
+def _at_limit(fitted: Fitted) -> str:
+    """What is said where the disturbance would be larger than it may be."""
+    axis, limit = fitted.records.axis, fitted.misfit.limit
+    per_inertia = "" if fitted.records.driven else PER_INERTIA
+    most = f"{limit * fitted.records.torque:.3g} {axis.push_unit}{per_inertia}"
+    return (
+        f"The disturbance {axis.push} would exceed {100 * limit:.2g} % of the {axis.push} in use "
+        f"({most}): the model misses something that these data show. The standard errors include what "
+        f"a limit {_LOOSER:g} times as high would change."
+    )

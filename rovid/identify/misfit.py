@@ -145,9 +145,7 @@ class Misfit(ABC):
         score = here.matrix * here.residual[:, None]
         # Those of the innovations, and of their variances below.
         score = score[: len(group)] + score[len(group) :]
-        used, number = np.unique(group, return_inverse=True)
-        sums = [np.bincount(number, weights=column, minlength=len(used)) for column in score.T]
-        return np.column_stack(sums)
+        return _sums_over(group, score)
 
     def slopes(self, x: FloatArray, centre: Innovations | None = None) -> Slopes:
         """Slopes at ``x`` by forward differences, backward at an upper bound; on all cores at once.
@@ -208,3 +206,10 @@ class Misfit(ABC):
     def forget(self) -> None:
         """Let go of the drives that were kept."""
         self._drives.clear()
+
+
+def _sums_over(group: IntArray, rows: FloatArray) -> FloatArray:
+    """(m, p) sums of the (N, p) ``rows`` of each group, in the order of the groups' numbers."""
+    used, number = np.unique(group, return_inverse=True)
+    sums = [np.bincount(number, weights=column, minlength=len(used)) for column in rows.T]
+    return np.column_stack(sums)

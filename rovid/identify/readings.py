@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
@@ -94,11 +95,14 @@ class Readings(Records):
     @cached_property
     def of_runs(self) -> list[RunReadings]:
         """What is looked at in each run."""
-        steps = self.steps
-        if steps is None:
-            steps = [np.arange(len(run.trial.time)) for run in self.runs]
-        pairs = zip(self.runs, steps, strict=True)
+        pairs = zip(self.runs, self._steps_in_use(), strict=True)
         return [RunReadings.of(run, at, gyro=self.gyro) for run, at in pairs]
+
+    def _steps_in_use(self) -> Sequence[IntArray]:
+        """Instants of each run that are looked at: all of them where none were chosen."""
+        if self.steps is not None:
+            return self.steps
+        return [np.arange(len(run.trial.time)) for run in self.runs]
 
     @cached_property
     def spans(self) -> list[tuple[FloatArray, FloatArray]]:

@@ -101,9 +101,12 @@ class Records(ABC):
         """Root mean square of the torque in use, N m."""
         if self.driven:
             return in_use(np.concatenate([run.torque for run in self.runs]))
-        # Of what brings the vehicle back.
+        return in_use(self._restoring_torque())
+
+    def _restoring_torque(self) -> FloatArray:
+        """(N,) of what brings the vehicle back, at each measured position, N m."""
         tilt = np.concatenate([run.trial.position[run.trial.measured] for run in self.runs])
-        return in_use(self.start.stiffness * np.sin(tilt - self.start.restoring_values[1]))
+        return np.asarray(self.start.stiffness * np.sin(tilt - self.start.restoring_values[1]))
 
     @cached_property
     def drag_scale(self) -> FloatArray:

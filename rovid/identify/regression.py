@@ -149,10 +149,12 @@ def _torque(runs: Sequence[Run]) -> tuple[FloatArray, IntArray]:
 
 
 def _motion(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(n,) rate, acceleration and position behind the filter."""
     return run.rates.rate, run.rates.acceleration, run.rates.position
 
 
 def _regressors(axis: Axis, motion: tuple[FloatArray, FloatArray, FloatArray]) -> FloatArray:
+    """(n, p) what inertia, quadratic drag, linear drag and each restoring unknown are multiplied by."""
     rate, acceleration, position = motion
     return np.column_stack((acceleration, np.abs(rate) * rate, rate, columns(restoring_of(axis), position)))
 
@@ -173,10 +175,7 @@ def _parameter_slopes(axis: Axis, unknowns: FloatArray) -> FloatArray:
     """(p, p) change of each parameter with each unknown."""
     steps = np.diag(1e-6 * np.maximum(np.abs(unknowns), 1e-9))
     here = _model(axis, unknowns).values
-    slopes = []
-    for step in steps:
-        moved = _model(axis, unknowns + step).values
-        slopes.append((moved - here) / step.sum())
+    slopes = [(_model(axis, unknowns + step).values - here) / step.sum() for step in steps]
     return np.column_stack(slopes)
 
 
@@ -221,13 +220,18 @@ def _bounded(
 
 
 def _solve(instruments: FloatArray, measured: FloatArray, torque: FloatArray, free: BoolArray) -> FloatArray:
+    """(p,) values of the unknowns; those that are not ``free`` are zero."""
     values = np.zeros(len(free))
-    z, x = instruments[:, free], measured[:, free]
+    values[free] = _of_free(instruments[:, free], measured[:, free], torque)
+    return values
+
+
+def _of_free(z: FloatArray, x: FloatArray, torque: FloatArray) -> FloatArray:
+    """(p,) values of what is free, at which nothing that is left follows the instruments ``z``."""
     scale = np.linalg.norm(x, axis=0)
     moments = z.T @ (x / scale)
     scaled, *_ = np.linalg.lstsq(moments, z.T @ torque, rcond=1e-12)
-    values[free] = scaled / scale
-    return values
+    return np.asarray(scaled / scale)
 
 
 def _physical_start(plain: FloatArray, measured: FloatArray, torque: FloatArray) -> FloatArray:

@@ -55,12 +55,17 @@ class Slopes:
 
 def costs(error: FloatArray, variance: FloatArray) -> FloatArray:
     """(N,) what each innovation costs, its variance included."""
-    # No innovation is so far out that its square could not be told from infinity; a filter that runs away has no
-    # likelihood, which whoever asks can see.
+    # A filter that runs away has no likelihood, which whoever asks can see.
     with np.errstate(over="ignore", invalid="ignore"):
-        z = np.minimum(np.abs(error) / np.sqrt(variance), _FARTHEST)
-    square = np.where(z > OUTLIER, OUTLIER * (2.0 * z - OUTLIER), z * z)
-    return np.asarray(0.5 * (np.log(2.0 * np.pi * variance) + square))
+        square = _robust_square(error / np.sqrt(variance))
+        return np.asarray(0.5 * (np.log(2.0 * np.pi * variance) + square))
+
+
+def _robust_square(z: FloatArray) -> FloatArray:
+    """(N,) squares of normalised innovations, beyond the outliers' limit in proportion."""
+    # No innovation is so far out that its square could not be told from infinity.
+    size = np.minimum(np.abs(z), _FARTHEST)
+    return np.where(size > OUTLIER, OUTLIER * (2.0 * size - OUTLIER), size * size)
 
 
 def total_cost(here: Innovations, weight: float | FloatArray) -> float:

@@ -108,6 +108,7 @@ def require_motion(trials: Sequence[SineTrial], axis: Axis) -> None:
 
 
 def _trial(run: Run, sine: SineRun) -> SineTrial | None:
+    """The mean orbit of one sine run after its first periods; None where too little of it is whole."""
     first = sine.start + _DROPPED_CYCLES * sine.period
     cycles = sine.cycles - _DROPPED_CYCLES
     rates = run.rates
@@ -167,19 +168,24 @@ def harmonic_balance(trials: Sequence[SineTrial], drag: Model | None) -> Inertia
     def fundamental(wave: Wave) -> tuple[float, float]:
         torque = wave.torque[1:2]
         if drag is not None:
-            resistance = drag.drag(wave.over_one_period(wave.rate))
-            phase = 2.0 * np.pi * np.arange(_PHASES) / _PHASES
-            torque = torque - 2.0 * np.mean(resistance * np.exp(-1j * phase))
+            torque = torque - _first_harmonic(drag.drag(wave.over_one_period(wave.rate)))
         return _ratio(wave, torque, slice(1, 2))
 
     return _combine(trials, fundamental)
 
 
 def _ratio(wave: Wave, torque: NDArray[np.complex128], harmonics: slice) -> tuple[float, float]:
+    """Work of the torque on the acceleration, and the acceleration squared, of ``harmonics`` over the whole run."""
     acceleration = wave.acceleration()[harmonics]
     work = float(np.real(np.sum(torque * np.conj(acceleration))))
     weight = float(np.sum(np.abs(acceleration) ** 2))
     return work * wave.seconds, weight * wave.seconds
+
+
+def _first_harmonic(series: FloatArray) -> complex:
+    """Complex amplitude at the frequency of the period that ``series`` goes over."""
+    phase = 2.0 * np.pi * np.arange(_PHASES) / _PHASES
+    return complex(2.0 * np.mean(series * np.exp(-1j * phase)))
 
 
 def _combine(trials: Sequence[SineTrial], reading: Callable[[Wave], tuple[float, float]]) -> Inertia:
@@ -202,13 +208,13 @@ def _combine(trials: Sequence[SineTrial], reading: Callable[[Wave], tuple[float,
         ratio = float(np.sum(((values - value) / errors) ** 2)) / (len(trials) - 1)
         consistent = ratio < _BIRGE_LIMIT
         error *= math.sqrt(max(ratio, 1.0))
-    each = []
-    for trial, own, own_error in zip(trials, values, errors, strict=True):
-        each.append((trial.source, float(own), float(own_error)))
-    return Inertia(value=value, standard_error=error, runs=tuple(each), consistent=consistent)
+    sources = [trial.source for trial in trials]
+    runs = zip(sources, values.tolist(), errors.tolist(), strict=True)
+    return Inertia(value=value, standard_error=error, runs=tuple(runs), consistent=consistent)
 
 
 def _jackknife(readings: Sequence[tuple[float, float]]) -> float:
+    """Standard error in kg m^2, from (work, weight) with one period after another left out."""
     ratios = np.array([work / weight for work, weight in readings])
     count = len(ratios)
     squares = float(np.sum((ratios - ratios.mean()) ** 2))
@@ -234,12 +240,13 @@ def peak_method(trials: Sequence[SineTrial], drag: Model) -> Inertia:
 
 def peak_reading(wave: Wave, drag: Model) -> float:
     """The peak method on one wave, in kg m^2."""
+    steady = float(drag.drag(np.array(_peak(wave, wave.rate))))
+    return (_peak(wave, wave.torque) - steady) / _peak(wave, wave.acceleration())
 
-    def peak(amplitudes: NDArray[np.complex128]) -> float:
-        return float(np.max(np.abs(wave.over_one_period(amplitudes))))
 
-    steady = float(drag.drag(np.array(peak(wave.rate))))
-    return (peak(wave.torque) - steady) / peak(wave.acceleration())
+def _peak(wave: Wave, amplitudes: NDArray[np.complex128]) -> float:
+    """Largest size of what has these complex ``amplitudes``, over one period."""
+    return float(np.max(np.abs(wave.over_one_period(amplitudes))))
 
 
 def peak_bias(trials: Sequence[SineTrial], model: Model) -> float:

@@ -173,6 +173,7 @@ def _states(axis: Axis) -> str:
 
 
 def _from_table(points: Sequence[SteadyPoint]) -> bool:
+    """Whether the rates come from a table, which knows no error of theirs."""
     return all(math.isnan(point.rate_error) for point in points)
 
 
@@ -264,12 +265,15 @@ def _direction_warnings(
     if not p_value <= _BY_CHANCE:
         return []
     up, down = (directions[name].value("quadratic_drag") for name, _ in ways)
-    text = (
+    return [_said_to_differ(up, down, p_value, axis)]
+
+
+def _said_to_differ(up: float, down: float, p_value: float, axis: Axis) -> str:
+    return (
         f"The two directions differ (p = {p_value:.1g}): quadratic drag {up:.4g} with the {axis.position_words} "
         f"growing, {down:.4g} with it falling. Thrust curve, a constant {axis.push} or the drag itself is not the same "
         "both ways."
     )
-    return [text]
 
 
 def _p_of_one_line(balance: TorqueBalance, residuals: FloatArray, directions: dict[str, Estimate]) -> float:
@@ -288,6 +292,7 @@ def _p_of_one_line(balance: TorqueBalance, residuals: FloatArray, directions: di
 
 
 def _warnings(estimate: Estimate) -> list[str]:
+    """What is said of a parameter that is not determined, or that may as well be zero."""
     texts = [f"{name} is not determined: {reason}" for name, reason in estimate.refused.items()]
     for name in NAMES:
         value = estimate.value(name)

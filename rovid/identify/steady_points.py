@@ -98,6 +98,7 @@ def points_from_table(table: Table) -> list[SteadyPoint]:
 
 
 def _point_of_row(source: str, command: float, torque: float, rate: float) -> SteadyPoint:
+    """A row's command, torque in N m and rate in rad/s, of which no error is known."""
     return SteadyPoint(
         source=source,
         start=math.nan,

@@ -141,11 +141,15 @@ def weighed(balance: TorqueBalance, points: Sequence[SteadyPoint]) -> TorqueBala
     """With the standard errors of the torque at ``points`` of logs, which go as the root of their length."""
     duration = np.array([point.duration for point in points])
     rate_error = np.array([point.rate_error for point in points])
+    within = _density(balance, rate_error, duration) / duration
+    return balance.with_error(np.sqrt(within + _between(balance, within)))
+
+
+def _density(balance: TorqueBalance, rate_error: FloatArray, duration: FloatArray) -> float:
+    """Variance of the torque, of a second of a log, that (k,) errors of the rate make."""
     values = balance.with_error(1.0 / np.sqrt(duration)).solved().values
     slope = 2.0 * values[0] * np.abs(balance.design[:, 1]) + values[1]
-    density = float(np.mean((slope * rate_error) ** 2 * duration))
-    within = density / duration
-    return balance.with_error(np.sqrt(within + _between(balance, within)))
+    return float(np.mean((slope * rate_error) ** 2 * duration))
 
 
 def _between(balance: TorqueBalance, within: FloatArray) -> float:

@@ -78,10 +78,8 @@ def _races(trials: Sequence[Trial], vehicle: Vehicle) -> tuple[float, float]:
 def _load(trials: Sequence[Trial], vehicle: Vehicle) -> float:
     """Heaviest load of all thrusters together, as a share of their full thrust; 1 where there is none."""
     full = sum(thruster.full_thrust for thruster in vehicle.thrusters)
-    heaviest = 0.0
-    for trial in trials:
-        load = np.abs(vehicle.thrust(trial.commands)).sum(axis=1)
-        heaviest = max(heaviest, float(load.max(initial=0.0)))
+    loads = [np.abs(vehicle.thrust(trial.commands)).sum(axis=1) for trial in trials]
+    heaviest = max([0.0, *(float(load.max(initial=0.0)) for load in loads)])
     return heaviest / full or 1.0
 
 
@@ -96,8 +94,6 @@ def _speed(trials: Sequence[Trial], name: str) -> float:
 
 def _hours(trials: Sequence[Trial]) -> tuple[float, float]:
     """Of the longest log, and of all from the beginning of the first to the end of the last."""
-    longest, day = 0.0, 0.0
-    for trial in trials:
-        span = float(np.ptp(trial.time))
-        longest, day = max(longest, span), max(day, trial.since + span)
-    return longest / _HOUR, day / _HOUR
+    spans = [float(np.ptp(trial.time)) for trial in trials]
+    ends = [trial.since + span for trial, span in zip(trials, spans, strict=True)]
+    return max([0.0, *spans]) / _HOUR, max([0.0, *ends]) / _HOUR

@@ -22,6 +22,8 @@ _SEED = 20130401  # a plan is the same whenever it is made
 # Times in vehicle time constants, but no shorter than so many s for a crew and its drives.
 _SHORTEST_HOLD = 8.0
 _TURNS = (1.0, 6.0)
+# A sweep lasts so many of its longest periods.
+_SWEEP = 3.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,8 +121,12 @@ class Pace:
         row = (shares > 0.0).astype(int)
         edge, full = self.edge[row], self.full[row]
         reach = edge + np.abs(shares)[:, None] * (full - edge)
-        neutral = 0.5 * (self.edge[0] + self.edge[1])
-        return np.asarray(np.where(shares[:, None] == 0.0, neutral, reach))
+        return np.asarray(np.where(shares[:, None] == 0.0, self.neutral, reach))
+
+    @property
+    def neutral(self) -> FloatArray:
+        """(k,) commands half way between those at which the thrusters begin to push either way."""
+        return np.asarray(0.5 * (self.edge[0] + self.edge[1]))
 
 
 def _steady(model: Model, torque: float) -> float:
@@ -173,6 +179,7 @@ def _courses(pace: Pace) -> Iterator[tuple[str, list[_Piece]]]:
 
 
 def _sine(period: float, level: float, cycles: int, pace: Pace) -> list[_Piece]:
+    """Whole periods of a sine that reaches the share ``level``, ``period`` in s."""
     step = max(pace.period, period / 200.0)
     time = np.arange(0.0, cycles * period, step)
     return [(step, float(level * math.sin(2.0 * math.pi * t / period))) for t in time]
@@ -181,23 +188,33 @@ def _sine(period: float, level: float, cycles: int, pace: Pace) -> list[_Piece]:
 def _sweep(longest: float, shortest: float, level: float, pace: Pace) -> list[_Piece]:
     """Periods fall by a constant share from each to the next, so that each has as many cycles as another."""
     step = max(pace.period, shortest / 40.0)
-    length = 3.0 * longest
-    growth = math.log(longest / shortest) / length
-    time = np.arange(0.0, length, step)
-    phase = 2.0 * math.pi / longest * np.expm1(growth * time) / growth
+    time = np.arange(0.0, _SWEEP * longest, step)
+    phase = _swept(longest, shortest, time)
     return [(step, float(level * math.sin(one))) for one in phase]
+
+
+def _swept(longest: float, shortest: float, time: FloatArray) -> FloatArray:
+    """(n,) rad at each ``time`` of a sine whose period falls from the ``longest`` to the ``shortest``."""
+    growth = math.log(longest / shortest) / (_SWEEP * longest)
+    return np.asarray(2.0 * math.pi / longest * np.expm1(growth * time) / growth)
 
 
 def _random(typical: float, level: float, length: float) -> list[_Piece]:
     rng = np.random.default_rng(_SEED)
     pieces: list[_Piece] = []
     while sum(seconds for seconds, _ in pieces) < length:
-        share = float(rng.uniform(0.2, 1.0) * level * rng.choice((-1.0, 1.0)))
-        pieces.append((float(typical * rng.uniform(0.5, 2.0)), share))
+        pieces.append(_random_piece(rng, typical, level))
     return pieces
 
 
+def _random_piece(rng: np.random.Generator, typical: float, level: float) -> _Piece:
+    """A push either way, held for half to twice as long as is typical."""
+    share = float(rng.uniform(0.2, 1.0) * level * rng.choice((-1.0, 1.0)))
+    return float(typical * rng.uniform(0.5, 2.0)), share
+
+
 def _played(name: str, pieces: Sequence[_Piece], pace: Pace) -> Planned:
+    """The run that a crew plays of (seconds, share) ``pieces``."""
     time, shares = _course(pieces, pace)
     return Planned(name=name, time=time, commands=pace.commands(shares))
 
@@ -217,7 +234,6 @@ def _course(pieces: Sequence[_Piece], pace: Pace) -> tuple[FloatArray, FloatArra
 def _alone(name: str, at: int, pace: Pace) -> Planned:
     hold = max(5.0 * pace.constant, _SHORTEST_HOLD)
     time, shares = _course([(hold, 1.0), (hold, 0.0), (hold, -1.0), (hold, 0.0)], pace)
-    every, rest = pace.commands(shares), pace.commands(np.zeros(len(time)))
-    mine = np.arange(every.shape[1]) == at
-    commands = np.where(mine, every, rest)
+    commands = pace.commands(np.zeros(len(time)))
+    commands[:, at] = pace.commands(shares)[:, at]
     return Planned(name=f"{name} alone, both ways, {hold:.0f} s each", time=time, commands=commands)

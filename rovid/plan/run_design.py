@@ -9,6 +9,7 @@ import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
+from rovid.ground.arrays import FloatArray, IntArray
 from rovid.ground.errors import DataError
 from rovid.ground.quoting import csv_line
 from rovid.identify.likelihood import LikelihoodFit
@@ -89,11 +90,14 @@ def require_drive(vehicle: Vehicle) -> None:
 
 def widest(belief: Belief) -> str:
     """The parameter that is least sure for its size."""
-    values = belief.model.values
+    return belief.model.names[int(np.argmax(_relative_spread(belief)))]
+
+
+def _relative_spread(belief: Belief) -> FloatArray:
+    """(p,) standard deviations as shares of the values; 0 of a parameter of nothing, however large its spread."""
+    values = np.abs(belief.model.values)
     spread = np.sqrt(np.maximum(np.diag(belief.covariance), 0.0))
-    # A parameter of nothing has no share, however large its spread.
-    share = np.where(values != 0.0, spread / np.maximum(np.abs(values), 1e-300), 0.0)
-    return belief.model.names[int(np.argmax(share))]
+    return np.where(values != 0.0, spread / np.maximum(values, 1e-300), 0.0)
 
 
 def belief_of(fit: LikelihoodFit, name: str) -> Belief:
@@ -111,12 +115,25 @@ def belief_of(fit: LikelihoodFit, name: str) -> Belief:
 
 def command_rows(worth: Worth) -> tuple[list[float], list[list[float]]]:
     """Instants in s at which a command changes, and the commands from then on; the last is where the run ends."""
-    commands = worth.run.commands
+    rows = _rows_of_change(worth.run.commands)
+    times = [round(float(instant), 4) for instant in worth.run.time[rows]]
+    return times, np.round(worth.run.commands[rows], 5).tolist()
+
+
+def _rows_of_change(commands: FloatArray) -> IntArray:
+    """The first row, those in which a command differs from the row before, and the last."""
     changes = np.any(np.diff(commands, axis=0) != 0.0, axis=1)
     changed = np.flatnonzero(changes) + 1
-    rows = np.unique(np.concatenate(([0], changed, [len(commands) - 1])))
-    times = [round(float(instant), 4) for instant in worth.run.time[rows]]
-    return times, np.round(commands[rows], 5).tolist()
+    return np.unique(np.concatenate(([0], changed, [len(commands) - 1])))
+
+
+def commands_by_name(plan: Plan) -> dict[str, list[float]]:
+    """The best run's commands, a list for each thruster beside that of the times."""
+    times, rows = command_rows(plan.best)
+    columns = {"time_s": times}
+    for place, name in enumerate(plan.thrusters):
+        columns[name] = [row[place] for row in rows]
+    return columns
 
 
 def command_text(runs: Plan) -> str:

@@ -110,13 +110,18 @@ def ranked(
     within = [worth for worth in tried if worth is not None]
     if not within:
         raise DataError("no run stays within these limits.", mend="Allow a longer run, more turns or a higher rate.")
-    # Of the runs that decide the one that does so fastest; where none does, the one that tells most.
-    if len(beliefs) > 1:
-        return sorted(within, key=lambda one: (-min(one.gain, DECIDES) / DECIDES, -one.per_minute))
-    return sorted(within, key=lambda one: -one.per_minute)
+    return _best_first(within, rivals=len(beliefs) > 1)
+
+
+def _best_first(worths: Sequence[Worth], *, rivals: bool) -> list[Worth]:
+    """Of the runs that decide the one that does so fastest; where none does, the one that tells most."""
+    if rivals:
+        return sorted(worths, key=lambda one: (-min(one.gain, DECIDES) / DECIDES, -one.per_minute))
+    return sorted(worths, key=lambda one: -one.per_minute)
 
 
 def _worth(run: Planned, beliefs: Sequence[Belief], vehicle: Vehicle, limits: Limits, narrow: str) -> Worth | None:
+    """What ``run`` is worth; None where it leaves the limits."""
     if run.seconds > limits.seconds:
         return None
     trials = [_imagined(run, belief, vehicle) for belief in beliefs]

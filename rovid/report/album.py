@@ -137,16 +137,18 @@ def _picture(name: str, figure: Figure, *, caption: str, alt: str) -> Picture:
 
 def _worst(items: Sequence[TrialSimulation]) -> tuple[TrialSimulation, ...]:
     """All trials, or those with the largest error where there are too many, in their own order."""
-
-    def error(item: TrialSimulation) -> float:
-        return item.fit.rmse if math.isfinite(item.fit.rmse) else 0.0
-
-    ranked = sorted(items, key=error, reverse=True)
+    ranked = sorted(items, key=_error, reverse=True)
     chosen = {id(item) for item in ranked[:LARGE_PLOTS]}
     return tuple(item for item in items if id(item) in chosen)
 
 
+def _error(item: TrialSimulation) -> float:
+    """Root mean square of the rate's, rad/s or m/s; 0 where there is none."""
+    return item.fit.rmse if math.isfinite(item.fit.rmse) else 0.0
+
+
 def _steady_drag(evidence: Evidence) -> Model | None:
+    """Model of what balances the push in a steady state; None where the drag is not known."""
     drag = evidence.parameters.drag()
     if drag is None:
         return None
@@ -162,6 +164,7 @@ def _steady_drag(evidence: Evidence) -> Model | None:
 
 
 def _thrust(evidence: Evidence) -> Iterator[Picture]:
+    """Thrust curves with the commands in use."""
     runs = () if evidence.runs is None else evidence.runs.items
     figure = thrust.thrust_curves(evidence.vehicle, runs)
     if figure is None:
@@ -193,6 +196,7 @@ def _steady(evidence: Evidence) -> Iterator[Picture]:
 
 
 def _inertia(evidence: Evidence) -> Iterator[Picture]:
+    """Inertia by each method."""
     fit = evidence.inertia
     if fit is None:
         return
@@ -243,6 +247,7 @@ def sheets(items: Sequence[T], size: int) -> Iterator[tuple[Sequence[T], str]]:
 
 
 def _overview(items: Sequence[TrialSimulation]) -> Iterator[Picture]:
+    """All trials, simulated, in small panels."""
     for part, suffix in sheets(items, simulations.PER_SHEET):
         rate = part[0].run.trial.axis.rate_words
         fits = "; ".join(f"{item.run.trial.name} R² {number(item.fit.r2, '.4f')}" for item in part)
@@ -266,6 +271,7 @@ def _large(item: TrialSimulation, place: int) -> Picture:
 
 
 def _residuals(evidence: Evidence) -> Iterator[Picture]:
+    """What the model leaves of the torque."""
     if evidence.runs is None or not evidence.simulations:
         return
     axis = evidence.axis
@@ -301,6 +307,7 @@ def _rivals_of(finding: Finding) -> Picture:
 
 
 def _compared(evidence: Evidence) -> Iterator[Picture]:
+    """The trial that gains most by what was found."""
     if evidence.compared is None:
         return
     base, extended = evidence.compared
@@ -338,6 +345,7 @@ def _left_over(evidence: Evidence) -> Iterator[Picture]:
 
 
 def _root_mean_square(items: Sequence[Residual]) -> str:
+    """Of what is left, in N m or N, as text."""
     left, _, _ = sizes(items)
     return number(left, ".3g")
 

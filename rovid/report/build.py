@@ -119,6 +119,7 @@ def _completed(stored: Parameters, study: Study, estimates: Mapping[str, Estimat
 
 
 def _or_refusal(fit: Callable[[], _T]) -> tuple[_T | None, str]:
+    """What ``fit`` gives, or None and why it gives nothing."""
     try:
         return fit(), ""
     except DataError as error:
@@ -198,6 +199,7 @@ def _extended(study: Study, diagnosis: Diagnosis) -> tuple[TrialSimulation, ...]
 
 
 def _whole(stored: Parameters) -> bool:
+    """Whether the file has all that a simulation needs."""
     return {"inertia", "quadratic_drag"} <= set(stored.entries)
 
 

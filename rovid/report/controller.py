@@ -80,12 +80,14 @@ def _measures(run: RunResult) -> Iterator[str]:
 
 
 def _aid(run: RunResult) -> str:
+    """What of the model the controller uses."""
     if not run.model_aid:
         return "none"
     return "drag and effects" if run.effects_known else "drag"
 
 
 def _cycle(run: RunResult) -> str:
+    """Amplitude and period of a limit cycle, if any."""
     cycle = run.measures.limit_cycle
     if cycle is None:
         return "none"

@@ -50,13 +50,13 @@ def _residuals(fit: DragFit) -> list[str]:
 
 def _rates(points: Sequence[SteadyPoint]) -> list[str]:
     """With their errors, where these are known."""
-    cells = []
-    for point in points:
-        text = f"{point.rate:.4g}"
-        if math.isfinite(point.rate_error):
-            text = plus_minus(point.rate, point.rate_error)
-        cells.append(text)
-    return cells
+    return [_rate(point) for point in points]
+
+
+def _rate(point: SteadyPoint) -> str:
+    if math.isfinite(point.rate_error):
+        return plus_minus(point.rate, point.rate_error)
+    return f"{point.rate:.4g}"
 
 
 def _torques(axis: Axis, points: Sequence[SteadyPoint]) -> Column:

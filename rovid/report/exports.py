@@ -32,10 +32,12 @@ def formats_grid(exports: Mapping[str, Exported]) -> Grid:
 
 
 def _sized(loss: Loss) -> str:
+    """What is lost, with its percent of the range."""
     return f"{_name(loss)} {number(loss.percent_of_range, '.2g')}"
 
 
 def _name(loss: Loss) -> str:
+    """What is lost, in words."""
     what, _, form = loss.what.replace("_", " ").partition(":")
     if not form:
         return what

@@ -138,11 +138,17 @@ def sides_grid(base: Estimate, extended: Estimate, findings: tuple[Finding, ...]
 
 def _titles(findings: tuple[Finding, ...], axis: Axis) -> dict[str, str]:
     """Name of each parameter of what was found -> the effect and the parameter in words."""
+    titles: dict[str, str] = {}
+    for finding in findings:
+        titles |= _titles_of(finding.effect, axis)
+    return titles
+
+
+def _titles_of(effect: Effect, axis: Axis) -> dict[str, str]:
     titles = {}
-    for effect in (finding.effect for finding in findings):
-        for parameter in effect.parameters:
-            in_words = axis.words(f"{effect.title}: {spaced(parameter.name)}")
-            titles[f"{effect.key}.{parameter.name}"] = in_words
+    for parameter in effect.parameters:
+        in_words = axis.words(f"{effect.title}: {spaced(parameter.name)}")
+        titles[f"{effect.key}.{parameter.name}"] = in_words
     return titles
 
 
@@ -271,6 +277,7 @@ def _listed(texts: list[str], last: str = "and") -> str:
 
 
 def _joined(texts: list[str]) -> Iterator[str]:
+    """All but the last in one text, and the last."""
     if len(texts) > 1:
         yield ", ".join(texts[:-1])
     yield from texts[-1:]

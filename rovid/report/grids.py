@@ -109,10 +109,12 @@ def trials_grid(evidence: Evidence, campaign: Campaign) -> Grid:
 
 
 def _readings(trial: Trial) -> str:
+    """How many readings there are."""
     return str(int(trial.measured.sum()))
 
 
 def _longest_gap(trial: Trial) -> float:
+    """The longest time between two readings, s."""
     return float(np.max(np.diff(trial.time[trial.measured]), initial=0.0))
 
 
@@ -166,6 +168,7 @@ def methods_grid(fit: InertiaFit, rigid_body: float | None) -> Grid:
 
 
 def _reach(fit: InertiaFit, name: str, text: str) -> str:
+    """From and to, with as many figures as ``text`` has; nothing where no error is known."""
     interval = method_interval(fit, name)
     if interval is None:
         return NOTHING
@@ -202,6 +205,7 @@ def sine_grid(fit: InertiaFit) -> Grid:
 
 
 def _sine_columns(fit: InertiaFit) -> list[Column]:
+    """Period, cycles and peaks of each sine run."""
     axis = fit.estimate.axis
     periods, cycles, torques, rates = [], [], [], []
     for trial in fit.trials:
@@ -285,12 +289,14 @@ def sources_grid(evidence: Evidence) -> Grid | None:
 
 
 def _trials_by_name(evidence: Evidence) -> dict[str, Trial]:
+    """Every trial of the logs; none where these are not there."""
     if evidence.campaign is None:
         return {}
     return {trial.name: trial for trial in evidence.campaign.trials}
 
 
 def _hash(trial: Trial) -> str:
+    """SHA-256 of the log, where it is a file."""
     if trial.path.is_file():
         return sha256(trial.path)
     return NOTHING

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import signal
 
-from rovid.campaign.trial import Campaign
+from rovid.campaign.trial import Campaign, Trial
 from rovid.campaign.vehicle import Vehicle
 from rovid.ground.arrays import FloatArray, IntArray
 from rovid.model.integration import along
@@ -52,13 +52,16 @@ def residuals_of(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[Re
 
 
 def _residual(run: Run, model: Model, vehicle: Vehicle) -> Residual:
-    rates = run.rates
-    held = model.drive(vehicle, run.trial).mapped(lambda series: rates.held(run.trial, series))
+    held = model.drive(vehicle, run.trial).mapped(lambda series: run.rates.held(run.trial, series))
     drive = held.torque if model.effects else run.drive
-    left = drive - model.inertia * rates.acceleration - model.drag(rates.rate)
-    noise = model.inertia * rates.acceleration_noise
-    item = Residual(run=run, drive=drive, beside=held.beside, left=np.asarray(left), noise=noise)
+    noise = model.inertia * run.rates.acceleration_noise
+    item = Residual(run=run, drive=drive, beside=held.beside, left=_left(run, model, drive), noise=noise)
     return replace(item, left=item.left + _terms_torque(item, _base(model)))
+
+
+def _left(run: Run, model: Model, drive: FloatArray) -> FloatArray:
+    """(n,) N m of ``drive`` that neither inertia nor drag take."""
+    return np.asarray(drive - model.inertia * run.rates.acceleration - model.drag(run.rates.rate))
 
 
 def _base(model: Model) -> Model:
@@ -84,11 +87,14 @@ def _as_turned(runs: Runs, model: Model, vehicle: Vehicle) -> Sequence[Run]:
     """The runs with the headings that ``model`` takes for the true ones, behind the same filter."""
     if not model.instrument.deviates:
         return runs.items
-    turned = []
-    for trial in (run.trial for run in runs.items):
-        heading = model.instrument.true_angle(trial, trial.position, np.arange(len(trial.time)))[0]
-        turned.append(replace(trial, position=heading))
-    return prepare(Campaign(trials=tuple(turned), sources=()), vehicle, cutoff=runs.cutoff).items
+    turned = tuple(_turned(run.trial, model) for run in runs.items)
+    return prepare(Campaign(trials=turned, sources=()), vehicle, cutoff=runs.cutoff).items
+
+
+def _turned(trial: Trial, model: Model) -> Trial:
+    """``trial`` with the heading that ``model`` takes for the true one."""
+    heading, _ = model.instrument.true_angle(trial, trial.position, np.arange(len(trial.time)))
+    return replace(trial, position=heading)
 
 
 def _terms_torque(item: Residual, model: Model) -> FloatArray:
@@ -117,12 +123,17 @@ def sizes(items: Sequence[Residual]) -> tuple[float, float, float]:
     """Root mean squares in N m: of what is left, of the torque, and of what the sensor's noise makes of itself."""
     left = all_left(items)
     known = np.isfinite(left)
-    drive = all_drives(items)[known]
-    noise = np.concatenate([np.full(len(item.left), item.noise) for item in items])[known]
+    drive, noise = all_drives(items)[known], _all_noises(items)[known]
     return _rms(left[known]), _rms(drive), _rms(noise)
 
 
+def _all_noises(items: Sequence[Residual]) -> FloatArray:
+    """(N,) standard deviation in N m of the noise in what is left."""
+    return np.concatenate([np.full(len(item.left), item.noise) for item in items])
+
+
 def _rms(values: FloatArray) -> float:
+    """Root mean square; NaN of nothing."""
     if not values.size:
         return math.nan
     return float(np.sqrt(np.mean(values**2)))

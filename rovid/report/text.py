@@ -150,6 +150,7 @@ def _filled(texts: Sequence[str]) -> list[str]:
 
 
 def _fill(places: int, present: int) -> str:
+    """Spaces in place of the decimals, and the point, that a number lacks."""
     spaces = _FIGURE_SPACE * (places - present)
     if places and not present:
         return _POINT_SPACE + spaces
@@ -157,5 +158,6 @@ def _fill(places: int, present: int) -> str:
 
 
 def _decimals(text: str) -> int:
+    """How many figures stand behind the point."""
     _, _, behind_point = text.partition(".")
     return len(behind_point)

@@ -50,6 +50,7 @@ def viewer_document(evidence: Evidence) -> dict[str, Any]:
 
 
 def _trial(each: Series) -> dict[str, Any]:
+    """What the page is given of one trial's signals."""
     levels = [{"rows": level.shape[1], "data": _text(level)} for level in each.levels]
     return {"name": each.name, "samples": each.samples, "levels": levels}
 
@@ -105,6 +106,7 @@ def _errors(table: FloatArray) -> list[FloatArray]:
 
 
 def _levels(table: FloatArray, count: int) -> list[NDArray[np.float32]]:
+    """(rows, samples) tables, each coarser than the one before, the finest first."""
     levels = [thinned(table, count)]
     while levels[-1].shape[1] > COARSEST:
         levels.append(thinned(levels[-1], levels[-1].shape[1] // _STEP))
@@ -121,10 +123,12 @@ def _table(sides: tuple[TrialSimulation, ...]) -> FloatArray:
 
 
 def _at_instants(item: TrialSimulation, rate: FloatArray) -> FloatArray:
+    """(n,) ``rate`` at the trial's own instants; NaN where the filter has no answer."""
     return np.interp(item.run.trial.time, item.run.rates.time, rate, left=np.nan, right=np.nan)
 
 
 def _position_error(item: TrialSimulation) -> FloatArray:
+    """(n,) deg or m that the simulation is off at the trial's own instants."""
     trial = item.run.trial
     return trial.axis.shown[1] * on_grid(trial, item.position - trial.position, trial.time)
 
@@ -158,4 +162,5 @@ def _line(label: str, look: str, column: int, less: int | None = None) -> dict[s
 
 
 def _text(level: NDArray[np.float32]) -> str:
+    """The table's bytes as base64, a row after another."""
     return base64.b64encode(np.ascontiguousarray(level).tobytes()).decode("ascii")

@@ -12,13 +12,15 @@ from rich.text import Text
 
 from rovid.campaign.axis import Axis
 from rovid.campaign.vehicle import Vehicle
-from rovid.control.loop_design import Control, RunResult
+from rovid.control.loop_design import Control, RunResult, Spread
 from rovid.control.tuning import Margins
 from rovid.diagnose.amplitudes import Amplitudes, Explanation
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.diagnose.record import INVISIBLE, Diagnosis, Finding, Side, not_identifiable
+from rovid.effects import Effect
 from rovid.ground.numbers import plus_minus
 from rovid.ground.screen import led
+from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS
 from rovid.model.names import unit_of
 from rovid.show.terminal import number, say, show_parameters, table
@@ -48,10 +50,13 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         say(console, f"left unexplained: {share:.2g} % of the {axis.push}'s variance")
     if diagnosis.verdict == "nothing_found":
         _show_detectable(console, diagnosis, axis)
-    invisible = " and ".join(INVISIBLE[name] for name in not_identifiable(vehicle))
-    say(console, f"never visible in {axis.name} data: {invisible}")
+    say(console, f"never visible in {axis.name} data: {_invisible(vehicle)}")
     run = next_experiment(diagnosis)
     say(console, led("Next:", f"{run['run']} ({run['reason']})"))
+
+
+def _invisible(vehicle: Vehicle) -> str:
+    return " and ".join(INVISIBLE[name] for name in not_identifiable(vehicle))
 
 
 def _show_causes(console: Console, diagnosis: Diagnosis, axis: Axis) -> None:
@@ -79,6 +84,7 @@ def _show_amplitudes(console: Console, amplitudes: Amplitudes) -> None:
 
 
 def _show_predictions(console: Console, amplitudes: Amplitudes) -> None:
+    """Peak rates as measured, and as the model without effects has them."""
     title = "Peak yaw rate of the sine trials, rad/s"
     rows = table(title, "trial", "inertia by", "kg m²", "measured", "predicted", "%", left=2)
     for each in amplitudes.predictions:
@@ -97,13 +103,18 @@ def _show_predictions(console: Console, amplitudes: Amplitudes) -> None:
 def _show_explanations(console: Console, amplitudes: Amplitudes) -> None:
     rows = table("Each would explain it alone", "effect", "with", "run that would tell", "inertia kg m²", left=3)
     for cause in amplitudes.causes:
-        effect = cause.model.effects[0]
-        sizes = ", ".join(_sizes(cause))
-        rows.add_row(effect.title, sizes, effect.experiment, number(cause.model.inertia, ".0f"))
+        rows.add_row(*_explanation_cells(cause))
     console.print(rows)
 
 
+def _explanation_cells(cause: Explanation) -> tuple[str, str, str, str]:
+    effect = cause.model.effects[0]
+    inertia = number(cause.model.inertia, ".0f")
+    return effect.title, ", ".join(_sizes(cause)), effect.experiment, inertia
+
+
 def _sizes(cause: Explanation) -> Iterator[str]:
+    """Name, value and unit of each parameter."""
     for name, (value, unit) in cause.sizes.items():
         # A plain number has the unit 1, which is not said.
         yield f"{name} {value:.3g} {unit}".removesuffix(" 1")
@@ -126,12 +137,16 @@ def _show_finding(console: Console, finding: Finding, axis: Axis) -> None:
 
 def _show_sizes(console: Console, finding: Finding) -> None:
     """The parameters of what was found, a line each."""
-    effect, estimate = finding.effect, finding.estimate
-    for parameter in effect.parameters:
-        name = f"{effect.key}.{parameter.name}"
-        value = plus_minus(estimate.value(name), estimate.standard_error(name))
-        unit = estimate.unit(name)
-        say(console, f"  {parameter.name} {value} {unit if unit != '1' else ''}")
+    for parameter in finding.effect.parameters:
+        size = _size(finding.estimate, f"{finding.effect.key}.{parameter.name}")
+        say(console, f"  {parameter.name} {size}")
+
+
+def _size(estimate: Estimate, name: str) -> str:
+    """Value, standard error and unit."""
+    value = plus_minus(estimate.value(name), estimate.standard_error(name))
+    unit = estimate.unit(name)
+    return f"{value} {unit if unit != '1' else ''}"
 
 
 def _show_deciding(console: Console, finding: Finding) -> None:
@@ -166,10 +181,14 @@ def _show_gain(console: Console, base: Side, extended: Side, floor: float, axis:
 def _show_detectable(console: Console, diagnosis: Diagnosis, axis: Axis) -> None:
     rows = table("The smallest that would have been seen", "effect", "parameter", "size", "unit", left=2)
     for effect, size in diagnosis.detectable:
-        name = effect.parameters[0].name
-        seen = number(size, ".2g") if math.isfinite(size) else "not visible"
-        rows.add_row(axis.words(effect.title), name, seen, unit_of(f"{effect.key}.{name}", axis))
+        rows.add_row(*_detectable_cells(effect, size, axis))
     console.print(rows)
+
+
+def _detectable_cells(effect: Effect, size: float, axis: Axis) -> tuple[str, str, str, str]:
+    name = effect.parameters[0].name
+    seen = number(size, ".2g") if math.isfinite(size) else "not visible"
+    return axis.words(effect.title), name, seen, unit_of(f"{effect.key}.{name}", axis)
 
 
 def show_control(console: Console, result: Control) -> None:
@@ -194,14 +213,18 @@ def _control_lines(result: Control) -> Iterator[str | Text]:
     )
     yield _margins(result.margins)
     if spread is not None:
-        yield (
-            f"over the parameters' uncertainty ({spread.draws} draws): {100.0 * spread.stable:.0f} % stable; 95 % have "
-            f"gain {_decibels(spread.gain_db)}, phase {spread.phase_deg:.0f} deg, delay {spread.delay_s:.2f} s or more"
-        )
+        yield _spread(spread)
     if result.allocation.limited:
         yield f"torque from {law.lowest:.0f} to {law.highest:.0f} N m"
     else:
         yield "no thrusters are known: the torque itself is commanded, without limit"
+
+
+def _spread(spread: Spread) -> str:
+    return (
+        f"over the parameters' uncertainty ({spread.draws} draws): {100.0 * spread.stable:.0f} % stable; 95 % have "
+        f"gain {_decibels(spread.gain_db)}, phase {spread.phase_deg:.0f} deg, delay {spread.delay_s:.2f} s or more"
+    )
 
 
 def _margins(margins: Margins) -> str | Text:
@@ -216,6 +239,7 @@ def _margins(margins: Margins) -> str | Text:
 
 
 def _closed_loop_runs(result: Control) -> Table:
+    """A row for each run of the design."""
     rows = table(
         "Closed-loop runs, with 2 % of the torque in use as disturbance",
         *("run", "effects", "model aid", "63 % s", "rise s", "settled s", "overshoot deg", "steady deg", "effort N m"),
@@ -250,12 +274,14 @@ def _run_cells(run: RunResult) -> list[str]:
 
 
 def _aid(run: RunResult) -> str:
+    """What of the model the controller uses."""
     if not run.model_aid:
         return "–"
     return "extended" if run.effects_known else "drag"
 
 
 def _cycle(run: RunResult) -> str:
+    """Amplitude and period of a limit cycle, if any."""
     cycle = run.measures.limit_cycle
     if cycle is None:
         return "–"

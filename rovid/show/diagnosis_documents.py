@@ -41,6 +41,7 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
 
 
 def _unexplained(diagnosis: Diagnosis) -> Document:
+    """What of the motion no effect explains, and the signals that it follows."""
     depends_on, signals = [], []
     for signal, worth in diagnosis.signals:
         name = signal_of(signal)
@@ -84,6 +85,7 @@ def _prediction(each: Prediction) -> Document:
 
 
 def _cause(cause: Explanation) -> Document:
+    """What would explain the tables alone, with its size."""
     effect = cause.model.effects[0]
     parameters = {name: {"value": value, "unit": unit} for name, (value, unit) in cause.sizes.items()}
     return {
@@ -97,6 +99,7 @@ def _cause(cause: Explanation) -> Document:
 
 
 def _side(side: Side | None, axis: Axis) -> Document | None:
+    """A model's parameters and what it makes of trials that were not fitted; None where there is no model."""
     if side is None:
         return None
     held = side.held_out

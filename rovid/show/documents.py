@@ -17,7 +17,7 @@ from rovid.inspect.first_config import Survey
 from rovid.inspect.signals import Guesses
 from rovid.model.simulation import TrialSimulation, overall
 from rovid.parameters.parameters import Entry, Parameters
-from rovid.plan.run_design import Plan, command_rows
+from rovid.plan.run_design import Plan, commands_by_name
 from rovid.plan.worth import Worth
 from rovid.show.fit_documents import Document, axis_document, position_errors, units_of
 
@@ -50,6 +50,7 @@ def _entry(entry: Entry) -> Document:
 
 
 def _trial_simulation(item: TrialSimulation) -> Document:
+    """How well one trial is followed."""
     axis = item.run.trial.axis
     return {
         "name": item.run.trial.name,
@@ -77,21 +78,12 @@ def plan_document(plan: Plan, axis: Axis, command_file: str, picture: str) -> Do
         "gain": gain,
         "command_file": command_file,
         "picture": picture,
-        "commands": _commands(plan),
+        "commands": commands_by_name(plan),
     }
 
 
 def _run(one: Worth) -> Document:
     return {"run": one.run.name, "seconds": one.run.seconds, "gain": one.gain, "gain_per_minute": one.per_minute}
-
-
-def _commands(plan: Plan) -> Document:
-    """The best run's commands, a list for each thruster beside that of the times."""
-    times, rows = command_rows(plan.best)
-    document: Document = {"time_s": times}
-    for place, name in enumerate(plan.thrusters):
-        document[name] = [row[place] for row in rows]
-    return document
 
 
 def control_document(result: Control, warnings: Sequence[str]) -> Document:
@@ -121,6 +113,7 @@ def control_document(result: Control, warnings: Sequence[str]) -> Document:
 
 
 def _closed_run(run: RunResult) -> Document:
+    """A closed-loop run: times in s, angles in deg, effort in N m."""
     measures = run.measures
     return {
         "name": run.name,

@@ -99,6 +99,7 @@ def _steady_states(fit: DragFit) -> list[Document]:
 
 
 def _point(point: SteadyPoint, axis: Axis) -> Document:
+    """A steady state: times in s, torque in N m, rate in rad/s, or their like along another axis."""
     return {
         "source": point.source,
         "start": point.start,
@@ -113,6 +114,7 @@ def _point(point: SteadyPoint, axis: Axis) -> Document:
 
 
 def _left_out(row: np.ndarray[Any, np.dtype[np.float64]]) -> Document:
+    """Both drags as found without the point, and how far off its torque is then foretold."""
     return {"quadratic_drag": row[0], "linear_drag": row[1], "torque_prediction_error": row[2]}
 
 
@@ -153,6 +155,7 @@ def likelihood_document(fit: LikelihoodFit, study: Study) -> Document:
 
 
 def _disturbance(fit: LikelihoodFit) -> Document:
+    """Standard deviation of the disturbance and its memory in s."""
     unit = fit.estimate.axis.push_unit
     if fit.estimate.per_inertia:
         unit += PER_INERTIA

@@ -113,8 +113,7 @@ def show_drag(console: Console, fit: DragFit) -> None:
     console.print(_steady_states(fit))
     if fit.unsteady:
         logs = ", ".join(dict.fromkeys(point.source for point in fit.unsteady))
-        left_out = f"{len(fit.unsteady)} holds left out because the rate was still changing, in {logs}"
-        say(console, left_out)
+        say(console, f"{len(fit.unsteady)} holds left out because the rate was still changing, in {logs}")
     estimate, correlation = fit.estimate, math.nan
     show_parameters(console, estimate)
     if not estimate.refused:
@@ -191,24 +190,28 @@ def _note(fit: InertiaFit, name: str) -> str:
 def show_likelihood(console: Console, fit: LikelihoodFit) -> None:
     """Print what `rovid fit` found."""
     show_parameters(console, fit.estimate)
-    axis = fit.estimate.axis
-    name, unit, factor = axis.measured(integrated=fit.integrated)
     innovations = "white" if fit.white else "not white"
     say(
         console,
         f"{fit.estimate.method}: log-likelihood {fit.log_likelihood:.1f} over {fit.estimate.samples} readings; "
         f"innovations {innovations}",
     )
-    per_inertia = PER_INERTIA if fit.estimate.per_inertia else ""
+    say(console, _noises(fit))
     say(
         console,
-        f"disturbance {axis.push} {fit.disturbance:.3g} {axis.push_unit}{per_inertia} with a memory of "
-        f"{fit.correlation_time:.2g} s; {name} noise {factor * fit.position_noise:.2g} {unit}",
+        f"free-running {fit.estimate.axis.rate_words} R² {fit.free_run_r2:.4f}; "
+        f"the fit that looks at nothing else reaches {fit.simulation_r2:.4f}",
     )
-    say(
-        console,
-        f"free-running {axis.rate_words} R² {fit.free_run_r2:.4f}; the fit that looks at nothing else reaches "
-        f"{fit.simulation_r2:.4f}",
+
+
+def _noises(fit: LikelihoodFit) -> str:
+    """Of the process and of the measurement."""
+    axis = fit.estimate.axis
+    name, unit, factor = axis.measured(integrated=fit.integrated)
+    per_inertia = PER_INERTIA if fit.estimate.per_inertia else ""
+    return (
+        f"disturbance {axis.push} {fit.disturbance:.3g} {axis.push_unit}{per_inertia} with a memory of "
+        f"{fit.correlation_time:.2g} s; {name} noise {factor * fit.position_noise:.2g} {unit}"
     )
 
 
@@ -249,9 +252,8 @@ def show_simulation(console: Console, simulations: Sequence[TrialSimulation]) ->
         f"after 60 s, {axis.shown[0]}",
     )
     for item in simulations:
-        soon = number(axis.in_shown(item.position_errors[10.0]), ".2g")
-        late = number(axis.in_shown(item.position_errors[60.0]), ".2g")
-        rows.add_row(item.run.trial.name, *_quality_cells(item.fit), soon, late)
+        ahead = [number(axis.in_shown(item.position_errors[seconds]), ".2g") for seconds in (10.0, 60.0)]
+        rows.add_row(item.run.trial.name, *_quality_cells(item.fit), *ahead)
     rows.add_section()
     rows.add_row("all", *_quality_cells(overall(simulations)))
     console.print(rows)
@@ -276,16 +278,19 @@ def show_bench(console: Console, fit: BenchFit, output: Path) -> None:
     console.print(rows)
     if step > 1:
         say(console, f"every {step}th of {len(fit.command)} readings shown")
-    zone = "none"
-    if fit.dead_zone is not None:
-        low, high = fit.dead_zone
-        zone = f"{low:.5g} to {high:.5g}"
     say(
         console,
-        f"dead zone {zone}; thrust {fit.curve.thrust.min():.1f} to {fit.curve.thrust.max():.1f} N; residual "
+        f"dead zone {_dead_zone(fit)}; thrust {fit.curve.thrust.min():.1f} to {fit.curve.thrust.max():.1f} N; residual "
         f"{fit.rms:.2g} N rms, {np.max(np.abs(fit.residuals)):.2g} N at most",
     )
     say(console, f"written to {output}")
+
+
+def _dead_zone(fit: BenchFit) -> str:
+    if fit.dead_zone is None:
+        return "none"
+    low, high = fit.dead_zone
+    return f"{low:.5g} to {high:.5g}"
 
 
 def show_plan(console: Console, plan: Plan, written: Sequence[Path]) -> None:
@@ -302,6 +307,7 @@ def show_plan(console: Console, plan: Plan, written: Sequence[Path]) -> None:
 
 
 def _planned_runs(plan: Plan) -> Table:
+    """The runs, the best first, and what each would tell."""
     rivals = len(plan.beliefs) > 1
     if rivals:
         gain = "log-likelihood"

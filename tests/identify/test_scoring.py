@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import warnings
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -20,3 +23,11 @@ def test_costs_are_those_of_a_normal_distribution_but_for_outliers() -> None:
 
 def test_an_innovation_that_ran_away_costs_no_infinity() -> None:
     assert np.isfinite(costs(np.array([1e200]), np.ones(1))).all()
+
+
+def test_a_filter_that_ran_away_has_no_likelihood_and_warns_of_nothing() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        runaway, sound = costs(np.ones(2), np.array([-1.0, 1.0]))
+    assert math.isnan(runaway)
+    assert math.isfinite(sound)

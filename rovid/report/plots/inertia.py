@@ -68,25 +68,38 @@ def method_interval(fit: InertiaFit, name: str) -> tuple[float, float] | None:
 
 
 def _unbiased(fit: InertiaFit) -> list[str]:
+    """Names of the methods that do not go by peaks."""
     return [name for name in fit.methods if name != "peak"]
 
 
 def _crowded(fit: InertiaFit) -> bool:
-    ends: list[float] = []
-    for name in _unbiased(fit):
-        ends += method_interval(fit, name) or ()
+    """Whether all intervals lie so close that an axis from zero would hide them."""
+    ends = _interval_ends(fit)
     if len(fit.methods) < 2 or not ends:
         return False
     return max(ends) - min(ends) < _CROWDED * max(ends)
 
 
+def _interval_ends(fit: InertiaFit) -> list[float]:
+    """Both ends of each unbiased method's interval, kg m^2."""
+    ends: list[float] = []
+    for name in _unbiased(fit):
+        ends += method_interval(fit, name) or ()
+    return ends
+
+
 def _label(fit: InertiaFit, name: str) -> str:
     if name == "peak":
-        bias = "" if fit.peak_bias is None else f": {100.0 * fit.peak_bias:.0f} % of true"
-        return f"{method_title(name)}\n(biased{bias})"
+        return f"{method_title(name)}\n({_bias(fit)})"
     if name == fit.chosen:
         return f"{method_title(name)}\n(used)"
     return method_title(name)
+
+
+def _bias(fit: InertiaFit) -> str:
+    if fit.peak_bias is None:
+        return "biased"
+    return f"biased: {100.0 * fit.peak_bias:.0f} % of true"
 
 
 def _panel(panel: Axes, fit: InertiaFit, names: list[str]) -> None:

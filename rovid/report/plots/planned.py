@@ -48,6 +48,7 @@ def _commands(panel: Axes, plan: Plan) -> None:
 
 
 def _rates(panel: Axes, plan: Plan, axis: Axis) -> None:
+    """What each model makes of the best run."""
     best = plan.best
     for belief, values, (colour, dashes) in zip(plan.beliefs, best.rates, _LOOKS, strict=False):
         panel.plot(best.run.time, values, dashes, color=colour, label=belief.name.replace("_", " "))

@@ -46,6 +46,7 @@ def _squared(axis: Axis) -> str:
 
 
 def _against(panel: Axes, driver: FloatArray, left: FloatArray) -> None:
+    """Some of the points, and their mean in bins, of what is ``left`` over its ``driver``."""
     known = np.flatnonzero(np.isfinite(driver) & np.isfinite(left))
     step = max(len(known) // _DOTS, 1)
     rows = known[::step]
@@ -80,12 +81,16 @@ def over_time(panel: Axes, items: Sequence[Residual], colours: Sequence[str]) ->
 
 def memory(panel: Axes, items: Sequence[Residual], **look: Any) -> None:
     """Autocorrelation of what is left."""
-    durations = [float(np.ptp(item.run.rates.time)) for item in items]
-    # Of a longer lag than half a run too few pairs of samples are left.
-    longest = min(_LONGEST_LAG, 0.5 * max(durations))
+    longest = _longest_lag(items)
     panel.plot(*autocorrelation(items, longest), **look)
     panel.axhline(0.0, color=BLACK, linewidth=0.8)
     panel.set(xlabel="lag, s", ylabel="autocorrelation", xlim=(0.0, longest), ylim=(-0.6, 1.05))
+
+
+def _longest_lag(items: Sequence[Residual]) -> float:
+    """In s: of more than half a run too few pairs of samples are left."""
+    durations = [float(np.ptp(item.run.rates.time)) for item in items]
+    return min(_LONGEST_LAG, 0.5 * max(durations))
 
 
 def density(panel: Axes, items: Sequence[Residual], cutoff: float, **look: Any) -> None:

@@ -35,6 +35,7 @@ def sine_runs(trials: Sequence[SineTrial], drag: Model | None, axis: Axis) -> Fi
 
 
 def _waves(trial: SineTrial) -> list[FloatArray]:
+    """Torque, rate and acceleration over one period."""
     wave = trial.wave
     return [wave.over_one_period(each) for each in (wave.torque, wave.rate, wave.acceleration())]
 
@@ -59,6 +60,7 @@ def _over_time(panel: Axes, trial: SineTrial, waves: list[FloatArray], peaks: li
 
 
 def _loop(panel: Axes, waves: list[FloatArray], peaks: list[int], drag: Model | None, axis: Axis) -> None:
+    """Torque over rate in one period, with the moments of the peaks and the steady drag."""
     torque, rate, _ = waves
     if drag is not None:
         line = np.linspace(rate.min(), rate.max(), 200)

@@ -53,12 +53,14 @@ def _fitted(top: Axes, bottom: Axes, estimate: Estimate, line: FloatArray) -> No
 
 
 def _unsteady(panel: Axes, fit: DragFit) -> None:
+    """Holds in which the rate still changed."""
     rates = [point.rate for point in fit.unsteady]
     torques = [point.torque for point in fit.unsteady]
     panel.plot(rates, torques, "x", color=GREY, markersize=6, label="rate still changing: not fitted")
 
 
 def _line(fit: DragFit) -> FloatArray:
+    """(n,) rates in rad/s or m/s, from a little below all points to a little above."""
     rates = [0.0, *(point.rate for point in (*fit.points, *fit.unsteady))]
     return np.linspace(1.05 * min(rates), 1.05 * max(rates), _STEPS)
 
@@ -70,6 +72,7 @@ def _design(estimate: Estimate, rate: FloatArray) -> FloatArray:
 
 
 def _drag(estimate: Estimate, rate: FloatArray) -> FloatArray:
+    """(n,) N m or N at each rate."""
     return np.asarray(_design(estimate, rate) @ estimate.values)
 
 

@@ -64,6 +64,7 @@ def _one_curve(panel: Axes, curve: ThrustCurve, used: FloatArray) -> None:
 
 
 def _lever(vehicle: Vehicle, thruster: Thruster) -> str:
+    """What the thrust acts by: a lever arm, or a share along the axis."""
     if vehicle.axis.angular:
         return f"arm {thruster.arm:.3g} m"
     name, _ = arm(vehicle.axis)
