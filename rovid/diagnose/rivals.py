@@ -60,7 +60,18 @@ def is_plausible(fitted: Fitted) -> bool:
     """Whether the last effect is of a size that there is, none of its parameters at the edge, nor the inertia."""
     effect = fitted.effects[-1]
     values = fitted.own(effect).tolist()
-    return fitted.is_physical and not any(map(_at_edge, values, effect.parameters))
+    if any(map(_at_edge, values, effect.parameters)) or _is_no_cycle(fitted, effect):
+        return False
+    return fitted.is_physical
+
+
+def _is_no_cycle(fitted: Fitted, effect: Effect) -> bool:
+    """Whether ``effect`` swings as slowly as runs show at all, which any drift does."""
+    if not effect.oscillates:
+        return False
+    at = [parameter.name for parameter in effect.parameters].index("frequency")
+    slowest = fitted.misfit.coordinates.low[-len(effect.parameters) :][at]
+    return bool(fitted.own(effect)[at] <= slowest)
 
 
 def is_beyond(fitted: Fitted, effect: Effect) -> bool:
