@@ -11,7 +11,8 @@ from rovid.effects.base import TERM_STATES, Body
 from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import compiled
 from rovid.model.equation import Equation
-from rovid.model.kernels.step import EFFECTS_STEP_SHARE, REACH, copy, move, step, steps_of
+from rovid.model.kernels.lanes import step_lanes
+from rovid.model.kernels.step import EFFECTS_STEP_SHARE, REACH, copy, move, steps_of
 from rovid.model.kernels.torque import jump, torque_of
 
 # So many times the largest rate that was measured is none of the vehicle's.
@@ -56,29 +57,42 @@ def predict(
     turned
         (m, 1 + the largest reach) rad; NaN beyond the reach, and where the model runs away or asks for endless steps.
     """
-    turned = np.full((len(restarts), reach.max() + 1), np.nan)
+    count, rows = len(restarts), len(terms.kinds)
+    turned = np.full((count, reach.max() + 1), np.nan)
     turned[:, 0] = 0.0
-    rows, count = terms.remembering, len(terms.kinds)
-    state, work = np.zeros((count, TERM_STATES)), np.zeros((3, count, TERM_STATES))
+    # All restarts go on together, a lane each: those that reach farthest first, so that the others end behind them.
+    order = np.argsort(-reach)
+    begin = restarts[order]
+    r, a, origin = rate[begin], angle[begin], start[order]
+    state, told = np.zeros((count, rows, TERM_STATES)), np.zeros((count, 3))
+    for i in range(count):
+        state[i, : terms.remembering] = states[begin[i], : terms.remembering]
+    push, h, stiffness = np.zeros((3, count))
+    steps, every = np.zeros(count, dtype=np.int64), np.arange(count)
+    rooms, work = np.zeros((8, count)), np.zeros((3, count, rows, TERM_STATES))
     most = _RUNAWAY * np.nanmax(np.abs(rate))
-    for i in range(len(restarts)):
-        begin, equation = restarts[i], Equation(body, terms, start[i])
-        r, a, stiffness = rate[begin], angle[begin], 0.0
-        state[:rows] = states[begin, :rows]
-        for k in range(reach[i]):
-            at = begin + k
-            steps = steps_of(r, torque[at], stiffness, period[i], equation)
-            if steps > _MAX_SUBSTEPS_AHEAD:
-                break
-            told = beside[at, 0], beside[at, 1], beside[at, 2]
-            stiffness = terms.fastest
-            for _ in range(steps):
-                r, a, damping = step(r, a, torque[at], 0.0, told, equation, state, work, period[i] / steps)
-                stiffness = max(stiffness, damping)
-            if not abs(r) < most:
+    for k in range(reach.max()):
+        while reach[order[count - 1]] <= k:
+            count -= 1
+        for i in range(count):
+            at, span = begin[i] + k, period[order[i]]
+            push[i] = torque[at]
+            told[i, 0], told[i, 1], told[i, 2] = beside[at, 0], beside[at, 1], beside[at, 2]
+            steps[i] = steps_of(r[i], push[i], stiffness[i], span, Equation(body, terms, origin[i]))
+            if steps[i] > _MAX_SUBSTEPS_AHEAD:
+                r[i], steps[i] = np.nan, 1
+            h[i] = span / steps[i]
+            stiffness[i] = terms.fastest
+        moving = every[:count]
+        for number in range(steps[:count].max()):
+            if number > 0:
+                moving = moving[steps[moving] > number]
+            step_lanes(moving, r, a, (push, told, origin), terms, body, state, h, stiffness, rooms, work)
+        for i in range(count):
+            if not abs(r[i]) < most:
                 # It runs away.
-                break
-            turned[i, k + 1] = a - angle[begin]
+                r[i] = a[i] = np.nan
+            turned[order[i], k + 1] = a[i] - angle[begin[i]]
     return turned
 
 

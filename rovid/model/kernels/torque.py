@@ -35,9 +35,9 @@ _term = _any_of(
     "0.0, 0.0, 0.0",
 )
 _MOVING = {kind: term.water for kind, term in enumerate(TERMS) if term.water is not None}
-_water = _any_of("p, x", dict.fromkeys(_MOVING, "{}(p, x)"), _MOVING, "0.0")
+water_of = _any_of("p, x", dict.fromkeys(_MOVING, "{}(p, x)"), _MOVING, "0.0")
 _JUMPING = {kind: term.jumps for kind, term in enumerate(TERMS) if term.jumps is not None}
-_jumped = _any_of("rate, x", dict.fromkeys(_JUMPING, "{}(rate, x)"), _JUMPING, "x[0]")
+jumped = _any_of("rate, x", dict.fromkeys(_JUMPING, "{}(rate, x)"), _JUMPING, "x[0]")
 
 
 @compiled
@@ -59,7 +59,7 @@ def torque_of(rate: float, angle: float, push: float, beside: Any, equation: Any
     kinds, numbers = terms.kinds, terms.parameters
     for j in range(terms.moving):
         p = numbers[j, 0], numbers[j, 1], numbers[j, 2], numbers[j, 3]
-        water += _water(kinds[j], p, (state[j, 0], state[j, 1]))
+        water += water_of(kinds[j], p, (state[j, 0], state[j, 1]))
     at = Instant(rate, rate - water, angle, equation.start, push, beside[0], beside[1], beside[2], equation.body)
     total = 0.0
     for j in range(len(kinds)):
@@ -75,4 +75,4 @@ def jump(rate: float, equation: Any, state: Any) -> None:
     """Let the states jump that do so at such a ``rate`` in rad/s."""
     terms = equation.terms
     for j in range(terms.remembering if terms.jumping else 0):
-        state[j, 0] = _jumped(terms.kinds[j], rate, (state[j, 0], state[j, 1]))
+        state[j, 0] = jumped(terms.kinds[j], rate, (state[j, 0], state[j, 1]))
