@@ -33,23 +33,28 @@ def transition(slopes: Any, h: float, f: Any) -> None:
                 y1 * slopes[1, 3] + y4 * slopes[4, 3],
                 y1 * slopes[1, 4] + y3 + y4 * slopes[4, 4],
             )
-            r0, r1, r2, r3, r4 = (
-                r0 + factor * y0,
-                r1 + factor * y1,
-                r2 + factor * y2,
-                r3 + factor * y3,
-                r4 + factor * y4,
-            )
+            r0 += factor * y0
+            r1 += factor * y1
+            r2 += factor * y2
+            r3 += factor * y3
+            r4 += factor * y4
             factor *= h / order
-            a0, a1, a2, a3, a4 = (
-                a0 + factor * y0,
-                a1 + factor * y1,
-                a2 + factor * y2,
-                a3 + factor * y3,
-                a4 + factor * y4,
-            )
-        f[at, 0], f[at, 1], f[at, 2], f[at, 3], f[at, 4] = a0, a1, a2, a3, a4
-        f[at + 1, 0], f[at + 1, 1], f[at + 1, 2], f[at + 1, 3], f[at + 1, 4] = r0, r1, r2, r3, r4
+            a0 += factor * y0
+            a1 += factor * y1
+            a2 += factor * y2
+            a3 += factor * y3
+            a4 += factor * y4
+        angle, rate = f[at], f[at + 1]
+        angle[0] = a0
+        angle[1] = a1
+        angle[2] = a2
+        angle[3] = a3
+        angle[4] = a4
+        rate[0] = r0
+        rate[1] = r1
+        rate[2] = r2
+        rate[3] = r3
+        rate[4] = r4
 
 
 @inlined
@@ -72,7 +77,11 @@ def add_noise(slopes: Any, into: int, size: float, h: float, q: Any) -> None:
                 share * v4,
                 share * (slopes[4, 1] * v1 + slopes[4, 3] * v3 + slopes[4, 4] * v4),
             )
-            c0, c1, c2, c3, c4 = c0 + v0, c1 + v1, c2 + v2, c3 + v3, c4 + v4
+            c0 += v0
+            c1 += v1
+            c2 += v2
+            c3 += v3
+            c4 += v4
         q[0, 0] += weight * c0 * c0
         q[0, 1] += weight * c0 * c1
         q[0, 2] += weight * c0 * c2
@@ -94,14 +103,22 @@ def add_noise(slopes: Any, into: int, size: float, h: float, q: Any) -> None:
 def congruence(f: Any, p: Any, q: Any, room: Any) -> None:
     """Write f p f^T + q into ``p``; the disturbance follows from itself alone."""
     for j in range(5):
-        p0, p1, p2, p3, p4 = p[0, j], p[1, j], p[2, j], p[3, j], p[4, j]
+        p0 = p[0, j]
+        p1 = p[1, j]
+        p2 = p[2, j]
+        p3 = p[3, j]
+        p4 = p[4, j]
         room[0, j] = f[0, 0] * p0 + f[0, 1] * p1 + f[0, 2] * p2 + f[0, 3] * p3 + f[0, 4] * p4
         room[1, j] = f[1, 0] * p0 + f[1, 1] * p1 + f[1, 2] * p2 + f[1, 3] * p3 + f[1, 4] * p4
         room[2, j] = f[2, 2] * p2
         room[3, j] = f[3, 0] * p0 + f[3, 1] * p1 + f[3, 2] * p2 + f[3, 3] * p3 + f[3, 4] * p4
         room[4, j] = f[4, 0] * p0 + f[4, 1] * p1 + f[4, 2] * p2 + f[4, 3] * p3 + f[4, 4] * p4
     for i in range(5):
-        r0, r1, r2, r3, r4 = room[i, 0], room[i, 1], room[i, 2], room[i, 3], room[i, 4]
+        r0 = room[i, 0]
+        r1 = room[i, 1]
+        r2 = room[i, 2]
+        r3 = room[i, 3]
+        r4 = room[i, 4]
         for j in range(i, 5):
             total = r0 * f[j, 0] + r1 * f[j, 1] + r2 * f[j, 2] + r3 * f[j, 3] + r4 * f[j, 4]
             p[i, j] = p[j, i] = q[i, j] + total

@@ -7,10 +7,10 @@ from typing import Any
 import numba
 
 from rovid.effects import TERMS
-from rovid.effects.base import Instant
+from rovid.effects.base import TERM_STATES, Instant
 from rovid.ground.compiled import compiled, inlined
-from rovid.model.kernels.step import REACH, WEIGHT, acceleration, damping_of
-from rovid.model.kernels.torque import jumped, water_of
+from rovid.model.kernels.step import REACH, WEIGHT, acceleration, copy, damping_of
+from rovid.model.kernels.torque import jumped, numbers_of, water_of
 
 # What the term of a lane gives, by how many states it has.
 _GIVES = (
@@ -51,11 +51,11 @@ def torques_of(
     for i in live:
         total[i], slip[i] = 0.0, rate[i]
     for j in range(terms.moving):
-        p = terms.parameters[j, 0], terms.parameters[j, 1], terms.parameters[j, 2], terms.parameters[j, 3]
+        p = numbers_of(terms, j)
         for i in live:
             slip[i] -= water_of(terms.kinds[j], p, (state[i, j, 0], state[i, j, 1]))
     for j in range(len(terms.kinds)):
-        p = terms.parameters[j, 0], terms.parameters[j, 1], terms.parameters[j, 2], terms.parameters[j, 3]
+        p = numbers_of(terms, j)
         _term(terms.kinds[j], live, rate, slip, angle, start, push, told, body, p, state, change, j, total)
 
 
@@ -104,9 +104,8 @@ def step_lanes(
     jump_lanes(live, r, terms, state)
     for i in live:
         rate[i], turned[i], gained[i] = r[i], 0.0, 0.0
-        for j in range(rows):
-            there[i, j, 0], there[i, j, 1] = state[i, j, 0], state[i, j, 1]
-            moved[i, j, 0], moved[i, j, 1] = state[i, j, 0], state[i, j, 1]
+        copy(rows, state[i], there[i])
+        copy(rows, state[i], moved[i])
     for stage in range(4):
         weight = WEIGHT[stage]
         reach = REACH[stage] if stage < 3 else 0.0
@@ -122,11 +121,10 @@ def step_lanes(
             angle[i] = a[i] + reach * h[i] * rate[i]
             rate[i] = r[i] + reach * h[i] * pull
             for j in range(rows):
-                for c in range(2):
+                for c in range(TERM_STATES):
                     moved[i, j, c] += weight * h[i] / 6.0 * change[i, j, c]
                     there[i, j, c] = state[i, j, c] + reach * h[i] * change[i, j, c]
     for i in live:
         r[i] += h[i] * gained[i] / 6.0
         a[i] += h[i] * turned[i] / 6.0
-        for j in range(rows):
-            state[i, j, 0], state[i, j, 1] = moved[i, j, 0], moved[i, j, 1]
+        copy(rows, moved[i], state[i])

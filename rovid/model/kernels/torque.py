@@ -40,6 +40,13 @@ _JUMPING = {kind: term.jumps for kind, term in enumerate(TERMS) if term.jumps is
 jumped = _any_of("rate, x", dict.fromkeys(_JUMPING, "{}(rate, x)"), _JUMPING, "x[0]")
 
 
+@inlined
+def numbers_of(terms: Any, j: int) -> Any:
+    """Parameters of term ``j``."""
+    row = terms.parameters[j]
+    return row[0], row[1], row[2], row[3]
+
+
 @compiled
 def torque_of(rate: float, angle: float, push: float, beside: Any, equation: Any, state: Any, change: Any) -> float:
     """Torque in N m of all terms of ``equation``; fills in the rates of ``change`` of their states.
@@ -56,14 +63,14 @@ def torque_of(rate: float, angle: float, push: float, beside: Any, equation: Any
         (m, TERM_STATES).
     """
     terms, water = equation.terms, 0.0
-    kinds, numbers = terms.kinds, terms.parameters
+    kinds = terms.kinds
     for j in range(terms.moving):
-        p = numbers[j, 0], numbers[j, 1], numbers[j, 2], numbers[j, 3]
+        p = numbers_of(terms, j)
         water += water_of(kinds[j], p, (state[j, 0], state[j, 1]))
     at = Instant(rate, rate - water, angle, equation.start, push, beside[0], beside[1], beside[2], equation.body)
     total = 0.0
     for j in range(len(kinds)):
-        p = numbers[j, 0], numbers[j, 1], numbers[j, 2], numbers[j, 3]
+        p = numbers_of(terms, j)
         torque, first, second = _term(kinds[j], at, p, (state[j, 0], state[j, 1]))
         total += torque
         change[j, 0], change[j, 1] = first, second
