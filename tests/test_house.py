@@ -55,7 +55,6 @@ WITHOUT = {
     "diagnose/conclusion.py": "a step of the diagnosis",
     "diagnose/diagnosis.py": "a step of the diagnosis",
     "diagnose/experiments.py": "a step of the diagnosis",
-    "diagnose/rivals.py": "a step of the diagnosis",
     "diagnose/search.py": "a step of the diagnosis",
     "diagnose/signals.py": "a step of the diagnosis",
     "diagnose/strategies.py": "a step of the diagnosis",

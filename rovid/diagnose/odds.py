@@ -31,7 +31,7 @@ def surest(gain: float, *, white: bool) -> float:
     return min(float(special.expit((gain - even) / step)), _SUREST)
 
 
-def confidence(worths: Mapping[str, float], alike: Collection[str], tried: int) -> float:
+def confidence(worths: Mapping[str, float], alike: Collection[str], tried: int, *, most: float = _SUREST) -> float:
     """Probability that one of the causes ``alike`` acts, rather than another one or none.
 
     Parameters
@@ -42,6 +42,8 @@ def confidence(worths: Mapping[str, float], alike: Collection[str], tried: int) 
     tried
         How many causes were looked at, those included that promised too little to be fitted: they share the odds that
         any acts at all.
+    most
+        No cause is surer than that; see `surest`.
     """
     # All are taken relative to the largest, whose exponential might overflow.
     top = max([0.0, *worths.values()])
@@ -49,4 +51,4 @@ def confidence(worths: Mapping[str, float], alike: Collection[str], tried: int) 
     weights = {name: prior * math.exp(worth - top) for name, worth in worths.items()}
     total = math.exp(-top) + sum(weights.values())
     own = sum(weights.get(name, 0.0) for name in alike)
-    return min(own / total, _SUREST)
+    return min(own / total, most)

@@ -254,8 +254,7 @@ class Work:
         less = max(cause.worth - held_out_gain, 0.0) + doubt
         for name in worths:
             worths[name] -= less
-        sure = confidence(worths, alike, self.search.tried)
-        sure = min(sure, surest(held_out_gain - doubt, white=white))
+        sure = confidence(worths, alike, self.search.tried, most=surest(held_out_gain - doubt, white=white))
         if of_one_trial(cause.effect) and not white:
             return min(sure, stands_out(self.final, cause.effect))
         return sure
@@ -284,9 +283,9 @@ class Work:
         white = self.final.is_white
         doubt = self.search.form_doubt(self.final, white=white)
 
-        def odds(names: Collection[Rival], less: float = 0.0) -> float:
+        def odds(names: Collection[Rival], less: float = 0.0, most: float = 1.0) -> float:
             worths = {rival.effect.id: rival.worth - doubt - less for rival in left}
-            return confidence(worths, [rival.effect.id for rival in names], self.search.tried)
+            return confidence(worths, [rival.effect.id for rival in names], self.search.tried, most=most)
 
         # Whether one acts takes a fit: only those are asked that are possible if they do.
         acts = cache(self._acts)
@@ -301,8 +300,7 @@ class Work:
                 continue
             alike = [other for other in near if acts(other)]
             gain = log_likelihood(self.folds(rival.fitted)) - log_likelihood(self.folds(self.final))
-            sure = odds([rival, *alike], max(rival.worth - gain, 0.0))
-            sure = min(sure, surest(gain - doubt, white=white))
+            sure = odds([rival, *alike], max(rival.worth - gain, 0.0), surest(gain - doubt, white=white))
             if of_one_trial(rival.effect) and not white:
                 sure = min(sure, stands_out(rival.fitted, rival.effect))
             if sure >= POSSIBLE:

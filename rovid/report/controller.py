@@ -9,6 +9,7 @@ from dataclasses import replace
 from rovid.control.loop_design import Control, RunResult
 from rovid.report.table import Column, Grid, Table, of_numbers, of_text, words
 from rovid.report.text import NOTHING, number
+from rovid.show.account import cycle_words
 
 
 def gains_grid(control: Control) -> Grid:
@@ -61,7 +62,7 @@ def runs_grid(control: Control) -> Grid:
     )
     for run in control.runs:
         effects = "all" if run.effects else "none"
-        table.add(run.name, effects, _aid(run), *_measures(run), _cycle(run))
+        table.add(run.name, effects, _aid(run), *_measures(run), cycle_words(run, none="none"))
     grid = table.grid()
     if control.model.effects:
         return grid
@@ -84,11 +85,3 @@ def _aid(run: RunResult) -> str:
     if not run.model_aid:
         return "none"
     return "drag and effects" if run.effects_known else "drag"
-
-
-def _cycle(run: RunResult) -> str:
-    """Amplitude and period of a limit cycle, if any."""
-    cycle = run.measures.limit_cycle
-    if cycle is None:
-        return "none"
-    return f"±{cycle.amplitude_deg:.2f} deg, {cycle.period_s:.3g} s"

@@ -269,7 +269,7 @@ def _run_cells(run: RunResult) -> list[str]:
         number(found.overshoot_deg, ".1f"),
         number(found.steady_error_deg, ".2f"),
         number(found.effort, ".1f"),
-        _cycle(run),
+        cycle_words(run, none="–"),
     ]
 
 
@@ -280,11 +280,11 @@ def _aid(run: RunResult) -> str:
     return "extended" if run.effects_known else "drag"
 
 
-def _cycle(run: RunResult) -> str:
-    """Amplitude and period of a limit cycle, if any."""
+def cycle_words(run: RunResult, none: str) -> str:
+    """Amplitude and period of a limit cycle; ``none`` where there is none."""
     cycle = run.measures.limit_cycle
     if cycle is None:
-        return "–"
+        return none
     return f"±{cycle.amplitude_deg:.2f} deg, {cycle.period_s:.3g} s"
 
 

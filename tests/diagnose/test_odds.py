@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rovid.diagnose.odds import confidence
+from rovid.diagnose.odds import ESTABLISHED, confidence, surest
 
 
 @pytest.mark.parametrize(
@@ -25,3 +25,12 @@ def test_odds(worths: dict[str, float], alike: tuple[str, ...], least: float, mo
     found = confidence(worths, alike, len(worths))
     assert least <= found <= most
     assert math.isfinite(found)
+
+
+@pytest.mark.parametrize(("white", "least", "enough"), [(False, 19.0, 21.0), (True, 12.0, 14.0)])
+def test_what_gains_little_is_no_surer_than_its_stand_ins_are_rare(white: bool, least: float, enough: float) -> None:
+    assert surest(6.0, white=white) == pytest.approx(0.5)
+    assert surest(least, white=white) < ESTABLISHED <= surest(enough, white=white)
+    assert surest(-1e6, white=white) < 1e-6
+    assert surest(1e6, white=white) == surest(2e6, white=white) < 0.98
+    assert confidence({"a": least}, ("a",), 1, most=surest(least, white=white)) == surest(least, white=white)

@@ -107,10 +107,18 @@ def free_run(start: Floats, torque: Floats, u: Floats, v: Floats, cause: Floats,
 
 def sway_moment(sway: Floats, rate: Floats, step: float, hull: Floats) -> Floats:
     """Moment that sway adds to that of cross flow in turning alone, and that of its acceleration."""
-    moments = -hull[at.M23] * np.gradient(sway, step)
-    for k, (v, r) in enumerate(zip(sway, rate, strict=True)):
-        moments[k] += cross_flow(v, r, hull)[1] - cross_flow(0.0, r, hull)[1]
-    return np.asarray(moments)
+    return np.asarray(added_cross_flow(sway, rate, hull) - hull[at.M23] * np.gradient(sway, step))
+
+
+@compiled
+def added_cross_flow(sway: Floats, rate: Floats, hull: Floats) -> Floats:
+    """Moment of cross flow at each sway and rate, less that of turning alone."""
+    moments = np.empty(sway.size)
+    for k in range(sway.size):
+        _, both = cross_flow(sway[k], rate[k], hull)
+        _, turning = cross_flow(0.0, rate[k], hull)
+        moments[k] = both - turning
+    return moments
 
 
 class Judge:

@@ -92,9 +92,9 @@ def step_lanes(
     state
         (lanes, m, TERM_STATES).
     rooms, work
-        (8, lanes) and (3, lanes, m, TERM_STATES) of room.
+        (7, lanes) and (3, lanes, m, TERM_STATES) of room.
     """
-    rate, angle, extra, given, slip, turned, gained, _ = rooms
+    rate, angle, extra, given, slip, turned, gained = rooms
     change, there, moved = work
     push, rows = lanes[0], terms.remembering
     for i in live:

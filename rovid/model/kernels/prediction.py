@@ -69,7 +69,7 @@ def predict(
         state[i, : terms.remembering] = states[begin[i], : terms.remembering]
     push, h, stiffness = np.zeros((3, count))
     steps, every = np.zeros(count, dtype=np.int64), np.arange(count)
-    rooms, work = np.zeros((8, count)), np.zeros((3, count, rows, TERM_STATES))
+    rooms, work = np.zeros((7, count)), np.zeros((3, count, rows, TERM_STATES))
     most = _RUNAWAY * np.nanmax(np.abs(rate))
     for k in range(reach.max()):
         while reach[order[count - 1]] <= k:
