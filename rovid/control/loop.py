@@ -15,6 +15,7 @@ from rovid.control.law import Law
 from rovid.effects.actuation import SPEEDS, Actuation
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
+from rovid.ground.lanes import LANES
 from rovid.model.drive import Drive
 from rovid.model.model import Model
 
@@ -158,8 +159,8 @@ def _run(
 
     model, m, n = plant.model, ticks(law.period), len(time)
     equation, deviates = model.equation(start), model.instrument.deviates
-    rows = len(equation.terms.kinds)
-    states, work = np.zeros((rows, TERM_STATES)), np.zeros((3, rows, TERM_STATES))
+    rows = TERM_STATES * len(equation.terms.kinds)
+    states, work = np.zeros((rows, LANES)), np.zeros((3, rows, LANES))
     heading, rate, asked = np.full(n, start), np.zeros(n), np.zeros(n)
     commands = np.zeros((n, len(plant.vehicle.thrusters)))
     torque, moment, beside = np.zeros(n), np.zeros(n), np.zeros((n, 1 + len(SPEEDS)))

@@ -17,6 +17,9 @@ from rovid.effects.base import (
     Term,
     Values,
     compiled,
+    larger,
+    smaller,
+    where_positive,
 )
 from rovid.ground.arrays import FloatArray
 
@@ -32,14 +35,12 @@ def _term(at: Instant, p: Numbers) -> float:
 
 @compiled
 def _open_water(at: Instant, p: Numbers) -> float:
-    along = at.rate if at.push >= 0.0 else -at.rate
+    along = where_positive(at.push, at.rate, -at.rate)
     # The mean of the thrusters, each at its speed over the root of its thrust.
-    advance = max(p[0] * along * at.race / (abs(at.push) + 1e-9), _AGAINST)
-    if advance <= 0.0:
-        return -at.push * advance
+    advance = smaller(larger(p[0] * along * at.race / (abs(at.push) + 1e-9), _AGAINST), 0.6)
     # Minerva's KT = 0.24 − 0.25 J − 0.66 J² + 0.5 J³ over its value at J = 0, with j = 1.04 J; no thrust from J = 0.53.
-    advance = min(advance, 0.6)
-    return -at.push * min(advance * (1.0 + advance * (2.534 - 1.843 * advance)), 1.0)
+    lost = smaller(advance * (1.0 + advance * (2.534 - 1.843 * advance)), 1.0)
+    return -at.push * where_positive(advance, lost, advance)
 
 
 def _measured(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:

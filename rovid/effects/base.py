@@ -19,6 +19,7 @@ from rovid.effects.actuation import SPEEDS, Actuation
 from rovid.effects.instant import TERM_PARAMETERS, TERM_STATES, Body, Instant, Numbers, drag
 from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import compiled
+from rovid.ground.lanes import larger, smaller, where_positive
 
 __all__ = [
     "REFERENCE_RATE",
@@ -43,6 +44,9 @@ __all__ = [
     "Wave",
     "compiled",
     "drag",
+    "larger",
+    "smaller",
+    "where_positive",
 ]
 
 # rad/s; where forms that depend on the rate agree with the plain one, or have the time constant that they are given.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, where_positive
 
 
 @compiled
@@ -23,7 +23,7 @@ def _stiction(at: Instant, p: Numbers) -> float:
 @compiled
 def _unequal(at: Instant, p: Numbers) -> float:
     share = math.tanh(at.rate / (p[3] + 1e-9))
-    return -p[0] * share if at.rate >= 0.0 else -p[1] * share - p[2] * at.rate
+    return where_positive(at.rate, -p[0] * share, -p[1] * share - p[2] * at.rate)
 
 
 _TORQUE = EffectParameter(name="torque", unit="N m", null=0.0, low=0.0, high=1.0, starts=(0.03,), scale="torque")

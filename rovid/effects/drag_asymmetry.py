@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, drag
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, drag, where_positive
 
 
 @compiled
 def _whole(at: Instant, p: Numbers) -> float:
-    return 0.0 if at.slip >= 0.0 else -(p[0] - 1.0) * drag(at.body, at.slip)
+    return where_positive(at.slip, 0.0, -(p[0] - 1.0) * drag(at.body, at.slip))
 
 
 @compiled
 def _quadratic(at: Instant, p: Numbers) -> float:
-    return 0.0 if at.slip >= 0.0 else -(p[0] - 1.0) * at.body.quadratic_drag * abs(at.slip) * at.slip
+    return where_positive(at.slip, 0.0, -(p[0] - 1.0) * at.body.quadratic_drag * abs(at.slip) * at.slip)
 
 
 EFFECT: Effect = Effect(

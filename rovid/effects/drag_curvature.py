@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Instant, Numbers, Term, compiled
+from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Instant, Numbers, Term, compiled, where_positive
 
 
 @compiled
@@ -17,7 +17,7 @@ def _cubic(at: Instant, p: Numbers) -> float:
 def _exponent(at: Instant, p: Numbers) -> float:
     share = abs(at.slip) / REFERENCE_RATE
     change = at.body.quadratic_drag * REFERENCE_RATE * REFERENCE_RATE * (share * share - math.pow(share, p[0]))
-    return change if at.slip >= 0.0 else -change
+    return where_positive(at.slip, change, -change)
 
 
 EFFECT: Effect = Effect(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled, drag
+from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled, drag, where_positive
 
 
 @compiled
@@ -19,8 +19,6 @@ def _share(p: Numbers, x: Numbers) -> float:
 
 @compiled
 def _annulus(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
-    if p[0] <= 0.0:
-        return 0.0, 0.0
     # The walls' friction that balances the drag when the hull turns at the reference rate and the water at its share.
     water, slip = p[0] * REFERENCE_RATE, (1.0 - p[0]) * REFERENCE_RATE
     friction = drag(at.body, slip) / (water * water)
@@ -28,6 +26,8 @@ def _annulus(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     inertia = p[1] * (slope + 2.0 * friction * water)
     pulls = drag(at.body, at.rate - x[0])
     change = (pulls - friction * abs(x[0]) * x[0]) / (inertia + 1e-12)
+    # At no share there is no such water.
+    change = where_positive(-p[0], 0.0, change)
     return drag(at.body, at.rate) - pulls, change
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, where_positive
 
 
 # The state is the angle swept since the last reversal, with the sign of the turn.
 @compiled
 def _reversed(rate: float, x: Numbers) -> float:
-    return 0.0 if rate * x[0] < 0.0 else x[0]
+    return where_positive(rate * x[0], x[0], 0.0)
 
 
 @compiled
@@ -29,7 +29,7 @@ def _algebraic(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
 @compiled
 def _fading(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     # The state follows the direction of turning over the swept angle: opposite to it just after a reversal.
-    way = 1.0 if at.rate > 0.0 else -1.0
+    way = where_positive(-at.rate, -1.0, 1.0)
     return -p[0] * 0.5 * (1.0 - way * x[0]) * at.body.quadratic_drag * abs(at.slip) * at.slip, abs(at.rate) * (
         way - x[0]
     ) / p[1]

@@ -11,3 +11,5 @@ compiled = numba.njit(cache=keeps_compiled(), error_model="numpy", nogil=True)
 # What is called several times in each step of a loop. Numba hands over an array as seven numbers or more, and such a
 # call costs more than what is done in it.
 inlined = numba.njit(error_model="numpy", nogil=True, inline="always")
+# An innermost loop, which makes no arrays of its own: those that it is given are not counted up and down on the way.
+lean = numba.njit(cache=keeps_compiled(), error_model="numpy", nogil=True, _nrt=False)

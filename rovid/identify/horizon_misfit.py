@@ -88,8 +88,11 @@ class HorizonMisfit(Misfit):
         """(q,) mean squares of the errors over each horizon."""
         return _mean_squares(self._horizon, error)
 
-    def innovations(self, x: FloatArray) -> Innovations:
-        """(N,) errors of the predictions in rad or m, and their mean squares by horizon."""
+    def innovations_of(self, points: Sequence[FloatArray]) -> list[Innovations]:
+        """Of each of the (p,) ``points``, (N,) errors of the predictions in rad or m, and mean squares by horizon."""
+        return [self._innovations(x) for x in points]
+
+    def _innovations(self, x: FloatArray) -> Innovations:
         model = self.coordinates.model(x)
         with np.errstate(over="ignore", invalid="ignore"):
             error = predictions(self.records, model, self.drives(model))

@@ -15,7 +15,6 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray, IntArray
 from rovid.identify.courses import HORIZONS, MOST_RESTARTS, RESTARTS, Course, Grid, course_of, means_on, motion_of
 from rovid.identify.records import Records
@@ -162,7 +161,7 @@ def _followed(course: Course, model: Model, drive: Drive) -> _Followed:
     torque, beside = course.torque, _beside(course, drive)
     if not model.drivetrain.is_plain:
         torque = means_on(trial.time, drive.torque, time, course.held, course.since)
-    states = np.zeros((len(time), 0, TERM_STATES))
+    states = np.zeros((len(time), 0))
     if model.terms.remembering:
         _, states = along(model.equation_in(trial), course.period, (moving, turned, torque), beside)
     return _Followed(torque, beside, rate, turned, states, slope)

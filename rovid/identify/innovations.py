@@ -11,14 +11,14 @@ from typing import ClassVar, Self
 import numpy as np
 
 from rovid.ground.arrays import FloatArray
+from rovid.ground.lanes import LANES
 from rovid.identify.coordinates import COMMON, DISTURBANCE, MEMORY, NOISE, Coordinates
 from rovid.identify.misfit import Misfit
 from rovid.identify.readings import Readings
 from rovid.identify.scoring import Innovations
+from rovid.model.batch import Abreast, Driven
 from rovid.model.model import Model
 
-# Of the usual rate: how well the first rate of a trial is known.
-_RATE_ERROR = 0.2
 # A disturbance is at its limit where its logarithm is nearer to that.
 _NEAR = 1e-3
 
@@ -51,36 +51,51 @@ class InnovationMisfit(Misfit):
         """None."""
         return ()
 
-    def innovations(self, x: FloatArray) -> Innovations:
-        """(N,) innovations in rad or m, and rad/s or m/s, with their variances."""
+    def innovations_of(self, points: Sequence[FloatArray]) -> list[Innovations]:
+        """Of each of the (p,) ``points``, (N,) innovations in rad or m, and rad/s or m/s, with their variances."""
+        found: list[Innovations] = []
+        for first in range(0, len(points), LANES):
+            found += self._side_by_side(points[first : first + LANES])
+        return found
+
+    def _side_by_side(self, points: Sequence[FloatArray]) -> list[Innovations]:
         from rovid.model.kernels import innovations, innovations_wide
 
-        records, model = self.records, self.coordinates.model(x)
-        is_wide = any(effect.oscillates for effect in model.effects)
-        sizes = np.exp(x[DISTURBANCE:COMMON])
-        gyro_noise = sizes[2] if records.integrated else records.gyro_noise
-        noise = np.array([*sizes, gyro_noise])
-        errors, variances = [], []
-        parts = zip(records.of_runs, self.drives(model), records.initial_rates, strict=True)
-        for readings, drive, initial_rate in parts:
-            trial = readings.run.trial
-            start = np.array([initial_rate, _RATE_ERROR * records.rate])
-            true, slope = model.instrument.true_angle(trial, readings.angle, readings.at)
-            driven = (readings.time, drive.torque, drive.beside, drive.moment, drive.scatter)
-            gyro = readings.gyro_rate
-            motion = (model.equation_in(trial), noise)
-            if is_wide:
-                error, variance = innovations_wide(*driven, true, gyro, *motion, model.wave, start)
+        every = [*points, *points[-1:] * (LANES - len(points))]
+        models = [self.coordinates.model(x) for x in points]
+        models += models[-1:] * (LANES - len(points))
+        seen = [self._seen(model) for model in models]
+        lists = [self.drives(model) for model in models]
+        flat = {id(one): _flat(one) for one in lists}
+        driven = Driven.of([flat[id(one)] for one in lists], [angle for angle, _ in seen])
+        abreast = Abreast.of(models, [self._noise(x) for x in every])
+        is_wide = any(effect.oscillates for effect in self.effects)
+        error, variance = (innovations_wide if is_wide else innovations)(self.records.logged, driven, abreast)
+        told = self.of_counted(self.records.told)
+        errors, variances = (np.ascontiguousarray(table.reshape(-1, LANES)[told].T) for table in (error, variance))
+        found = []
+        for own_error, own_variance, (_, slope) in zip(errors, variances, seen, strict=True):
+            if slope is None:
+                found.append(Innovations(own_error, own_variance))
             else:
-                error, variance = innovations(*driven, true, gyro, *motion, start)
-            known, known_rates = readings.known, readings.known_rates
-            # The density is that of the measured heading, whatever it deviates by.
-            errors += [error[known, 0] * slope[known], error[known_rates, 1]]
-            variances += [variance[known, 0] * slope[known] ** 2, variance[known_rates, 1]]
-        error, variance = np.concatenate(errors), np.concatenate(variances)
-        if self.counted is None:
-            return Innovations(error, variance)
-        return Innovations(error[self.counted], variance[self.counted])
+                # The density is that of the measured heading, whatever it deviates by.
+                gain = np.where(told % 2, 1.0, slope[told // 2])
+                found.append(Innovations(own_error * gain, own_variance * gain**2))
+        return found[: len(points)]
+
+    def _noise(self, x: FloatArray) -> FloatArray:
+        """(4,) as `rovid.model.batch.Abreast` takes it."""
+        sizes = np.exp(x[DISTURBANCE:COMMON])
+        return np.array([*sizes, sizes[2] if self.records.integrated else self.records.gyro_noise])
+
+    def _seen(self, model: Model) -> tuple[FloatArray, FloatArray | None]:
+        """(n,) angle without the deviation of the heading, and d(measured)/d(true) where there is one."""
+        if not model.instrument.deviates:
+            return self.records.angle, None
+        runs = self.records.of_runs
+        pairs = [model.instrument.true_angle(run.run.trial, run.angle, run.at) for run in runs]
+        angle, slope = (np.concatenate(series) for series in zip(*pairs, strict=True))
+        return angle, slope
 
     def held_out_costs(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[float]:
         """Cost of each of ``tests`` with the coordinates that were fitted to others."""
@@ -109,3 +124,8 @@ class InnovationMisfit(Misfit):
     def position_noise(self, x: FloatArray) -> float:
         """Standard deviation of the noise of what is measured."""
         return math.exp(x[NOISE])
+
+
+def _flat(drives):
+    from rovid.model.drive import Drive
+    return Drive(*(np.concatenate([getattr(d, n) for d in drives]) for n in ("torque", "moment", "beside", "scatter")))

@@ -73,8 +73,8 @@ class Misfit(ABC):
         """What has to be said wherever this is what was fitted, in full sentences."""
 
     @abstractmethod
-    def innovations(self, x: FloatArray) -> Innovations:
-        """(N,) errors of predictions and their variances; those not counted are left out."""
+    def innovations_of(self, points: Sequence[FloatArray]) -> list[Innovations]:
+        """Of each of the (p,) ``points``, (N,) errors of predictions and their variances, but those not counted."""
 
     @abstractmethod
     def held_out_costs(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[float]:
@@ -122,6 +122,10 @@ class Misfit(ABC):
         """How many independent innovations there are."""
         number = len(self.records.trial) if self.counted is None else int(self.counted.sum())
         return float(np.sum(np.broadcast_to(self.weight, number)))
+
+    def innovations(self, x: FloatArray) -> Innovations:
+        """As `innovations_of`, of one point."""
+        return self.innovations_of([x])[0]
 
     def cost(self, x: FloatArray) -> float:
         """Negative log-likelihood."""

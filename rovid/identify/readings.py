@@ -11,11 +11,14 @@ import numpy as np
 
 from rovid.ground.arrays import FloatArray, IntArray
 from rovid.identify.records import Records
+from rovid.model.batch import Logged
 from rovid.model.integration import initial_rate
 from rovid.motion.rates import body_position
 from rovid.motion.runs import Run
 
 _RATE_NOISE_FLOOR = 1e-5  # rad/s; no gyro is better
+# Of the usual rate: how well the first rate of a trial is known.
+_RATE_ERROR = 0.2
 # s, and into how many at least all time is cut.
 _BLOCK_SECONDS, _BLOCKS = 40.0, 12
 
@@ -114,6 +117,32 @@ class Readings(Records):
         """Length of a stretch of time: 40 s, or less of short runs."""
         total = sum(float(np.ptp(readings.time)) for readings in self.of_runs)
         return min(_BLOCK_SECONDS, total / _BLOCKS)
+
+    @cached_property
+    def logged(self) -> Logged:
+        """All of it, the runs one after the other."""
+        runs = self.of_runs
+        starts = [run.trial.position[int(np.argmax(run.trial.measured))] for run in self.runs]
+        first = [(rate, _RATE_ERROR * self.rate) for rate in self.initial_rates]
+        return Logged(
+            begins=np.cumsum([0, *(len(run.time) for run in runs)]),
+            time=np.concatenate([run.time for run in runs]),
+            rate=np.concatenate([run.gyro_rate for run in runs]),
+            start=np.array(starts, dtype=float),
+            first=np.array(first, dtype=float),
+        )
+
+    @cached_property
+    def angle(self) -> FloatArray:
+        """(n,) measured position along the body's axis at each instant, the runs one after the other."""
+        return np.concatenate([run.angle for run in self.of_runs])
+
+    @cached_property
+    def told(self) -> IntArray:
+        """(N,) of each innovation, twice the instant that it is of, and one more if it is of the rate."""
+        pairs = zip(self.of_runs, self.logged.begins, strict=False)
+        of_runs = [(2 * (begin + run.known), 2 * (begin + run.known_rates) + 1) for run, begin in pairs]
+        return np.concatenate([series for both in of_runs for series in both])
 
     @cached_property
     def initial_rates(self) -> list[float]:

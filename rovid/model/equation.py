@@ -10,6 +10,7 @@ import numpy as np
 from rovid.effects import MOTION, Effect
 from rovid.effects.base import TERM_PARAMETERS, Body, Term
 from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.lanes import LANES
 
 
 class Terms(NamedTuple):
@@ -20,7 +21,7 @@ class Terms(NamedTuple):
     kinds
         (m,) index of each in ``rovid.effects.MOTION``.
     parameters
-        (m, TERM_PARAMETERS) of each.
+        (m * TERM_PARAMETERS, LANES) of each, one after the other; a column for each of several models side by side.
     fastest
         1/s; the fastest rate of their states.
     moving
@@ -43,7 +44,10 @@ class Terms(NamedTuple):
 
 
 class Equation(NamedTuple):
-    """``inertia*rdot = torque - drag + terms``; ``start`` in rad or m is the position at the start of the trial."""
+    """``inertia*rdot = torque - drag + terms``; ``start`` in rad or m is the position at the start of the trial.
+
+    In compiled loops all numbers may be lanes, see `rovid.ground.lanes`.
+    """
 
     body: Body
     terms: Terms
@@ -56,10 +60,11 @@ def terms_of(acting: Sequence[tuple[Effect, FloatArray]], fastest: float) -> Ter
         ((effect, effect.acts, numbers) for effect, numbers in acting if isinstance(effect.acts, Term)),
         key=lambda row: (row[1].water is None, not row[1].states),
     )
-    parameters = np.zeros((len(rows), TERM_PARAMETERS))
+    parameters = np.zeros((len(rows) * TERM_PARAMETERS, LANES))
     remembering = ringing = 0
     for at, (effect, term, numbers) in enumerate(rows):
-        parameters[at, : len(numbers)] = numbers
+        first = TERM_PARAMETERS * at
+        parameters[first : first + len(numbers)] = numbers[:, np.newaxis]
         if term.states:
             remembering = at + 1
         if term.rings:
@@ -74,4 +79,12 @@ def terms_of(acting: Sequence[tuple[Effect, FloatArray]], fastest: float) -> Ter
         remembering=remembering,
         jumping=any(term.jumps is not None for _, term, _ in rows),
         ringing=ringing,
+    )
+
+
+def terms_abreast(every: Sequence[Terms]) -> Terms:
+    """The same terms of several models side by side, a column of the parameters for each."""
+    return every[0]._replace(
+        parameters=np.column_stack([terms.parameters[:, 0] for terms in every]),
+        fastest=max(terms.fastest for terms in every),
     )

@@ -10,6 +10,7 @@ from rovid.campaign.trial import Trial
 from rovid.effects.actuation import bridged
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.lanes import LANES
 from rovid.model.drive import Drive
 from rovid.model.equation import Equation
 from rovid.motion.rates import body_position, on_grid, uniform_grid
@@ -25,13 +26,13 @@ def integrated(
     """(n,) rate in rad/s and angle in rad at the instants ``time`` in s, under ``drive``.
 
     ``begin`` is the rate and the angle since the start of the trial at the first of them; ``states`` of the terms there
-    are (m, TERM_STATES), at rest if not given.
+    are (m * TERM_STATES, LANES), at rest if not given.
     """
     from rovid.model import kernels
 
     count = len(equation.terms.kinds)
     if count > 0 or drive.moment.any():
-        states = np.zeros((count, TERM_STATES)) if states is None else states
+        states = np.zeros((count * TERM_STATES, LANES)) if states is None else states
         series = drive.torque, drive.moment, drive.beside
         rate, angle = kernels.simulate_effects(time, *series, equation, begin, states)
         return rate, angle
@@ -42,7 +43,7 @@ def integrated(
 def along(
     equation: Equation, period: float, course: Sequence[FloatArray], beside: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(n,) torque in N m of all terms and their (n, m, TERM_STATES) states, on a measured ``course``.
+    """(n,) torque in N m of all terms and their (n, m * TERM_STATES) states, on a measured ``course``.
 
     That is (n,) rate, angle since the start of the trial and thrusters' torque, a ``period`` in s apart; ``beside``
     is theirs as in `Drive`. What is not known of them is bridged by straight lines.

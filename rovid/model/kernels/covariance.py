@@ -1,124 +1,164 @@
-"""How the covariance of five states goes on: angle, rate, disturbance, and two that swing, the first their integral."""
+"""How the covariance of five states goes on: angle, rate, disturbance, and two that swing, the first their integral.
+
+Matrices are (25, LANES), row by row; of the symmetric ones what stands on and above the diagonal counts.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from rovid.ground.compiled import inlined
+from rovid.ground.lanes import read, spread, write
 from rovid.model.kernels.filter import NODES, WEIGHTS
 
+SIZE = 5
 # Of the series for the transition: good to 1e-4 at such steps.
 _ORDER = 4
 
 
+class Swing(NamedTuple):
+    """Slopes of the five states by time that are not known beforehand, by the state and what it depends on; lanes.
+
+    Of the angle and the fourth state it is known: they are the integrals of those behind them.
+    """
+
+    rate_angle: Any
+    rate_rate: Any
+    rate_disturbance: Any
+    rate_fourth: Any
+    rate_fifth: Any
+    disturbance: Any
+    fifth_rate: Any
+    fifth_fourth: Any
+    fifth_fifth: Any
+
+
 @inlined
-def transition(slopes: Any, h: float, f: Any) -> None:
+def transition(swing: Any, h: float, f: Any) -> None:
     """Write exp(slopes h) into ``f``, by its series.
 
     Row by row: the derivative of the angle's row is the rate's, and so it is of the two states, the first of which is
     the integral of the other.
     """
-    f[2, 2] = math.exp(slopes[2, 2] * h)
+    zero, one = spread(0.0), spread(1.0)
+    write(f, 2 * SIZE + 2, math.exp(swing.disturbance * h))
     for at in (0, 3):
-        y0, y1, y2, y3, y4 = 0.0, 1.0 if at == 0 else 0.0, 0.0, 0.0, 1.0 if at == 3 else 0.0
-        a0, a1, a2, a3, a4 = 1.0 if at == 0 else 0.0, h * y1, 0.0, 1.0 if at == 3 else 0.0, h * y4
+        is_angle = at == 0
+        y0, y1, y2, y3, y4 = zero, one if is_angle else zero, zero, zero, zero if is_angle else one
+        a0, a1, a2 = one if is_angle else zero, h * y1, zero
+        a3, a4 = zero if is_angle else one, h * y4
         r0, r1, r2, r3, r4 = y0, y1, y2, y3, y4
         factor = h
         for order in range(2, _ORDER + 2):
             y0, y1, y2, y3, y4 = (
-                y1 * slopes[1, 0],
-                y0 + y1 * slopes[1, 1] + y4 * slopes[4, 1],
-                y1 * slopes[1, 2] + y2 * slopes[2, 2],
-                y1 * slopes[1, 3] + y4 * slopes[4, 3],
-                y1 * slopes[1, 4] + y3 + y4 * slopes[4, 4],
+                y1 * swing.rate_angle,
+                y0 + y1 * swing.rate_rate + y4 * swing.fifth_rate,
+                y1 * swing.rate_disturbance + y2 * swing.disturbance,
+                y1 * swing.rate_fourth + y4 * swing.fifth_fourth,
+                y1 * swing.rate_fifth + y3 + y4 * swing.fifth_fifth,
             )
-            r0 += factor * y0
-            r1 += factor * y1
-            r2 += factor * y2
-            r3 += factor * y3
-            r4 += factor * y4
-            factor *= h / order
-            a0 += factor * y0
-            a1 += factor * y1
-            a2 += factor * y2
-            a3 += factor * y3
-            a4 += factor * y4
-        angle, rate = f[at], f[at + 1]
-        angle[0] = a0
-        angle[1] = a1
-        angle[2] = a2
-        angle[3] = a3
-        angle[4] = a4
-        rate[0] = r0
-        rate[1] = r1
-        rate[2] = r2
-        rate[3] = r3
-        rate[4] = r4
+            r0, r1, r2 = r0 + factor * y0, r1 + factor * y1, r2 + factor * y2
+            r3, r4 = r3 + factor * y3, r4 + factor * y4
+            factor = factor * h / order
+            a0, a1, a2 = a0 + factor * y0, a1 + factor * y1, a2 + factor * y2
+            a3, a4 = a3 + factor * y3, a4 + factor * y4
+        _write_row(f, at, (a0, a1, a2, a3, a4))
+        _write_row(f, at + 1, (r0, r1, r2, r3, r4))
 
 
 @inlined
-def add_noise(slopes: Any, into: int, size: float, h: float, q: Any) -> None:
-    """Add to ``q``, on and above its diagonal, what white noise of ``size`` into the state ``into`` grows in ``h`` s.
+def _write_row(f: Any, row: int, x: Any) -> None:
+    write(f, SIZE * row, x[0])
+    write(f, SIZE * row + 1, x[1])
+    write(f, SIZE * row + 2, x[2])
+    write(f, SIZE * row + 3, x[3])
+    write(f, SIZE * row + 4, x[4])
+
+
+@inlined
+def add_noise(swing: Any, into: int, size: Any, h: float, q: Any) -> None:
+    """Add to ``q`` what white noise of ``size`` into the state ``into``, the third or the fifth, grows in ``h`` s.
 
     By Gauss and Legendre, with its path to each node as a series: no covariance comes out of that negative.
     """
+    zero = spread(0.0)
     for node in range(3):
         t, weight = NODES[node] * h, WEIGHTS[node] * h
-        v0, v1, v2, v3, v4 = 0.0, 0.0, size if into == 2 else 0.0, 0.0, size if into == 4 else 0.0
+        v0, v1, v2, v3, v4 = zero, zero, size if into == 2 else zero, zero, size if into == 4 else zero
         c0, c1, c2, c3, c4 = v0, v1, v2, v3, v4
         for order in range(1, _ORDER + 1):
             share = t / order
             v0, v1, v2, v3, v4 = (
                 share * v1,
                 share
-                * (slopes[1, 0] * v0 + slopes[1, 1] * v1 + slopes[1, 2] * v2 + slopes[1, 3] * v3 + slopes[1, 4] * v4),
-                share * slopes[2, 2] * v2,
+                * (
+                    swing.rate_angle * v0
+                    + swing.rate_rate * v1
+                    + swing.rate_disturbance * v2
+                    + swing.rate_fourth * v3
+                    + swing.rate_fifth * v4
+                ),
+                share * swing.disturbance * v2,
                 share * v4,
-                share * (slopes[4, 1] * v1 + slopes[4, 3] * v3 + slopes[4, 4] * v4),
+                share * (swing.fifth_rate * v1 + swing.fifth_fourth * v3 + swing.fifth_fifth * v4),
             )
-            c0 += v0
-            c1 += v1
-            c2 += v2
-            c3 += v3
-            c4 += v4
-        q[0, 0] += weight * c0 * c0
-        q[0, 1] += weight * c0 * c1
-        q[0, 2] += weight * c0 * c2
-        q[0, 3] += weight * c0 * c3
-        q[0, 4] += weight * c0 * c4
-        q[1, 1] += weight * c1 * c1
-        q[1, 2] += weight * c1 * c2
-        q[1, 3] += weight * c1 * c3
-        q[1, 4] += weight * c1 * c4
-        q[2, 2] += weight * c2 * c2
-        q[2, 3] += weight * c2 * c3
-        q[2, 4] += weight * c2 * c4
-        q[3, 3] += weight * c3 * c3
-        q[3, 4] += weight * c3 * c4
-        q[4, 4] += weight * c4 * c4
+            c0, c1, c2, c3, c4 = c0 + v0, c1 + v1, c2 + v2, c3 + v3, c4 + v4
+        _add_to_row(q, 0, weight * c0, (c0, c1, c2, c3, c4))
+        _add_to_row(q, 1, weight * c1, (c0, c1, c2, c3, c4))
+        _add_to_row(q, 2, weight * c2, (c0, c1, c2, c3, c4))
+        _add_to_row(q, 3, weight * c3, (c0, c1, c2, c3, c4))
+        _add_to_row(q, 4, weight * c4, (c0, c1, c2, c3, c4))
+
+
+@inlined
+def _add_to_row(q: Any, row: int, by: Any, c: Any) -> None:
+    """Add ``by`` times ``c`` on and above the diagonal."""
+    for j in range(SIZE):
+        if j >= row:
+            write(q, SIZE * row + j, read(q, SIZE * row + j) + by * c[j])
 
 
 @inlined
 def congruence(f: Any, p: Any, q: Any, room: Any) -> None:
     """Write f p f^T + q into ``p``; the disturbance follows from itself alone."""
-    for j in range(5):
-        p0 = p[0, j]
-        p1 = p[1, j]
-        p2 = p[2, j]
-        p3 = p[3, j]
-        p4 = p[4, j]
-        room[0, j] = f[0, 0] * p0 + f[0, 1] * p1 + f[0, 2] * p2 + f[0, 3] * p3 + f[0, 4] * p4
-        room[1, j] = f[1, 0] * p0 + f[1, 1] * p1 + f[1, 2] * p2 + f[1, 3] * p3 + f[1, 4] * p4
-        room[2, j] = f[2, 2] * p2
-        room[3, j] = f[3, 0] * p0 + f[3, 1] * p1 + f[3, 2] * p2 + f[3, 3] * p3 + f[3, 4] * p4
-        room[4, j] = f[4, 0] * p0 + f[4, 1] * p1 + f[4, 2] * p2 + f[4, 3] * p3 + f[4, 4] * p4
-    for i in range(5):
-        r0 = room[i, 0]
-        r1 = room[i, 1]
-        r2 = room[i, 2]
-        r3 = room[i, 3]
-        r4 = room[i, 4]
-        for j in range(i, 5):
-            total = r0 * f[j, 0] + r1 * f[j, 1] + r2 * f[j, 2] + r3 * f[j, 3] + r4 * f[j, 4]
-            p[i, j] = p[j, i] = q[i, j] + total
+    for j in range(SIZE):
+        p0, p1, p2 = upper(p, 0, j), upper(p, 1, j), upper(p, 2, j)
+        p3, p4 = upper(p, 3, j), upper(p, 4, j)
+        for i in range(SIZE):
+            if i == 2:
+                write(room, SIZE * i + j, read(f, SIZE * i + 2) * p2)
+            else:
+                write(room, SIZE * i + j, _times(f, i, (p0, p1, p2, p3, p4)))
+    for i in range(SIZE):
+        row = (
+            read(room, SIZE * i),
+            read(room, SIZE * i + 1),
+            read(room, SIZE * i + 2),
+            read(room, SIZE * i + 3),
+            read(room, SIZE * i + 4),
+        )
+        for j in range(i, SIZE):
+            total = row[2] * read(f, SIZE * j + 2) if j == 2 else _times(f, j, row)
+            write(p, SIZE * i + j, read(q, SIZE * i + j) + total)
+
+
+@inlined
+def clear(matrix: Any) -> None:
+    """Write zeros."""
+    for at in range(SIZE * SIZE):
+        write(matrix, at, 0.0)
+
+
+@inlined
+def upper(p: Any, i: int, j: int) -> Any:
+    """Entry of a symmetric matrix, which stands on or above the diagonal."""
+    return read(p, SIZE * i + j) if i <= j else read(p, SIZE * j + i)
+
+
+@inlined
+def _times(f: Any, row: int, x: Any) -> Any:
+    """A row of ``f`` times a column of five."""
+    at = SIZE * row
+    first = read(f, at) * x[0] + read(f, at + 1) * x[1] + read(f, at + 2) * x[2]
+    return first + read(f, at + 3) * x[3] + read(f, at + 4) * x[4]

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from rovid.effects.base import TERM_STATES, Body
+from rovid.effects.base import Body
 from rovid.ground.arrays import FloatArray
-from rovid.ground.compiled import compiled
-from rovid.model.kernels.step import bare_step, damping_of, step, steps_of
+from rovid.ground.compiled import compiled, lean
+from rovid.ground.lanes import LANES, lane, larger, spread
+from rovid.model.kernels.batch import in_lanes
+from rovid.model.kernels.step import bare_step, damping_of, step, wanted_steps, whole_steps
 
 # A step of this share of the shortest time constant leaves fourth-order Runge-Kutta exact to about 1e-6.
 _STEP_SHARE = 0.2
@@ -70,7 +72,7 @@ def simulate(time: FloatArray, torque: FloatArray, body: Body, initial_rate: flo
     return rate, angle
 
 
-@compiled
+@lean
 def advance(
     r: float,
     a: float,
@@ -93,7 +95,7 @@ def advance(
     beside
         (3,) what else effects are told of the interval, see `rovid.model.drive.Drive`.
     state, work
-        (m, TERM_STATES) states of the effects, moved on; (3, m, TERM_STATES) room.
+        (m * TERM_STATES, LANES) states of the effects, moved on, the same in all lanes; (3, m * TERM_STATES, LANES) room.
     stiffness
         1/s, as the interval before returned it; 0 at the start.
 
@@ -102,17 +104,19 @@ def advance(
     rate, angle, stiffness
         At the interval's end.
     """
-    steps = steps_of(r, push + other, stiffness, interval, equation)
-    h = interval / steps
-    body, stiffness = equation.body, equation.terms.fastest
-    told = beside[0], beside[1], beside[2]
+    abreast, body = in_lanes(equation), equation.body
+    told = spread(beside[0]), spread(beside[1]), spread(beside[2])
+    rate, angle, torque = spread(r), spread(a), spread(push)
+    steps = whole_steps(wanted_steps(rate, torque + other, spread(stiffness), interval, abreast))
+    h, fastest = spread(interval / steps), spread(equation.terms.fastest)
     for _ in range(steps):
-        r, a, damping = step(r, a, push, other, told, equation, state, work, h)
-        stiffness = max(stiffness, damping)
+        rate, angle, damping = step(rate, angle, torque, spread(other), told, abreast, state, work, h)
+        fastest = larger(fastest, damping)
+    r, a = lane(rate, 0), lane(angle, 0)
     # What came late in the interval has turned the vehicle less, and drag has taken less of it.
     a += moment / body.inertia
     r -= damping_of(r, body) * moment / body.inertia
-    return r, a, stiffness
+    return r, a, lane(fastest, 0)
 
 
 @compiled
@@ -138,13 +142,13 @@ def simulate_effects(
     begin
         Rate in rad/s and angle in rad, since the start of the trial, at the first instant.
     states
-        (m, TERM_STATES) of the effects there.
+        (m * TERM_STATES, LANES) of the effects there.
     """
     n = len(time)
     rate, angle = np.empty(n), np.empty(n)
     r, a = begin
     rate[0], angle[0] = r, a
-    state, work = states.copy(), np.zeros((3, len(equation.terms.kinds), TERM_STATES))
+    state, work = states.copy(), np.zeros((3, len(states), LANES))
     stiffness = 0.0
     for k in range(n - 1):
         interval = time[k + 1] - time[k]

@@ -9,11 +9,12 @@ import numpy as np
 
 from rovid.effects.base import TERM_STATES, Body
 from rovid.ground.arrays import FloatArray
-from rovid.ground.compiled import compiled
+from rovid.ground.compiled import compiled, inlined, lean
+from rovid.ground.lanes import LANES, gathered, lane, larger, spread, with_lane, within
 from rovid.model.equation import Equation
-from rovid.model.kernels.lanes import step_lanes
-from rovid.model.kernels.step import EFFECTS_STEP_SHARE, REACH, copy, move, steps_of
-from rovid.model.kernels.torque import jump, torque_of
+from rovid.model.kernels.batch import in_lanes
+from rovid.model.kernels.step import EFFECTS_STEP_SHARE, REACH, bare_step, copy, move, step, wanted_steps, whole_steps
+from rovid.model.kernels.torque import jump, torque_at
 
 # So many times the largest rate that was measured is none of the vehicle's.
 _RUNAWAY = 30.0
@@ -44,7 +45,7 @@ def predict(
     torque, beside
         (n,) N m and (n, 3), see `rovid.model.drive.Drive`; means over each interval of a grid.
     rate, angle, states
-        (n,), (n,) and (n, k, TERM_STATES) on the measured course.
+        (n,), (n,) and (n, k * TERM_STATES) on the measured course.
     restarts, reach
         (m,) indices on the grid, and numbers of steps.
     start
@@ -57,50 +58,79 @@ def predict(
     turned
         (m, 1 + the largest reach) rad; NaN beyond the reach, and where the model runs away or asks for endless steps.
     """
-    count, rows = len(restarts), len(terms.kinds)
+    count, rows = len(restarts), TERM_STATES * len(terms.kinds)
     turned = np.full((count, reach.max() + 1), np.nan)
     turned[:, 0] = 0.0
-    # All restarts go on together, a lane each: those that reach farthest first, so that the others end behind them.
+    # Restarts go on together, one in each lane: those that reach as far as each other.
     order = np.argsort(-reach)
-    begin = restarts[order]
-    r, a, origin = rate[begin], angle[begin], start[order]
-    state, told = np.zeros((count, rows, TERM_STATES)), np.zeros((count, 3))
-    for i in range(count):
-        state[i, : terms.remembering] = states[begin[i], : terms.remembering]
-    push, h, stiffness = np.zeros((3, count))
-    steps, every = np.zeros(count, dtype=np.int64), np.arange(count)
-    rooms, work = np.zeros((7, count)), np.zeros((3, count, rows, TERM_STATES))
     most = _RUNAWAY * np.nanmax(np.abs(rate))
-    for k in range(reach.max()):
-        while reach[order[count - 1]] <= k:
-            count -= 1
-        for i in range(count):
-            at, span = begin[i] + k, period[order[i]]
-            push[i] = torque[at]
-            told[i, 0], told[i, 1], told[i, 2] = beside[at, 0], beside[at, 1], beside[at, 2]
-            steps[i] = steps_of(r[i], push[i], stiffness[i], span, Equation(body, terms, origin[i]))
-            if steps[i] > _MAX_SUBSTEPS_AHEAD:
-                r[i], steps[i] = np.nan, 1
-            h[i] = span / steps[i]
-            stiffness[i] = terms.fastest
-        moving = every[:count]
-        for number in range(steps[:count].max()):
-            if number > 0:
-                moving = moving[steps[moving] > number]
-            step_lanes(moving, r, a, (push, told, origin), terms, body, state, h, stiffness, rooms, work)
-        for i in range(count):
-            if not abs(r[i]) < most:
-                # It runs away.
-                r[i] = a[i] = np.nan
-            turned[order[i], k + 1] = a[i] - angle[begin[i]]
+    state, work = np.zeros((rows, LANES)), np.zeros((3, rows, LANES))
+    for first in range(0, count, LANES):
+        own = order[np.minimum(np.arange(first, first + LANES), count - 1)]
+        begin, equation = restarts[own], in_lanes(Equation(body, terms, 0.0))
+        equation = Equation(equation.body, terms, gathered(start[own]))
+        # Those of terms that do not remember are nobody's.
+        for j in range(TERM_STATES * terms.remembering):
+            for i in range(LANES):
+                state[j, i] = states[begin[i], j]
+        course = torque, beside, rate, angle
+        _predict(begin, reach[own], gathered(period[own]), own, course, equation, most, state, work, turned)
     return turned
+
+
+@lean
+def _predict(
+    begin: Any,
+    reach: Any,
+    period: Any,
+    own: Any,
+    course: Any,
+    equation: Any,
+    most: float,
+    state: Any,
+    work: Any,
+    turned: Any,
+) -> None:
+    """From the restarts of each lane, the first of which reaches farthest; fills in its ``own`` row of ``turned``."""
+    torque, beside, rate, angle = course
+    last = len(torque) - 1
+    r, a, stiffness = _each(rate, begin, 0, last), _each(angle, begin, 0, last), spread(0.0)
+    begun, none = a, spread(0.0)
+    for k in range(reach[0]):
+        push = _each(torque, begin, k, last)
+        told = _each(beside[:, 0], begin, k, last), _each(beside[:, 1], begin, k, last), _each(beside[:, 2], begin, k, last)
+        wanted = wanted_steps(r, push, stiffness, period, equation)
+        # One that asks for endless steps is given up.
+        r, wanted = within(r, wanted, _MAX_SUBSTEPS_AHEAD), within(wanted, wanted, _MAX_SUBSTEPS_AHEAD)
+        steps = whole_steps(wanted)
+        h, stiffness = period / steps, none
+        for _ in range(steps):
+            if len(equation.terms.kinds) == 0:
+                r, a, damping = bare_step(r, a, push, equation.body, h)
+            else:
+                r, a, damping = step(r, a, push, none, told, equation, state, work, h)
+            stiffness = larger(stiffness, damping)
+        # So is one that runs away.
+        r = within(r, abs(r), most)
+        for i in range(LANES):
+            if k < reach[i] and lane(r, i) == lane(r, i):
+                turned[own[i], k + 1] = lane(a, i) - lane(begun, i)
+
+
+@inlined
+def _each(series: Any, begin: Any, k: int, last: int) -> Any:
+    """In lanes, the number ``k`` behind where each begins, and the last beyond."""
+    x = spread(0.0)
+    for i in range(LANES):
+        x = with_lane(x, i, series[min(begin[i] + k, last)])
+    return x
 
 
 @compiled
 def effects_along(
     period: float, course: FloatArray, beside: FloatArray, equation: Any
 ) -> tuple[FloatArray, FloatArray]:
-    """(n,) torque in N m of all effects, and their (n, m, TERM_STATES) states, on a measured course.
+    """(n,) torque in N m of all effects, and their (n, m * TERM_STATES) states, on a measured course.
 
     Parameters
     ----------
@@ -111,30 +141,38 @@ def effects_along(
     beside, equation
         As for ``simulate_effects``.
     """
-    n = len(course)
-    torque, states = np.zeros(n), np.zeros((n, len(equation.terms.kinds), TERM_STATES))
+    n, count = len(course), TERM_STATES * len(equation.terms.kinds)
+    torque, states = np.zeros(n), np.zeros((n, count))
+    room = np.zeros((4, count, LANES))
+    _follow(period, course, beside, equation, room, torque, states)
+    return torque, states
+
+
+@lean
+def _follow(period: float, course: Any, beside: Any, alone: Any, room: Any, torque: Any, states: Any) -> None:
+    """Fills in the ``torque`` and the ``states``."""
+    equation = in_lanes(alone)
     steps = max(math.ceil(period * equation.terms.fastest / EFFECTS_STEP_SHARE), 1)
-    h = period / steps
-    rows = equation.terms.remembering
-    change, there, moved = np.zeros((3, len(equation.terms.kinds), TERM_STATES))
+    h, n = spread(period / steps), len(course)
+    rows, state, change, there, moved = TERM_STATES * equation.terms.remembering, room[0], room[1], room[2], room[3]
     for k in range(n):
-        rate, angle, push = course[k]
-        told = beside[k, 0], beside[k, 1], beside[k, 2]
-        jump(rate, equation, states[k])
-        torque[k] = torque_of(rate, angle, push, told, equation, states[k], change)
+        rate, angle, push = course[k, 0], course[k, 1], spread(course[k, 2])
+        told = spread(beside[k, 0]), spread(beside[k, 1]), spread(beside[k, 2])
+        jump(spread(rate), equation, state)
+        torque[k] = lane(torque_at(spread(rate), spread(angle), push, told, equation, state, change), 0)
+        for j in range(states.shape[1]):
+            states[k, j] = state[j, 0]
         if k == n - 1:
             break
         faster, farther = (course[k + 1, 0] - rate) / steps, (course[k + 1, 1] - angle) / steps
-        state = states[k + 1]
-        state[:] = states[k]
         for number in range(steps):
             r, a = rate + number * faster, angle + number * farther
-            jump(r, equation, state)
+            jump(spread(r), equation, state)
             passed = 0.0
             copy(rows, state, there)
             for stage in range(4):
-                torque_of(r + passed * faster, a + passed * farther, push, told, equation, there, change)
+                here = spread(r + passed * faster), spread(a + passed * farther)
+                torque_at(here[0], here[1], push, told, equation, there, change)
                 move(stage, rows, state, change, h, there, moved)
                 if stage < 3:
                     passed = REACH[stage]
-    return torque, states

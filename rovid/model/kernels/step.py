@@ -1,12 +1,15 @@
-"""One step of classical fourth-order Runge-Kutta, and how many an interval takes."""
+"""One step of classical fourth-order Runge-Kutta, and how many an interval takes, of several motions side by side.
+
+Nothing here is changed in place but states: lanes may be held by others too.
+"""
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
-from rovid.effects.base import TERM_STATES, Body, drag
-from rovid.ground.compiled import compiled, inlined
+from rovid.effects.base import TERM_STATES
+from rovid.ground.compiled import compiled, inlined, lean
+from rovid.ground.lanes import larger, largest, read, root, smaller, spread, write
 from rovid.model.kernels.torque import jump, torque_of
 
 # How far along the step the second to fourth stage stand, and how often each of the four counts in the mean.
@@ -17,49 +20,63 @@ WEIGHT = (1.0, 2.0, 2.0, 1.0)
 EFFECTS_STEP_SHARE = 0.5
 # With effects a gap is stepped through to its end, however long.
 MAX_GAP_SUBSTEPS = 1_000_000
-
-
-@compiled
-def acceleration(rate: float, torque: float, body: Body) -> float:
-    """In rad/s^2, of the plain model."""
-    return (torque - drag(body, rate)) / body.inertia
-
-
-@compiled
-def damping_of(rate: float, body: Body) -> float:
-    """-d(acceleration)/d(rate) of the plain model, in 1/s."""
-    return (2.0 * body.quadratic_drag * abs(rate) + body.linear_drag) / body.inertia
-
-
-@compiled
-def bare_step(r: float, a: float, torque: float, body: Body, h: float) -> Any:
-    """One step of rate and angle without effects; also the damping half way, in 1/s.
-
-    As `step` without terms, which takes twice as long: this is the innermost of all loops.
-    """
-    k1 = acceleration(r, torque, body)
-    r2 = r + 0.5 * h * k1
-    k2 = acceleration(r2, torque, body)
-    r3 = r + 0.5 * h * k2
-    k3 = acceleration(r3, torque, body)
-    r4 = r + h * k3
-    k4 = acceleration(r4, torque, body)
-    a += h * (r + 2.0 * r2 + 2.0 * r3 + r4) / 6.0
-    r += h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
-    return r, a, damping_of(r2, body)
+# In place of a drag that is not there, where it is divided by.
+_TINY = 1e-12
 
 
 @inlined
+def brakes(body: Any) -> Any:
+    """Quadratic and linear drag over the inertia, and one over the inertia: divided once, not in each stage."""
+    return body.quadratic_drag / body.inertia, body.linear_drag / body.inertia, 1.0 / body.inertia
+
+
+@inlined
+def _accelerated(rate: Any, push: Any, brake: Any) -> Any:
+    """In rad/s^2, by a ``push`` over the inertia, of the plain model."""
+    return push - (brake[0] * abs(rate) + brake[1]) * rate
+
+
+@inlined
+def _damped(rate: Any, brake: Any) -> Any:
+    return 2.0 * brake[0] * abs(rate) + brake[1]
+
+
+@compiled
+def damping_of(rate: Any, body: Any) -> Any:
+    """-d(acceleration)/d(rate) of the plain model, in 1/s."""
+    return _damped(rate, brakes(body))
+
+
+@compiled
+def bare_step(r: Any, a: Any, torque: Any, body: Any, h: float) -> Any:
+    """One step of rate and angle without effects; also the damping half way, in 1/s.
+
+    As `step` without terms, which takes twice as long: this is the innermost of all loops. Of numbers or of lanes.
+    """
+    brake = brakes(body)
+    push, half = torque * brake[2], 0.5 * h
+    k1 = _accelerated(r, push, brake)
+    r2 = r + half * k1
+    k2 = _accelerated(r2, push, brake)
+    r3 = r + half * k2
+    k3 = _accelerated(r3, push, brake)
+    r4 = r + h * k3
+    k4 = _accelerated(r4, push, brake)
+    angle = a + h / 6.0 * (r + 2.0 * (r2 + r3) + r4)
+    return r + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), angle, _damped(r2, brake)
+
+
+@lean
 def step(
-    r: float,
-    a: float,
-    push: float,
-    other: float,
+    r: Any,
+    a: Any,
+    push: Any,
+    other: Any,
     beside: Any,
     equation: Any,
     state: Any,
     work: Any,
-    h: float,
+    h: Any,
 ) -> Any:
     """One step of rate and angle, and of the states of effects.
 
@@ -70,73 +87,80 @@ def step(
     beside, equation
         As `torque_of` takes them.
     state, work
-        (m, TERM_STATES), moved on; (3, m, TERM_STATES) room.
+        As there, moved on; (3, ...) room.
+    h
+        s, lanes as all else.
 
     Returns
     -------
     rate, angle, damping
         The damping -d(rdot)/dr in 1/s is that of drag half way, of effects at the start.
     """
-    body = equation.body
-    if len(equation.terms.kinds) == 0:
-        return bare_step(r, a, push + other, body, h)
-    rows, change, there, moved = equation.terms.remembering, work[0], work[1], work[2]
-    nudge = 1e-6 + 1e-4 * abs(r)
+    rows, change, there, moved = TERM_STATES * equation.terms.remembering, work[0], work[1], work[2]
+    brake = brakes(equation.body)
+    drive, nudge = (push + other) * brake[2], 1e-6 + 1e-4 * abs(r)
     # One that hardly moves may be about to turn back: states jump with the nudge too.
-    jump(r + nudge, equation, state)
-    nudged = torque_of(r + nudge, a, push, beside, equation, state, change)
-    jump(r, equation, state)
+    rate, angle = r + nudge, a
+    jump(rate, equation, state)
     copy(rows, state, there)
-    rate, angle = r, a
-    turned, gained, given, damping = 0.0, 0.0, 0.0, 0.0
-    for stage in range(4):
-        extra = torque_of(rate, angle, push, beside, equation, there, change)
+    turned = gained = given = damping = spread(0.0)
+    for stage in range(-1, 4):
+        extra = torque_of(rate, angle, push, beside, equation, there, change) * brake[2]
+        if stage < 0:
+            given, rate = extra, r
+            jump(rate, equation, state)
+            copy(rows, state, there)
+            continue
         if stage == 0:
-            given = (nudged - extra) / (nudge * body.inertia)
+            given = (given - extra) / nudge
         if stage == 1:
-            damping = max(damping_of(rate, body) - given, 0.0)
-        pull = acceleration(rate, push + other + extra, body)
-        turned += WEIGHT[stage] * rate
-        gained += WEIGHT[stage] * pull
+            damping = larger(_damped(rate, brake) - given, 0.0)
+        pull = _accelerated(rate, drive + extra, brake)
+        turned = turned + WEIGHT[stage] * rate
+        gained = gained + WEIGHT[stage] * pull
         move(stage, rows, state, change, h, there, moved)
         if stage < 3:
             angle = a + REACH[stage] * h * rate
             rate = r + REACH[stage] * h * pull
-    return r + h * gained / 6.0, a + h * turned / 6.0, damping
+    return r + h / 6.0 * gained, a + h / 6.0 * turned, damping
 
 
 @inlined
 def copy(rows: int, state: Any, there: Any) -> None:
     """Write the first ``rows`` of ``state`` into ``there``."""
     for j in range(rows):
-        for i in range(TERM_STATES):
-            there[j, i] = state[j, i]
+        write(there, j, read(state, j))
 
 
 @inlined
-def move(stage: int, rows: int, state: Any, change: Any, h: float, there: Any, moved: Any) -> None:
+def move(stage: int, rows: int, state: Any, change: Any, h: Any, there: Any, moved: Any) -> None:
     """Move the states of effects from one stage ``there``, to the next, and behind the last stage themselves.
 
-    There are (``rows``, TERM_STATES) of them. ``moved`` gathers what the stages count for, ``h`` is the step in s.
+    There are as many ``rows`` of them. ``moved`` gathers what the stages count for, ``h`` is the step in s, of each
+    lane if need be.
     """
     for j in range(rows):
-        for i in range(TERM_STATES):
-            before = state[j, i] if stage == 0 else moved[j, i]
-            after = before + WEIGHT[stage] * h / 6.0 * change[j, i]
-            if stage < 3:
-                moved[j, i] = after
-                there[j, i] = state[j, i] + REACH[stage] * h * change[j, i]
-            else:
-                state[j, i] = after
+        change_here = read(change, j)
+        after = read(state if stage == 0 else moved, j) + (WEIGHT[stage] / 6.0) * h * change_here
+        if stage < 3:
+            write(moved, j, after)
+            write(there, j, read(state, j) + REACH[stage] * h * change_here)
+        else:
+            write(state, j, after)
 
 
 @inlined
-def steps_of(r: float, torque: float, stiffness: float, interval: float, equation: Any) -> int:
-    """How many steps an interval takes, ``stiffness`` in 1/s having been that of the one before."""
+def wanted_steps(r: Any, torque: Any, stiffness: Any, interval: Any, equation: Any) -> Any:
+    """How many steps an interval asks for, ``stiffness`` in 1/s having been that of the one before."""
     body = equation.body
-    balance = math.sqrt(abs(torque) / body.quadratic_drag) if body.quadratic_drag > 0.0 else 0.0
-    if body.linear_drag > 0.0:
-        balance = min(balance, abs(torque) / body.linear_drag) if body.quadratic_drag > 0.0 else 0.0
-    stiffness = max(stiffness, equation.terms.fastest, damping_of(max(abs(r), balance), body))
-    wanted = interval * stiffness / EFFECTS_STEP_SHARE
-    return 1 if not wanted > 1.0 else min(int(wanted) + 1, MAX_GAP_SUBSTEPS)
+    by_square = root(abs(torque) / larger(body.quadratic_drag, _TINY))
+    balance = smaller(by_square, abs(torque) / larger(body.linear_drag, _TINY))
+    stiffness = larger(larger(stiffness, equation.terms.fastest), damping_of(larger(abs(r), balance), body))
+    return interval * stiffness / EFFECTS_STEP_SHARE
+
+
+@inlined
+def whole_steps(wanted: Any) -> int:
+    """The number of steps that does for what is ``wanted``, in all lanes."""
+    most = largest(wanted)
+    return 1 if not most > 1.0 else min(int(most) + 1, MAX_GAP_SUBSTEPS)

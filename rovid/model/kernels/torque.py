@@ -1,85 +1,186 @@
-"""The torque of all terms of the equation of motion at one instant."""
+"""The torque of all terms of the equation of motion at one instant, of several motions side by side."""
 
 from __future__ import annotations
 
+import dis
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numba
+from numba.core.dispatcher import Dispatcher
 
 from rovid.effects import TERMS
-from rovid.effects.base import Instant
-from rovid.ground.compiled import compiled, inlined
+from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, Body, Instant
+from rovid.ground.compiled import inlined, lean
+from rovid.ground.lanes import LANES, lane, read, spread, with_lane, write
 
 # What a term gives, by how many states it has: its torque and how two states change.
-_GIVES = ("{}(at, p), 0.0, 0.0", "{}(at, p, x) + (0.0,)", "{}(at, p, x)")
+_GIVES = ("spread({}(at, p)), none, none", "both({}(at, p, x), none)", "{}(at, p, x)")
+# Compiled into its caller, and making no arrays of its own, as `rovid.ground.compiled.lean`.
+_part = numba.njit(error_model="numpy", nogil=True, _nrt=False, forceinline=True)
 
 
-def _any_of(takes: str, gives: Mapping[int, str], functions: Mapping[int, Callable[..., Any]], otherwise: str) -> Any:
-    """Compiled; of a ``kind``, before what it ``takes``, what it ``gives`` by its function; ``otherwise`` of any other.
+def _any_of(takes: str, gives: Mapping[int, str], names: Mapping[str, Any], otherwise: str) -> Any:
+    """Compiled; of a ``kind``, before what it ``takes``, what that gives; ``otherwise`` of any other.
 
     As a chain of comparisons, which compiles to one jump: numba's own loop over functions takes ten times as long.
     """
     lines = [f"def any_of(kind, {takes}):"]
-    lines += [f"    if kind == {kind}: return {text.format(f'function_{kind}')}" for kind, text in gives.items()]
-    namespace: dict[str, Any] = {f"function_{kind}": function for kind, function in functions.items()}
-    exec("\n".join((*lines, f"    return {otherwise}")), namespace)  # noqa: S102 - all of it is above
+    lines += [f"    if kind == {kind}: return {text}" for kind, text in gives.items()]
+    namespace = dict(names)
+    exec("\n".join((*lines, f"    return {otherwise}")), namespace)  # noqa: S102 - all of it is here
     return numba.njit(error_model="numpy", nogil=True, inline="always")(namespace["any_of"])
+
+
+def _takes_lanes(function: Any) -> bool:
+    """Whether a compiled ``function`` and all that it calls go on the same way whatever the numbers are."""
+    if not isinstance(function, Dispatcher):
+        return False
+    plain = function.py_func
+    names = plain.__code__.co_names
+    if {"min", "max"} & set(names) or any("JUMP" in step.opname for step in dis.get_instructions(plain)):
+        return False
+    called = [plain.__globals__.get(name) for name in names]
+    return all(_takes_lanes(one) for one in called if isinstance(one, Dispatcher))
+
+
+def _lane_by_lane(function: Callable[..., Any], states: int) -> Any:
+    """Compiled; as a ``function`` that takes lanes."""
+
+    @_part  # type: ignore[untyped-decorator]  # numba ships no types
+    def without(at: Any, p: Any) -> Any:
+        torque = spread(0.0)
+        for i in range(LANES):
+            torque = with_lane(torque, i, function(_instant(at, i), _four(p, i)))
+        return torque
+
+    @_part  # type: ignore[untyped-decorator]
+    def with_one(at: Any, p: Any, x: Any) -> Any:
+        torque = change = spread(0.0)
+        for i in range(LANES):
+            own, first = function(_instant(at, i), _four(p, i), _two(x, i))
+            torque, change = with_lane(torque, i, own), with_lane(change, i, first)
+        return torque, change
+
+    @_part  # type: ignore[untyped-decorator]
+    def with_two(at: Any, p: Any, x: Any) -> Any:
+        torque = change = further = spread(0.0)
+        for i in range(LANES):
+            own, first, second = function(_instant(at, i), _four(p, i), _two(x, i))
+            torque, change = with_lane(torque, i, own), with_lane(change, i, first)
+            further = with_lane(further, i, second)
+        return torque, change, further
+
+    return (without, with_one, with_two)[states]
+
+
+@inlined
+def _two(x: Any, i: int) -> Any:
+    return lane(x[0], i), lane(x[1], i)
+
+
+@inlined
+def _four(p: Any, i: int) -> Any:
+    return lane(p[0], i), lane(p[1], i), lane(p[2], i), lane(p[3], i)
+
+
+@inlined
+def _instant(at: Any, i: int) -> Any:
+    """What lane ``i`` is told."""
+    inertia, quadratic, linear, stiffness = _four(at.body, i)
+    rate, slip, angle, start = _four(at, i)
+    body = Body(inertia, quadratic, linear, stiffness, lane(at.body.trim, i))
+    return Instant(
+        rate, slip, angle, start, lane(at.push, i), lane(at.race, i), lane(at.surge, i), lane(at.sway, i), body
+    )
+
+
+@inlined
+def _both(torque_and_change: Any, none: Any) -> Any:
+    return spread(torque_and_change[0]), torque_and_change[1], none
 
 
 # The kind of a term is its index in ``rovid.effects.TERMS``.
 _term = _any_of(
-    "at, p, x",
-    {kind: _GIVES[term.states] for kind, term in enumerate(TERMS)},
-    {kind: term.torque for kind, term in enumerate(TERMS)},
-    "0.0, 0.0, 0.0",
+    "at, p, x, none",
+    {kind: _GIVES[term.states].format(f"term_{kind}") for kind, term in enumerate(TERMS)},
+    {
+        f"term_{kind}": term.torque if _takes_lanes(term.torque) else _lane_by_lane(term.torque, term.states)
+        for kind, term in enumerate(TERMS)
+    }
+    | {"spread": spread, "both": _both},
+    "none, none, none",
 )
 _MOVING = {kind: term.water for kind, term in enumerate(TERMS) if term.water is not None}
-water_of = _any_of("p, x", dict.fromkeys(_MOVING, "{}(p, x)"), _MOVING, "0.0")
+_water_of = _any_of(
+    "p, x",
+    {kind: f"water_{kind}(p, x)" for kind in _MOVING},
+    {f"water_{kind}": water for kind, water in _MOVING.items()},
+    "0.0",
+)
 _JUMPING = {kind: term.jumps for kind, term in enumerate(TERMS) if term.jumps is not None}
-jumped = _any_of("rate, x", dict.fromkeys(_JUMPING, "{}(rate, x)"), _JUMPING, "x[0]")
+_jumped = _any_of(
+    "rate, x",
+    {kind: f"jumps_{kind}(rate, x)" for kind in _JUMPING},
+    {f"jumps_{kind}": jumps for kind, jumps in _JUMPING.items()},
+    "x[0]",
+)
 
 
-@inlined
-def numbers_of(terms: Any, j: int) -> Any:
-    """Parameters of term ``j``."""
-    row = terms.parameters[j]
-    return row[0], row[1], row[2], row[3]
-
-
-@compiled
-def torque_of(rate: float, angle: float, push: float, beside: Any, equation: Any, state: Any, change: Any) -> float:
+@_part
+def torque_of(rate: Any, angle: Any, push: Any, beside: Any, equation: Any, state: Any, change: Any) -> Any:
     """Torque in N m of all terms of ``equation``; fills in the rates of ``change`` of their states.
 
     Parameters
     ----------
     rate, angle, push
-        As in `rovid.effects.base.Instant`.
+        Lanes, as in `rovid.effects.base.Instant`.
     beside
-        The thrusters' race and the speeds, as there.
+        Lanes of the thrusters' race and of the speeds, as there.
     equation
-        `rovid.model.equation.Equation`.
+        `rovid.model.equation.Equation` in lanes.
     state, change
-        (m, TERM_STATES).
+        (m * TERM_STATES, LANES).
     """
-    terms, water = equation.terms, 0.0
-    kinds = terms.kinds
+    terms, total, none = equation.terms, spread(0.0), spread(0.0)
+    kinds, parameters, water = terms.kinds, terms.parameters, spread(0.0)
     for j in range(terms.moving):
-        p = numbers_of(terms, j)
-        water += water_of(kinds[j], p, (state[j, 0], state[j, 1]))
+        for i in range(LANES):
+            moved = _water_of(kinds[j], _four(_parameters(parameters, j), i), _two(_states(state, j), i))
+            water = with_lane(water, i, lane(water, i) + moved)
     at = Instant(rate, rate - water, angle, equation.start, push, beside[0], beside[1], beside[2], equation.body)
-    total = 0.0
     for j in range(len(kinds)):
-        p = numbers_of(terms, j)
-        torque, first, second = _term(kinds[j], at, p, (state[j, 0], state[j, 1]))
-        total += torque
-        change[j, 0], change[j, 1] = first, second
+        torque, first, second = _term(kinds[j], at, _parameters(parameters, j), _states(state, j), none)
+        total = total + torque
+        write(change, TERM_STATES * j, first)
+        write(change, TERM_STATES * j + 1, second)
     return total
 
 
+@lean
+def torque_at(rate: Any, angle: Any, push: Any, beside: Any, equation: Any, state: Any, change: Any) -> Any:
+    """As ``torque_of``, which is long, as a function of its own: for loops that are not the innermost."""
+    return torque_of(rate, angle, push, beside, equation, state, change)
+
+
 @inlined
-def jump(rate: float, equation: Any, state: Any) -> None:
+def _parameters(rows: Any, j: int) -> Any:
+    """Of term ``j``."""
+    at = TERM_PARAMETERS * j
+    return read(rows, at), read(rows, at + 1), read(rows, at + 2), read(rows, at + 3)
+
+
+@inlined
+def _states(rows: Any, j: int) -> Any:
+    """Of term ``j``."""
+    return read(rows, TERM_STATES * j), read(rows, TERM_STATES * j + 1)
+
+
+@inlined
+def jump(rate: Any, equation: Any, state: Any) -> None:
     """Let the states jump that do so at such a ``rate`` in rad/s."""
     terms = equation.terms
     for j in range(terms.remembering if terms.jumping else 0):
-        state[j, 0] = jumped(terms.kinds[j], rate, (state[j, 0], state[j, 1]))
+        for i in range(LANES):
+            at = TERM_STATES * j
+            state[at, i] = _jumped(terms.kinds[j], lane(rate, i), (state[at, i], state[at + 1, i]))

@@ -1,4 +1,4 @@
-"""A Kalman filter of angle, rate and a coloured disturbance, and of two states more that swing."""
+"""Kalman filters of angle, rate and a coloured disturbance, and of two states more that swing, several side by side."""
 
 from __future__ import annotations
 
@@ -9,134 +9,158 @@ import numpy as np
 
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
-from rovid.ground.compiled import compiled
-from rovid.model.kernels.covariance import add_noise, congruence, transition
+from rovid.ground.compiled import compiled, inlined, lean
+from rovid.ground.lanes import LANES, lane, read, root, spread, write
+from rovid.model.equation import Equation
+from rovid.model.kernels.batch import beside_of, body_of, each
+from rovid.model.kernels.covariance import SIZE, Swing, add_noise, clear, congruence, transition, upper
 from rovid.model.kernels.filter import FILTER_STEP_SHARE, filter_steps
 from rovid.model.kernels.step import step
-from rovid.model.kernels.torque import torque_of
+from rovid.model.kernels.torque import torque_at
 
 
 @compiled
-def innovations_wide(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
-    time: FloatArray,
-    torque: FloatArray,
-    beside: FloatArray,
-    moment: FloatArray,
-    scatter: FloatArray,
-    angle: FloatArray,
-    rate: FloatArray,
-    equation: Any,
-    noise: FloatArray,
-    wave: FloatArray,
-    begin: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
+def innovations_wide(logged: Any, driven: Any, models: Any) -> tuple[FloatArray, FloatArray]:
     """As ``innovations``, with two states more: a narrow-band torque of random phase, or those of an effect that rings.
 
     The wave is a second-order shaping filter driven by white noise (Fossen 2011, section 8.2.6). The states of an
     effect that ``rings`` are no better known than the motion that sets them off. Beside a wave they have no
     variance of their own.
-
-    Parameters
-    ----------
-    wave
-        Root 2 times the standard deviation of the wave in N m, its frequency in rad/s and the damping of its filter;
-        empty where there is none.
     """
-    body, terms = equation.body, equation.terms
-    n, inertia, sigma, tau, waves = len(time), body.inertia, noise[0], noise[1], len(wave) > 0
-    rows = len(terms.kinds)
-    state, work = np.zeros((rows, TERM_STATES)), np.zeros((3, rows, TERM_STATES))
-    innovation, variance = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
-    ringing = terms.ringing
-    # Angle, rate, disturbance, and the two.
-    a, r, d, w, v = angle[0], begin[0], 0.0, 0.0, 0.0
-    p, f, q = np.zeros((5, 5)), np.zeros((5, 5)), np.zeros((5, 5))
-    slopes, room = np.zeros((5, 5)), np.zeros((5, 5))
-    origin, damping = angle[0], body.linear_drag / inertia
-    p[0, 0], p[1, 1], p[2, 2] = noise[2] ** 2, begin[1] ** 2, sigma**2
-    # Of the first and fourth state it is known: they are the integrals of those behind them.
-    slopes[1, 0], slopes[1, 2], slopes[2, 2] = -body.stiffness / inertia, 1.0 / inertia, -1.0 / tau
-    frequency, leak, power = terms.fastest, 0.0, 0.0
+    rows, count = TERM_STATES * len(models.terms.kinds), 2 * len(logged.time)
+    innovation, variance = np.full((count, LANES), np.nan), np.full((count, LANES), np.nan)
+    state, work = np.zeros((rows, LANES)), np.zeros((3, rows, LANES))
+    matrices = np.zeros((4, SIZE * SIZE, LANES))
+    for run in range(len(logged.begins) - 1):
+        state[:] = 0.0
+        _filter(run, logged, driven, models, state, work, matrices, innovation, variance)
+    return innovation.reshape(-1, 2, LANES), variance.reshape(-1, 2, LANES)
+
+
+@lean
+def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
+    run: int,
+    logged: Any,
+    driven: Any,
+    models: Any,
+    state: Any,
+    work: Any,
+    matrices: Any,
+    innovation: Any,
+    variance: Any,
+) -> None:
+    """Through one run; fills in its rows, see ``innovations``, two for each instant."""
+    time, terms, body, waves = logged.time, models.terms, body_of(models.body), len(models.wave) > 0
+    ringing, p, f, q, room = TERM_STATES * terms.ringing, matrices[0], matrices[1], matrices[2], matrices[3]
+    sigma, tau = read(models.noise, 0), read(models.noise, 1)
+    inverse, b, zero = 1.0 / body.inertia, 1.0 / tau, spread(0.0)
+    drive = sigma * root(2.0 * b)
+    frequency, leak, power, kicks = spread(terms.fastest), zero, zero, zero
+    third, fourth, fifth = zero, -zero, zero
+    told_rate = zero
     if waves:
-        frequency, leak, power = wave[1], 2.0 * wave[2] * wave[1], 0.5 * wave[0] ** 2
-        p[3, 3], p[4, 4] = power, power * frequency**2
-        slopes[1, 3], slopes[4, 3], slopes[4, 4] = 1.0 / inertia, -(frequency**2), -leak
+        frequency = read(models.wave, 1)
+        leak = 2.0 * read(models.wave, 2) * frequency
+        power = 0.5 * read(models.wave, 0) * read(models.wave, 0)
+        kicks = frequency * root(2.0 * leak * power)
+        third, fourth, fifth = inverse, -frequency * frequency, -leak
+        by_fifth = zero
     else:
-        _ring(slopes, equation, state, work[0])
-    for k in range(n):
-        if k > 0:
-            told = beside[k - 1, 0], beside[k - 1, 1], beside[k - 1, 2]
-            push, interval = torque[k - 1], time[k] - time[k - 1]
-            steps = filter_steps(interval, r, push, damping, 1.0 / tau + frequency, body)
+        third, by_fifth, told_rate, fourth, fifth = _ring(body, terms, inverse, state, work[0])
+    pull = -body.stiffness * inverse
+    begin, end = logged.begins[run], logged.begins[run + 1]
+    equation = Equation(body, terms, spread(logged.start[run]))
+    # Angle, rate, disturbance, and the two.
+    origin, damping = each(driven.angles, driven.angle, begin), body.linear_drag * inverse
+    a, r, d, w, v = origin, spread(logged.first[run, 0]), zero, zero, zero
+    clear(p)
+    write(p, 0, read(models.noise, 2) * read(models.noise, 2))
+    write(p, SIZE + 1, spread(logged.first[run, 1] ** 2))
+    write(p, 2 * SIZE + 2, sigma * sigma)
+    if waves:
+        write(p, 3 * SIZE + 3, power)
+        write(p, 4 * SIZE + 4, power * frequency * frequency)
+    for k in range(begin, end):
+        if k > begin:
+            push, beside = each(driven.torque, driven.drive, k - 1), beside_of(driven, k - 1)
+            interval = time[k] - time[k - 1]
+            steps = filter_steps(interval, r, push, damping, b + frequency, body)
             h = interval / steps
-            fade = math.exp(-h / tau)
+            fade = math.exp(-h * b)
             mean = (1.0 - fade) * tau / h
             shares = max(math.ceil(h * terms.fastest / FILTER_STEP_SHARE), 1)
             for _ in range(steps):
-                faded, swung, slope, other = d * fade, 0.0, 0.0, d * mean
+                faded, swung, slope, other = d * fade, zero, zero, d * mean
                 if waves:
-                    bend = -leak * v - frequency**2 * w
-                    jerk = -leak * bend - frequency**2 * v
-                    jolt = -leak * jerk - frequency**2 * bend
-                    swung = w + h * (v + h / 2.0 * (bend + h / 3.0 * (jerk + h / 4.0 * jolt)))
-                    slope = v + h * (bend + h / 2.0 * (jerk + h / 3.0 * jolt))
+                    bend = fourth * w + fifth * v
+                    jerk = fourth * v + fifth * bend
+                    jolt = fourth * bend + fifth * jerk
+                    swung = w + h * (v + (h / 2.0) * (bend + (h / 3.0) * (jerk + (h / 4.0) * jolt)))
+                    slope = v + h * (bend + (h / 2.0) * (jerk + (h / 3.0) * jolt))
                     # Its mean over the step.
-                    other += w + h / 2.0 * (v + h / 3.0 * (bend + h / 4.0 * (jerk + h / 5.0 * jolt)))
+                    late = bend + (h / 4.0) * (jerk + (h / 5.0) * jolt)
+                    other = other + w + (h / 2.0) * (v + (h / 3.0) * late)
+                a = a - origin
                 for _ in range(shares):
-                    r, a, damping = step(r, a - origin, push, other, told, equation, state, work, h / shares)
-                    a += origin
+                    r, a, damping = step(r, a, push, other, beside, equation, state, work, spread(h / shares))
                 # What of it comes late in the step turns the vehicle less.
-                late = -(swung - w + faded - d) * h**2 / (12.0 * inertia)
-                a += late
-                r -= damping * late
+                late = (swung - w + faded - d) * inverse * (-(h**2) / 12.0)
+                a = a + origin + late
+                r = r - damping * late
                 d, w, v = faded, swung, slope
-                slopes[1, 1] = -damping
-                transition(slopes, h, f)
-                q[:] = 0.0
-                add_noise(slopes, 2, sigma * math.sqrt(2.0 / tau), h, q)
+                swing = Swing(pull, -damping, inverse, third, by_fifth, -b, told_rate, fourth, fifth)
+                transition(swing, h, f)
+                clear(q)
+                add_noise(swing, 2, drive, h, q)
                 if waves:
-                    add_noise(slopes, 4, frequency * math.sqrt(2.0 * leak * power), h, q)
+                    add_noise(swing, 4, kicks, h, q)
                 congruence(f, p, q, room)
-            a += moment[k - 1] / inertia
-            r -= damping * moment[k - 1] / inertia
-            kick = scatter[k - 1] / inertia**2
-            p[0, 0] += kick * interval**2 / 3.0
-            p[0, 1] += kick * interval / 2.0
-            p[1, 0] += kick * interval / 2.0
-            p[1, 1] += kick
+            late = each(driven.moment, driven.drive, k - 1) * inverse
+            a = a + late
+            r = r - damping * late
+            kick = each(driven.scatter, driven.drive, k - 1) * inverse * inverse
+            write(p, 0, read(p, 0) + kick * (interval**2 / 3.0))
+            write(p, 1, read(p, 1) + kick * (interval / 2.0))
+            write(p, SIZE + 1, read(p, SIZE + 1) + kick)
         for m in range(2):
-            reading, known = (angle[k], a) if m == 0 else (rate[k], r)
-            if not math.isnan(reading):
-                s = p[m, m] + noise[2 + m] ** 2
-                e = reading - known
-                innovation[k, m], variance[k, m] = e, s
-                a += p[m, 0] / s * e
-                r += p[m, 1] / s * e
-                d += p[m, 2] / s * e
-                if waves:
-                    w += p[m, 3] / s * e
-                    v += p[m, 4] / s * e
-                else:
-                    state[ringing, 0] += p[m, 3] / s * e
-                    state[ringing, 1] += p[m, 4] / s * e
-                for i in range(5):
-                    room[0, i] = p[m, i]
-                for i in range(5):
-                    for j in range(5):
-                        p[i, j] -= room[0, i] * room[0, j] / s
-    return innovation, variance
+            reading, known = (each(driven.angles, driven.angle, k), a) if m == 0 else (spread(logged.rate[k]), r)
+            if math.isnan(lane(reading, 0)):
+                continue
+            noise = read(models.noise, 2 + m)
+            s = upper(p, m, m) + noise * noise
+            e = reading - known
+            write(innovation, 2 * k + m, e)
+            write(variance, 2 * k + m, s)
+            by = e / s
+            p0, p1, p2, p3, p4 = upper(p, m, 0), upper(p, m, 1), upper(p, m, 2), upper(p, m, 3), upper(p, m, 4)
+            a, r, d = a + p0 * by, r + p1 * by, d + p2 * by
+            if waves:
+                w, v = w + p3 * by, v + p4 * by
+            else:
+                write(state, ringing, read(state, ringing) + p3 * by)
+                write(state, ringing + 1, read(state, ringing + 1) + p4 * by)
+            own = (p0, p1, p2, p3, p4)
+            for i in range(SIZE):
+                gain = upper(p, m, i) / s
+                write(room, i, gain)
+            for i in range(SIZE):
+                for j in range(i, SIZE):
+                    write(p, SIZE * i + j, read(p, SIZE * i + j) - read(room, i) * own[j])
 
 
-@compiled
-def _ring(slopes: Any, equation: Any, state: Any, change: Any) -> None:
-    """Fill in how the two states of the term that rings act on the rate, and how the second follows from all three."""
-    told, ringing = (0.0, 0.0, 0.0), equation.terms.ringing
-    torque_of(1.0, 0.0, 0.0, told, equation, state, change)
-    slopes[4, 1] = change[ringing, 1]
-    rest = torque_of(0.0, 0.0, 0.0, told, equation, state, change)
-    for j in range(2):
-        state[ringing, j] = 1.0
-        pull = torque_of(0.0, 0.0, 0.0, told, equation, state, change) - rest
-        slopes[1, 3 + j] = pull / equation.body.inertia
-        slopes[4, 3 + j] = change[ringing, 1]
-        state[ringing, j] = 0.0
+@inlined
+def _ring(body: Any, terms: Any, inverse: Any, state: Any, change: Any) -> Any:
+    """How the two states of the term that rings act on the rate, and how the second follows from all three."""
+    zero, ringing = spread(0.0), TERM_STATES * terms.ringing
+    equation, nothing = Equation(body, terms, zero), (zero, zero, zero)
+    torque_at(spread(1.0), zero, zero, nothing, equation, state, change)
+    by_rate = read(change, ringing + 1)
+    rest = torque_at(zero, zero, zero, nothing, equation, state, change)
+    write(state, ringing, 1.0)
+    third = (torque_at(zero, zero, zero, nothing, equation, state, change) - rest) * inverse
+    fourth = read(change, ringing + 1)
+    write(state, ringing, 0.0)
+    write(state, ringing + 1, 1.0)
+    by_fifth = (torque_at(zero, zero, zero, nothing, equation, state, change) - rest) * inverse
+    write(state, ringing + 1, 0.0)
+    return third, by_fifth, by_rate, fourth, read(change, ringing + 1)

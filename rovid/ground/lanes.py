@@ -1,0 +1,267 @@
+"""Several numbers side by side, which a compiled loop works on at once (single instruction, multiple data).
+
+In compiled code lanes are one vector register, or as many as the machine needs. What is here takes plain numbers too,
+so that a formula is written once. Where nothing is compiled lanes are small numpy arrays.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.datamodel.models import PrimitiveModel
+from numba.core.imputils import lower_builtin, lower_cast
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import register_model
+
+from rovid.ground.arrays import FloatArray
+from rovid.ground.compiled import inlined
+
+# So many; more are no faster on the usual machines.
+LANES = 4
+_VECTOR = ir.VectorType(ir.DoubleType(), LANES)
+_INDEX = ir.IntType(32)
+# A product may go into the sum behind it without being rounded (fused multiply-add).
+_FLAGS = ("contract",)
+
+
+class LanesType(types.Type):
+    """Of `LANES` numbers side by side, in compiled code."""
+
+    def __init__(self) -> None:
+        super().__init__(name=f"Lanes({LANES})")
+
+
+_LANES = LanesType()
+
+
+@register_model(LanesType)
+class _Register(PrimitiveModel):
+    def __init__(self, manager: Any, lanes: LanesType) -> None:
+        super().__init__(manager, lanes, _VECTOR)
+
+
+def spread(x: Any) -> Any:
+    """Lanes that all hold the number ``x``; lanes as they are."""
+    return np.full(LANES, x) if np.ndim(x) == 0 else x
+
+
+def lane(x: FloatArray, i: int) -> float:
+    """The number in lane ``i``."""
+    return float(x[i])
+
+
+def with_lane(x: FloatArray, i: int, value: float) -> FloatArray:
+    """``x`` with another number in lane ``i``."""
+    changed = x.copy()
+    changed[i] = value
+    return changed
+
+
+def larger(x: Any, y: Any) -> Any:
+    """Of each lane the larger number."""
+    return np.maximum(x, y)
+
+
+def smaller(x: Any, y: Any) -> Any:
+    """Of each lane the smaller number."""
+    return np.minimum(x, y)
+
+
+def where_positive(x: Any, y: Any, otherwise: Any) -> Any:
+    """Of each lane ``y`` where ``x`` is zero or more, else the other."""
+    return np.where(x >= 0.0, y, otherwise)
+
+
+def root(x: Any) -> Any:
+    """Square root of each lane."""
+    return np.sqrt(x)
+
+
+def read(rows: FloatArray, at: int) -> FloatArray:
+    """Lanes from the row ``at`` of (m, LANES) numbers without gaps."""
+    return rows[at].copy()
+
+
+def write(rows: FloatArray, at: int, x: Any) -> None:
+    """Store lanes, or a number in all of them, as the row ``at`` of (m, LANES) numbers without gaps."""
+    rows[at] = x
+
+
+def _are_lanes(*every: types.Type) -> bool:
+    return any(isinstance(x, LanesType) for x in every)
+
+
+@lower_cast(types.Number, LanesType)  # type: ignore[untyped-decorator]  # numba ships no types
+def _spread_number(context: Any, builder: Any, kind: Any, _: Any, value: Any) -> Any:
+    number = context.cast(builder, value, kind, types.float64)
+    undefined = ir.Constant(_VECTOR, ir.Undefined)
+    first = builder.insert_element(undefined, number, _INDEX(0))
+    return builder.shuffle_vector(first, undefined, ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES))
+
+
+def _teach(
+    function: Any, typed: Callable[..., Any], generate: Callable[..., Any], *kinds_of_arguments: tuple[Any, ...]
+) -> None:
+    """Let compiled code call ``function`` with arguments of such kinds.
+
+    ``typed``: types of the arguments -> type of the result and those that arguments are turned into, or None.
+    ``generate``: (context, builder, types, values) -> value.
+    """
+
+    class Template(AbstractTemplate):  # type: ignore[misc]
+        def generic(self, arguments: Any, named: Any) -> Any:  # noqa: ARG002 - as numba calls it
+            told = typed(*arguments)
+            return None if told is None else signature(*told)
+
+    Template.key = function
+    infer_global(function)(Template)
+    for kinds in kinds_of_arguments:
+
+        @lower_builtin(function, *kinds)  # type: ignore[untyped-decorator]
+        def lower(context: Any, builder: Any, told: Any, values: Any) -> Any:
+            return generate(context, builder, told.args, values)
+
+
+def _all_lanes(*arguments: types.Type) -> Any:
+    """Lanes of lanes, whatever else is a number."""
+    return (_LANES,) * (len(arguments) + 1) if _are_lanes(*arguments) else None
+
+
+def _lanes_or_numbers(*arguments: types.Type) -> Any:
+    return _all_lanes(*arguments) or (types.float64,) * (len(arguments) + 1)
+
+
+def _of(instruction: str) -> Callable[..., Any]:
+    return lambda _, builder, __, values: getattr(builder, instruction)(*values, flags=_FLAGS)
+
+
+def _selecting(comparison: str) -> Callable[..., Any]:
+    """One of two by how the first two compare, where they do."""
+
+    def generate(_: Any, builder: Any, __: Any, values: Any) -> Any:
+        x, y = values
+        return builder.select(builder.fcmp_unordered(comparison, x, y), x, y)
+
+    return generate
+
+
+def _by_llvm(name: str) -> Callable[..., Any]:
+    """An intrinsic of LLVM."""
+
+    def generate(_: Any, builder: Any, __: Any, values: Any) -> Any:
+        kind = values[0].type
+        suffix = f"v{LANES}f64" if kind == _VECTOR else "f64"
+        function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(kind, [kind]), f"llvm.{name}.{suffix}")
+        return builder.call(function, values)
+
+    return generate
+
+
+def _where_positive(_: Any, builder: Any, __: Any, values: Any) -> Any:
+    x, y, otherwise = values
+    zero = ir.Constant(x.type, [0.0] * LANES if x.type == _VECTOR else 0.0)
+    return builder.select(builder.fcmp_ordered(">=", x, zero), y, otherwise)
+
+
+def _at(context: Any, builder: Any, kind: Any, value: Any, wanted: Any) -> Any:
+    """An index, as ``wanted``."""
+    return context.cast(builder, value, kind, wanted)
+
+
+def _lane(context: Any, builder: Any, kinds: Any, values: Any) -> Any:
+    return builder.extract_element(values[0], _at(context, builder, kinds[1], values[1], types.int32))
+
+
+def _with_lane(context: Any, builder: Any, kinds: Any, values: Any) -> Any:
+    return builder.insert_element(values[0], values[2], _at(context, builder, kinds[1], values[1], types.int32))
+
+
+def _row(context: Any, builder: Any, kinds: Any, values: Any) -> Any:
+    """Where the row of an array begins, as lanes."""
+    view = context.make_array(kinds[0])(context, builder, values[0])
+    at = _at(context, builder, kinds[1], values[1], types.intp)
+    return builder.gep(builder.bitcast(view.data, _VECTOR.as_pointer()), [at])
+
+
+def _read(context: Any, builder: Any, kinds: Any, values: Any) -> Any:
+    return builder.load(_row(context, builder, kinds, values), align=8)
+
+
+def _write(context: Any, builder: Any, kinds: Any, values: Any) -> Any:
+    builder.store(values[2], _row(context, builder, kinds, values), align=8)
+    return context.get_dummy_value()
+
+
+_ONE, _TWO, _THREE = ((LanesType,) * count for count in (1, 2, 3))
+_NUMBER, _NUMBERS, _AT = (types.Float,), (types.Float, types.Float), types.Integer
+# No ``+=`` or the like: uncompiled it would change the lanes of whoever else holds them.
+_teach(operator.add, _all_lanes, _of("fadd"), _TWO)
+_teach(operator.sub, _all_lanes, _of("fsub"), _TWO)
+_teach(operator.mul, _all_lanes, _of("fmul"), _TWO)
+_teach(operator.truediv, _all_lanes, _of("fdiv"), _TWO)
+_teach(operator.neg, _all_lanes, _of("fneg"), _ONE)
+_teach(abs, _all_lanes, _by_llvm("fabs"), _ONE)
+_teach(larger, _lanes_or_numbers, _selecting(">"), _TWO, _NUMBERS)
+_teach(smaller, _lanes_or_numbers, _selecting("<"), _TWO, _NUMBERS)
+_teach(root, _lanes_or_numbers, _by_llvm("sqrt"), _ONE, _NUMBER)
+_teach(where_positive, _lanes_or_numbers, _where_positive, _THREE, (types.Float,) * 3)
+_teach(spread, lambda _: (_LANES, _LANES), lambda _, __, ___, values: values[0], _ONE)
+_teach(lane, lambda x, i: (types.float64, x, i), _lane, (LanesType, _AT))
+_teach(with_lane, lambda x, i, _: (_LANES, x, i, types.float64), _with_lane, (LanesType, _AT, types.Float))
+_teach(read, lambda rows, at: (_LANES, rows, at), _read, (types.Array, _AT))
+_teach(write, lambda rows, at, _: (types.none, rows, at, _LANES), _write, (types.Array, _AT, LanesType))
+
+
+def _each(function: Any, count: int = 1) -> None:
+    """Let compiled code use a ``function`` of plain numbers with lanes too, where it is done one by one."""
+
+    def generate(context: Any, builder: Any, _: Any, values: Any) -> Any:
+        told = signature(types.float64, *[types.float64] * count)
+        of_numbers = context.get_function(function, told)
+        result = ir.Constant(_VECTOR, ir.Undefined)
+        for i in range(LANES):
+            own = [builder.extract_element(value, _INDEX(i)) for value in values]
+            result = builder.insert_element(result, of_numbers(builder, own), _INDEX(i))
+        return result
+
+    _teach(function, _all_lanes, generate, (LanesType,) * count)
+
+
+for _function in (math.sin, math.cos, math.tan, math.atan, math.tanh, math.exp, math.log):
+    _each(_function)
+_each(math.pow, 2)
+_teach(math.floor, _all_lanes, _by_llvm("floor"), _ONE)
+
+
+@inlined
+def largest(x: Any) -> float:
+    """Of all lanes that hold a number."""
+    most = -math.inf
+    for i in range(LANES):
+        most = lane(x, i) if lane(x, i) > most else most
+    return most
+
+
+@inlined
+def within(x: Any, size: Any, most: float) -> Any:
+    """``x``, no number in the lanes whose ``size`` is not below ``most``."""
+    for i in range(LANES):
+        if not lane(size, i) < most:
+            x = with_lane(x, i, math.nan)
+    return x
+
+
+@inlined
+def gathered(numbers: Any) -> Any:
+    """Lanes of the (LANES,) ``numbers``, wherever they stand."""
+    x = spread(0.0)
+    for i in range(LANES):
+        x = with_lane(x, i, numbers[i])
+    return x

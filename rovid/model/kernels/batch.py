@@ -1,0 +1,52 @@
+"""What filters are given of several models side by side, as lanes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rovid.effects.base import Body
+from rovid.ground.compiled import inlined
+from rovid.ground.lanes import LANES, read, spread, with_lane
+from rovid.model.equation import Equation
+
+
+@inlined
+def body_of(numbers: Any) -> Any:
+    """In lanes, of (5, LANES) ``numbers``, see `rovid.model.batch.Abreast`."""
+    return Body(read(numbers, 0), read(numbers, 1), read(numbers, 2), read(numbers, 3), read(numbers, 4))
+
+
+@inlined
+def in_lanes(equation: Any) -> Any:
+    """An `rovid.model.equation.Equation` of numbers, the same in all lanes."""
+    own = equation.body
+    body = Body(
+        spread(own.inertia),
+        spread(own.quadratic_drag),
+        spread(own.linear_drag),
+        spread(own.stiffness),
+        spread(own.trim),
+    )
+    return Equation(body, equation.terms, spread(equation.start))
+
+
+@inlined
+def each(rows: Any, of_lane: Any, k: int) -> Any:
+    """In lanes, the column ``k`` of each one's own of the ``rows``."""
+    x = spread(0.0)
+    for i in range(LANES):
+        x = with_lane(x, i, rows[of_lane[i], k])
+    return x
+
+
+
+@inlined
+def beside_of(driven: Any, k: int) -> Any:
+    """In lanes, what effects are told of the instant ``k`` beside the torque."""
+    race = surge = sway = spread(0.0)
+    for i in range(LANES):
+        own = driven.drive[i]
+        race = with_lane(race, i, driven.beside[own, k, 0])
+        surge = with_lane(surge, i, driven.beside[own, k, 1])
+        sway = with_lane(sway, i, driven.beside[own, k, 2])
+    return race, surge, sway
