@@ -9,6 +9,7 @@ import numpy as np
 
 from rovid.diagnose.parts import Piece
 from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.workers import spread
 from rovid.identify.courses import HORIZONS
 from rovid.identify.fitted import Fitted, climbed
 from rovid.identify.horizons import HorizonRecords, predictions
@@ -56,15 +57,12 @@ def cross_validate(fitted: Fitted, pieces: Sequence[Piece]) -> list[Fold]:
     """Fit the model of ``fitted`` anew without each fourth of the pieces, and predict those."""
     piece = _piece(fitted.records, pieces)
     left_out = _folds(len(pieces))
-    tests, fits = [], []
-    for numbers in left_out:
-        test = np.isin(piece, numbers)
-        # What begins in one piece and ends in another tells of both.
-        train = ~test & (piece >= 0)
-        # All trials together are a start so good that a few steps do.
-        taught = fitted.misfit.like(fitted.effects, train)
-        fits.append(_told(climbed(taught, fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)))
-        tests.append(fitted.misfit.like(fitted.effects, test))
+    tested = [np.isin(piece, numbers) for numbers in left_out]
+    tests = [fitted.misfit.like(fitted.effects, test) for test in tested]
+    # What begins in one piece and ends in another tells of both.
+    taught = [fitted.misfit.like(fitted.effects, ~test & (piece >= 0)) for test in tested]
+    # All trials together are a start so good that a few steps do.
+    fits = spread(lambda one: _told(climbed(one, fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)), taught)
     costs = fitted.misfit.held_out_costs(tests, fits)
     folds = []
     for numbers, cost, x in zip(left_out, costs, fits, strict=True):

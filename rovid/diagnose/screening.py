@@ -13,6 +13,7 @@ from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
 from rovid.ground.workers import spread
 from rovid.identify.fitted import Fitted
+from rovid.identify.misfit import Misfit
 from rovid.identify.scoring import Innovations, Slopes
 
 # Of the best candidate's promise, as far as its fit begins by keeping it: who promises less is not fitted.
@@ -55,7 +56,17 @@ def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
     here = current.misfit.slopes(current.x)
     past = _Complement(here)
     centre = current.misfit.innovations(current.x)
-    return spread(lambda form: _promise(current, form, centre, here, past), forms)
+    misfits = [current.misfit.like((*current.effects, form)) for form in forms]
+    begins = [misfit.coordinates.starts() for misfit in misfits]
+    pairs = [
+        (misfit, np.concatenate((current.x, begin)))
+        for misfit, starts in zip(misfits, begins, strict=True)
+        for begin in starts
+    ]
+    found = iter(current.misfit.of_each(pairs))
+    sides = [[next(found) for _ in starts] for starts in begins]
+    items = list(zip(misfits, begins, sides, strict=True))
+    return spread(lambda item: _promise(*item, centre, here, past), items)
 
 
 def fit_all(current: Fitted, promises: Sequence[Promise]) -> tuple[list[Fitted], list[Fitted]]:
@@ -79,7 +90,7 @@ def _begun(current: Fitted, promise: Promise) -> Fitted:
     misfit = current.misfit.like((*current.effects, promise.effect))
     scaled = [sized(promise.effect, promise.start, share) for share in _SHARES]
     begins = [np.concatenate((current.x, start)) for start in (promise.unscaled, *scaled)]
-    return quickly_climbed(misfit, min(begins, key=misfit.cost), _FIRST_ITERATIONS)
+    return quickly_climbed(misfit, misfit.least(begins), _FIRST_ITERATIONS)
 
 
 class _Complement:
@@ -93,10 +104,16 @@ class _Complement:
         return np.asarray(directions - self.matrix @ (self.inverse @ (self.matrix.T @ directions)))
 
 
-def _promise(current: Fitted, form: Effect, centre: Innovations, here: Slopes, past: _Complement) -> Promise:
-    misfit = current.misfit.like((*current.effects, form))
-    begins = misfit.coordinates.starts()
-    sides = [misfit.innovations(np.concatenate((current.x, begin))) for begin in begins]
+def _promise(
+    misfit: Misfit,
+    begins: list[FloatArray],
+    sides: list[Innovations],
+    centre: Innovations,
+    here: Slopes,
+    past: _Complement,
+) -> Promise:
+    """Of the last effect of ``misfit``, with the innovations at each of its starts."""
+    form = misfit.effects[-1]
     raw = misfit.slopes_between(centre, sides, np.ones(len(sides))).matrix
     # A drag that falls with the rate runs away from one start, and may hold from another.
     bears = np.flatnonzero(np.isfinite(raw).all(axis=0))
@@ -183,5 +200,5 @@ def _is_worth_a_fit(promise: Promise, first: Promise) -> bool:
 def _outright(current: Fitted, promise: Promise) -> float:
     """What a form gains where its fit would start, before any."""
     misfit = current.misfit.like((*current.effects, promise.effect))
-    begins = (np.concatenate((current.x, start)) for start in (promise.start, promise.unscaled))
-    return current.cost - min(map(misfit.cost, begins))
+    begins = [np.concatenate((current.x, start)) for start in (promise.start, promise.unscaled)]
+    return current.cost - min(misfit.costs_of(begins))

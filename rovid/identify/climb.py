@@ -63,14 +63,14 @@ class _Point:
     """Coordinates with what is known there, and the damping of the step from there."""
 
     x: FloatArray
-    innovations: Innovations
+    known: tuple[Innovations, list[Innovations]]
     cost: float
     damping: float
 
     @classmethod
     def at(cls, misfit: Misfit, x: FloatArray, damping: float) -> _Point:
-        innovations = misfit.innovations(x)
-        return cls(x, innovations, misfit.cost_of(innovations), damping)
+        known = misfit.looked(x)
+        return cls(x, known, misfit.cost_of(known[0]), damping)
 
 
 def climb(misfit: Misfit, start: FloatArray, *, iterations: int = ITERATIONS, tolerance: float = TOLERANCE) -> Climb:
@@ -83,7 +83,7 @@ def climb(misfit: Misfit, start: FloatArray, *, iterations: int = ITERATIONS, to
     # Points and gradients of before.
     been: list[tuple[FloatArray, FloatArray]] = []
     for _ in range(iterations):
-        slopes = misfit.slopes(here.x, here.innovations)
+        slopes = misfit.slopes(here.x, here.known)
         gradient, information = slopes.gradient, slopes.information
         if not np.isfinite(information).all():
             end = End.RUNAWAY

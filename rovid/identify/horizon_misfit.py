@@ -12,6 +12,7 @@ import numpy as np
 
 from rovid.effects.base import Term
 from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.workers import spread
 from rovid.identify.coordinates import DISTURBANCE, NOISE, Coordinates
 from rovid.identify.courses import GRID, HORIZONS
 from rovid.identify.horizons import HorizonRecords, predictions
@@ -45,6 +46,8 @@ class HorizonMisfit(Misfit):
     # Of least squares with a variance of their own the information promises what there is.
     remembered: ClassVar[int] = 0
     profiled: ClassVar[bool] = True
+    spare: ClassVar[int] = 0
+    is_smooth: ClassVar[bool] = False
 
     @cached_property
     def coordinates(self) -> Coordinates:
@@ -91,6 +94,19 @@ class HorizonMisfit(Misfit):
     def innovations_of(self, points: Sequence[FloatArray]) -> list[Innovations]:
         """Of each of the (p,) ``points``, (N,) errors of the predictions in rad or m, and mean squares by horizon."""
         return [self._innovations(x) for x in points]
+
+    def about(
+        self, x: FloatArray, near: Sequence[FloatArray], centre: Innovations | None = None
+    ) -> list[Innovations]:
+        """As `innovations_of`, of ``x`` and points ``near`` it; at ``x`` they are ``centre``."""
+        if centre is None:
+            return spread(self._innovations, [x, *near])
+        return [centre, *spread(self._innovations, near)]
+
+    @classmethod
+    def of_each(cls, pairs: Sequence[tuple[Self, FloatArray]]) -> list[Innovations]:
+        """As `innovations_of`, of misfits of the same records, each at a point of its own; on all cores at once."""
+        return spread(lambda pair: pair[0]._innovations(pair[1]), pairs)
 
     def _innovations(self, x: FloatArray) -> Innovations:
         model = self.coordinates.model(x)

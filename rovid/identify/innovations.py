@@ -6,12 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Self
+from typing import ClassVar, Self, TypeVar
 
 import numpy as np
 
 from rovid.ground.arrays import FloatArray
 from rovid.ground.lanes import LANES
+from rovid.ground.workers import spread
 from rovid.identify.coordinates import COMMON, DISTURBANCE, MEMORY, NOISE, Coordinates
 from rovid.identify.misfit import Misfit
 from rovid.identify.readings import Readings
@@ -19,6 +20,7 @@ from rovid.identify.scoring import Innovations
 from rovid.model.batch import Abreast, Driven
 from rovid.model.model import Model
 
+One = TypeVar("One")
 # A disturbance is at its limit where its logarithm is nearer to that.
 _NEAR = 1e-3
 
@@ -35,6 +37,8 @@ class InnovationMisfit(Misfit):
     method: ClassVar[str] = "maximum likelihood of Kalman-filter innovations"
     remembered: ClassVar[int] = 10
     profiled: ClassVar[bool] = False
+    spare: ClassVar[int] = LANES - 1
+    is_smooth: ClassVar[bool] = True
 
     @cached_property
     def coordinates(self) -> Coordinates:
@@ -53,49 +57,49 @@ class InnovationMisfit(Misfit):
 
     def innovations_of(self, points: Sequence[FloatArray]) -> list[Innovations]:
         """Of each of the (p,) ``points``, (N,) innovations in rad or m, and rad/s or m/s, with their variances."""
-        found: list[Innovations] = []
-        for first in range(0, len(points), LANES):
-            found += self._side_by_side(points[first : first + LANES])
-        return found
+        pairs = [(self, x) for x in points]
+        return [one for few in _by(LANES, pairs) for one in _side_by_side(few)]
 
-    def _side_by_side(self, points: Sequence[FloatArray]) -> list[Innovations]:
-        from rovid.model.kernels import innovations, innovations_wide
+    def about(
+        self, x: FloatArray, near: Sequence[FloatArray], centre: Innovations | None = None
+    ) -> list[Innovations]:
+        """As `innovations_of`, of ``x`` and points so ``near`` that differences count; at ``x`` they are ``centre``.
 
-        every = [*points, *points[-1:] * (LANES - len(points))]
-        models = [self.coordinates.model(x) for x in points]
-        models += models[-1:] * (LANES - len(points))
-        seen = [self._seen(model) for model in models]
-        lists = [self.drives(model) for model in models]
-        flat = {id(one): _flat(one) for one in lists}
-        driven = Driven.of([flat[id(one)] for one in lists], [angle for angle, _ in seen])
-        abreast = Abreast.of(models, [self._noise(x) for x in every])
-        is_wide = any(effect.oscillates for effect in self.effects)
-        error, variance = (innovations_wide if is_wide else innovations)(self.records.logged, driven, abreast)
-        told = self.of_counted(self.records.told)
-        errors, variances = (np.ascontiguousarray(table.reshape(-1, LANES)[told].T) for table in (error, variance))
-        found = []
-        for own_error, own_variance, (_, slope) in zip(errors, variances, seen, strict=True):
-            if slope is None:
-                found.append(Innovations(own_error, own_variance))
-            else:
-                # The density is that of the measured heading, whatever it deviates by.
-                gain = np.where(told % 2, 1.0, slope[told // 2])
-                found.append(Innovations(own_error * gain, own_variance * gain**2))
-        return found[: len(points)]
+        Filters side by side take the same steps. So each few points have ``x`` beside them, and what they differ from
+        it by is free of what a step more or less would make of them.
+        """
+        groups = _by(LANES - 1, near) or [[]]
+        found = spread(lambda few: _side_by_side([(self, point) for point in (x, *few)]), groups)
+        first = found[0][0] if centre is None else centre
+        sides = []
+        for own, *others in found:
+            for side in others:
+                error = first.error + (side.error - own.error)
+                sides.append(Innovations(error, first.variance + (side.variance - own.variance)))
+        return [first, *sides]
 
-    def _noise(self, x: FloatArray) -> FloatArray:
+    @classmethod
+    def of_each(cls, pairs: Sequence[tuple[Self, FloatArray]]) -> list[Innovations]:
+        """As `innovations_of`, of misfits of the same records, each at a point of its own; on all cores at once."""
+        alike: dict[tuple[int, ...], list[int]] = {}
+        for at, (misfit, x) in enumerate(pairs):
+            kinds = misfit.coordinates.model(x).terms.kinds
+            alike.setdefault((misfit._is_wide, *kinds.tolist()), []).append(at)
+        groups = [few for every in alike.values() for few in _by(LANES, every)]
+        found: dict[int, Innovations] = {}
+        for few, series in zip(groups, spread(lambda few: _side_by_side([pairs[at] for at in few]), groups), strict=True):
+            found.update(zip(few, series, strict=True))
+        return [found[at] for at in range(len(pairs))]
+
+    @property
+    def _is_wide(self) -> bool:
+        """Whether two states more have to be filtered."""
+        return any(effect.oscillates for effect in self.effects)
+
+    def noise(self, x: FloatArray) -> FloatArray:
         """(4,) as `rovid.model.batch.Abreast` takes it."""
         sizes = np.exp(x[DISTURBANCE:COMMON])
         return np.array([*sizes, sizes[2] if self.records.integrated else self.records.gyro_noise])
-
-    def _seen(self, model: Model) -> tuple[FloatArray, FloatArray | None]:
-        """(n,) angle without the deviation of the heading, and d(measured)/d(true) where there is one."""
-        if not model.instrument.deviates:
-            return self.records.angle, None
-        runs = self.records.of_runs
-        pairs = [model.instrument.true_angle(run.run.trial, run.angle, run.at) for run in runs]
-        angle, slope = (np.concatenate(series) for series in zip(*pairs, strict=True))
-        return angle, slope
 
     def held_out_costs(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[float]:
         """Cost of each of ``tests`` with the coordinates that were fitted to others."""
@@ -124,6 +128,39 @@ class InnovationMisfit(Misfit):
     def position_noise(self, x: FloatArray) -> float:
         """Standard deviation of the noise of what is measured."""
         return math.exp(x[NOISE])
+
+
+def _by(count: int, every: Sequence[One]) -> list[Sequence[One]]:
+    """Cut into so many each."""
+    return [every[first : first + count] for first in range(0, len(every), count)]
+
+
+def _side_by_side(pairs: Sequence[tuple[InnovationMisfit, FloatArray]]) -> list[Innovations]:
+    """Innovations of up to LANES models of the same terms and the same records, by one pass over the readings."""
+    from rovid.model.kernels import innovations, innovations_wide
+
+    first, records = pairs[0][0], pairs[0][0].records
+    every = [*pairs, *pairs[-1:] * (LANES - len(pairs))]
+    models = [misfit.coordinates.model(x) for misfit, x in pairs]
+    models += models[-1:] * (LANES - len(pairs))
+    seen = [records.seen(model) for model in models]
+    lists = [misfit.drives(model) for (misfit, _), model in zip(every, models, strict=True)]
+    flat = {id(one): _flat(one) for one in lists}
+    driven = Driven.of([flat[id(one)] for one in lists], [angle for angle, _ in seen])
+    abreast = Abreast.of(models, [misfit.noise(x) for misfit, x in every])
+    error, variance = (innovations_wide if first._is_wide else innovations)(records.logged, driven, abreast)
+    told = first.of_counted(records.told)
+    errors, variances = (np.ascontiguousarray(table.reshape(-1, LANES)[told].T) for table in (error, variance))
+    found = []
+    for own_error, own_variance, (_, slope) in zip(errors, variances, seen, strict=True):
+        if slope is None:
+            found.append(Innovations(own_error, own_variance))
+        else:
+            # The density is that of the measured heading, whatever it deviates by.
+            gain = np.where(told % 2, 1.0, slope[told // 2])
+            found.append(Innovations(own_error * gain, own_variance * gain**2))
+    return found[: len(pairs)]
+
 
 
 def _flat(drives):

@@ -11,7 +11,6 @@ import numpy as np
 
 from rovid.effects import Effect
 from rovid.ground.arrays import BoolArray, FloatArray, IntArray
-from rovid.ground.workers import spread
 from rovid.identify.coordinates import Coordinates
 from rovid.identify.records import Records
 from rovid.identify.scoring import Innovations, Slopes, costs, slopes_between, total_cost
@@ -45,6 +44,10 @@ class Misfit(ABC):
         How many points of before tell the curvature, as one climbs.
     profiled
         Whether the variance is that of the innovations themselves: it has no slopes of its own then.
+    spare
+        How many points more cost no more than one.
+    is_smooth
+        Whether differences between points near to each other are free of jumps.
     """
 
     records: Records
@@ -56,6 +59,8 @@ class Misfit(ABC):
     method: ClassVar[str]
     remembered: ClassVar[int]
     profiled: ClassVar[bool]
+    spare: ClassVar[int]
+    is_smooth: ClassVar[bool]
 
     @property
     @abstractmethod
@@ -123,9 +128,28 @@ class Misfit(ABC):
         number = len(self.records.trial) if self.counted is None else int(self.counted.sum())
         return float(np.sum(np.broadcast_to(self.weight, number)))
 
+    @abstractmethod
+    def about(
+        self, x: FloatArray, near: Sequence[FloatArray], centre: Innovations | None = None
+    ) -> list[Innovations]:
+        """As `innovations_of`, of ``x`` and points so ``near`` that differences count; at ``x`` they are ``centre``."""
+
+    @classmethod
+    @abstractmethod
+    def of_each(cls, pairs: Sequence[tuple[Self, FloatArray]]) -> list[Innovations]:
+        """As `innovations_of`, of misfits of the same records, each at a point of its own; on all cores at once."""
+
     def innovations(self, x: FloatArray) -> Innovations:
         """As `innovations_of`, of one point."""
         return self.innovations_of([x])[0]
+
+    def costs_of(self, points: Sequence[FloatArray]) -> list[float]:
+        """Negative log-likelihood at each of the (p,) ``points``."""
+        return [self.cost_of(here) for here in self.innovations_of(points)]
+
+    def least(self, points: Sequence[FloatArray]) -> FloatArray:
+        """The likeliest of the ``points``."""
+        return points[int(np.argmin(self.costs_of(points)))]
 
     def cost(self, x: FloatArray) -> float:
         """Negative log-likelihood."""
@@ -151,45 +175,50 @@ class Misfit(ABC):
         score = score[: len(group)] + score[len(group) :]
         return _sums_over(group, score)
 
-    def slopes(self, x: FloatArray, centre: Innovations | None = None) -> Slopes:
+    def looked(self, x: FloatArray) -> tuple[Innovations, list[Innovations]]:
+        """What `innovations` gives at ``x``, and those one step aside along as many coordinates as come free with it."""
+        centre, *sides = self.about(x, self._aside(x, range(min(self.spare, len(x)))))
+        return centre, sides
+
+    def slopes(self, x: FloatArray, known: tuple[Innovations, Sequence[Innovations]] | None = None) -> Slopes:
         """Slopes at ``x`` by forward differences, backward at an upper bound; on all cores at once.
 
-        ``centre`` is what `innovations` gives at ``x``, where that is known already.
+        ``known`` is what was `looked` at already.
         """
+        centre, sides = self.looked(x) if known is None else known
+        _, *others = self.about(x, self._aside(x, range(len(sides), len(x))), centre)
+        return self.slopes_between(centre, [*sides, *others], self._inward(x))
+
+    def _inward(self, x: FloatArray) -> FloatArray:
+        """(p,) step aside along each coordinate, within the bounds."""
         step = self.coordinates.steps(x)
-        centre = self.innovations(x) if centre is None else centre
-        inward = np.where(x + step > self.coordinates.high, -step, step)
-        return self._slopes_over(inward, x, centre, range(len(x)))
+        return np.where(x + step > self.coordinates.high, -step, step)
+
+    def _aside(self, x: FloatArray, coordinates: Sequence[int], step: FloatArray | None = None) -> list[FloatArray]:
+        """``x`` one ``step`` aside along each of the ``coordinates``, but for those that have no choice."""
+        step, held = self._inward(x) if step is None else step, self.coordinates.held()
+        return [x if held[k] else x + step[k] * (np.arange(len(x)) == k) for k in coordinates]
 
     def flatter_slopes(self, x: FloatArray) -> Slopes:
         """As ``slopes``, but of the slopes ahead and behind the flatter for each innovation.
 
-        Where a change cuts an interval of the filter into one step more, innovations jump by a part of their error.
-        Over the short step of a slope that is more than all others together, but on one side alone.
+        Where a change cuts an interval into one step more, innovations jump by a part of their error. Over the short
+        step of a slope that is more than all others together, but on one side alone.
         """
+        here = self.slopes(x)
+        if self.is_smooth:
+            return here
         low, high = self.coordinates.bounds
-        step, centre = self.coordinates.steps(x), self.innovations(x)
-        here = self.slopes(x, centre)
+        step = self.coordinates.steps(x)
         # At a bound there is one side, and along stairs all that is told is told by jumps.
         both = (x + step <= high) & (x - step >= low)
         both[self.coordinates.stairs()] = False
         twice = np.flatnonzero(both)
+        centre, *sides = self.about(x, self._aside(x, twice.tolist(), -step))
+        behind = self.slopes_between(centre, sides, -step[twice]).matrix
         ahead = here.matrix[:, twice]
-        behind = self._slopes_over(-step, x, centre, twice.tolist()).matrix
         here.matrix[:, twice] = np.where(np.abs(behind) < np.abs(ahead), behind, ahead)
         return here
-
-    def _slopes_over(self, step: FloatArray, x: FloatArray, centre: Innovations, coordinates: Sequence[int]) -> Slopes:
-        sides = spread(lambda k: self._aside(x, centre, k, float(step[k])), coordinates)
-        return self.slopes_between(centre, sides, step[list(coordinates)])
-
-    def _aside(self, x: FloatArray, centre: Innovations, coordinate: int, step: float) -> Innovations:
-        """Innovations one ``step`` aside along a coordinate; ``centre`` are those at ``x``."""
-        if self.coordinates.held()[coordinate]:
-            return centre
-        moved = x.copy()
-        moved[coordinate] += step
-        return self.innovations(moved)
 
     def slopes_between(self, centre: Innovations, sides: Sequence[Innovations], step: FloatArray) -> Slopes:
         """Slopes from the innovations at a point and one ``step`` aside along each coordinate."""

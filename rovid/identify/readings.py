@@ -13,6 +13,7 @@ from rovid.ground.arrays import FloatArray, IntArray
 from rovid.identify.records import Records
 from rovid.model.batch import Logged
 from rovid.model.integration import initial_rate
+from rovid.model.model import Model
 from rovid.motion.rates import body_position
 from rovid.motion.runs import Run
 
@@ -136,6 +137,14 @@ class Readings(Records):
     def angle(self) -> FloatArray:
         """(n,) measured position along the body's axis at each instant, the runs one after the other."""
         return np.concatenate([run.angle for run in self.of_runs])
+
+    def seen(self, model: Model) -> tuple[FloatArray, FloatArray | None]:
+        """(n,) the angle without the deviation of the heading, and d(measured)/d(true) where there is one."""
+        if not model.instrument.deviates:
+            return self.angle, None
+        pairs = [model.instrument.true_angle(run.run.trial, run.angle, run.at) for run in self.of_runs]
+        angles, slopes = zip(*pairs, strict=True)
+        return np.concatenate(angles), np.concatenate(slopes)
 
     @cached_property
     def told(self) -> IntArray:
