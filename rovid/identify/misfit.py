@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar, Self
 
 import numpy as np
@@ -177,7 +178,7 @@ class Misfit(ABC):
 
     def looked(self, x: FloatArray) -> tuple[Innovations, list[Innovations]]:
         """What `innovations` gives at ``x``, and those one step aside along as many coordinates as come free with it."""
-        centre, *sides = self.about(x, self._aside(x, range(min(self.spare, len(x)))))
+        centre, *sides = self.about(x, self._aside(x, self._free[: self.spare]))
         return centre, sides
 
     def slopes(self, x: FloatArray, known: tuple[Innovations, Sequence[Innovations]] | None = None) -> Slopes:
@@ -186,8 +187,17 @@ class Misfit(ABC):
         ``known`` is what was `looked` at already.
         """
         centre, sides = self.looked(x) if known is None else known
-        _, *others = self.about(x, self._aside(x, range(len(sides), len(x))), centre)
-        return self.slopes_between(centre, [*sides, *others], self._inward(x))
+        _, *others = self.about(x, self._aside(x, self._free[len(sides) :]), centre)
+        # Along a coordinate that has no choice nothing changes.
+        every = [centre] * len(x)
+        for at, side in zip(self._free, [*sides, *others], strict=True):
+            every[at] = side
+        return self.slopes_between(centre, every, self._inward(x))
+
+    @cached_property
+    def _free(self) -> list[int]:
+        """Coordinates that have a choice."""
+        return np.flatnonzero(~self.coordinates.held()).tolist()
 
     def _inward(self, x: FloatArray) -> FloatArray:
         """(p,) step aside along each coordinate, within the bounds."""
@@ -195,9 +205,9 @@ class Misfit(ABC):
         return np.where(x + step > self.coordinates.high, -step, step)
 
     def _aside(self, x: FloatArray, coordinates: Sequence[int], step: FloatArray | None = None) -> list[FloatArray]:
-        """``x`` one ``step`` aside along each of the ``coordinates``, but for those that have no choice."""
-        step, held = self._inward(x) if step is None else step, self.coordinates.held()
-        return [x if held[k] else x + step[k] * (np.arange(len(x)) == k) for k in coordinates]
+        """``x`` one ``step`` aside along each of the ``coordinates``."""
+        step = self._inward(x) if step is None else step
+        return [x + step[k] * (np.arange(len(x)) == k) for k in coordinates]
 
     def flatter_slopes(self, x: FloatArray) -> Slopes:
         """As ``slopes``, but of the slopes ahead and behind the flatter for each innovation.
