@@ -164,7 +164,12 @@ class Trial:
         measured.setflags(write=False)
         return measured
 
-    @property
+    @cached_property
+    def start(self) -> float:
+        """The first position that was measured, rad or m."""
+        return float(self.position[int(np.argmax(self.measured))])
+
+    @cached_property
     def period(self) -> float:
         """Median interval between measured positions in s."""
         return float(np.median(np.diff(self.time[self.measured])))

@@ -12,6 +12,7 @@ from rovid.campaign.vehicle import Vehicle
 from rovid.effects.actuation import Actuation, neutral_commands
 from rovid.effects.actuation import actuation as actuation_of
 from rovid.ground.arrays import FloatArray
+from rovid.model.commanded import Commanded
 from rovid.model.model import Model
 
 _LEVELS = 501
@@ -94,7 +95,7 @@ def _half(vehicle: Vehicle, model: Model, way: float) -> tuple[FloatArray, Float
     given = []
     for command in commands:
         held = np.vstack((command, command))
-        given.append(way * model.drivetrain.driven(vehicle, where, held).torque[0])
+        given.append(way * model.drivetrain.driven(Commanded(vehicle, where, held)).torque[0])
     torque = np.maximum.accumulate(np.maximum(given, 0.0))
     # Of commands that give the same the largest, where the next torque begins; at the top the smallest.
     last = np.append(np.diff(torque) > 0.0, False)

@@ -16,6 +16,7 @@ from rovid.effects.actuation import SPEEDS, Actuation
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
 from rovid.ground.lanes import LANES
+from rovid.model.commanded import Commanded
 from rovid.model.drive import Drive
 from rovid.model.model import Model
 
@@ -129,7 +130,7 @@ def run_closed(
         course = _run(law, allocation, plant, wanted, start, time, disturbing, noise, where, window)
         if window >= len(time) or plant.model.drivetrain.is_plain:
             break
-        whole = plant.model.drivetrain.driven(plant.vehicle, where, course.commands)
+        whole = plant.model.drivetrain.driven(Commanded(plant.vehicle, where, course.commands))
         if _is_forgotten(whole, course.drive):
             break
     return course
@@ -205,7 +206,7 @@ def _run(
         torque=asked,
         commands=commands,
         outside=disturbing,
-        drive=Drive(torque, moment, beside, np.zeros(len(torque))),
+        drive=Drive(torque, moment, beside, np.zeros(n), np.array([0, n])),
     )
 
 
@@ -214,7 +215,7 @@ def _latest(model: Model, vehicle: Vehicle, where: Actuation, commands: FloatArr
     if model.drivetrain.is_plain:
         return Drive.held(vehicle.thrust(commands[last - 1 : last + 1]) @ where.arms)
     part = replace(where, time=where.time[first * where.parts : last * where.parts + 1])
-    return model.drivetrain.driven(vehicle, part, commands[first : last + 1])
+    return model.drivetrain.driven(Commanded(vehicle, part, commands[first : last + 1]))
 
 
 def _at(values: FloatArray, place: float) -> float:

@@ -15,6 +15,7 @@ from rovid.control.law import Law, total_of_terms
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
+from rovid.model.commanded import Commanded
 from rovid.model.model import Model
 from rovid.parameters.parameters import Parameters
 
@@ -263,7 +264,7 @@ def actuators(
         time = period * np.arange(count + 1)
         where = bare_actuation(vehicle, time, model.drivetrain.parts)
         wanted = amplitude * np.sin(frequency * time)
-        acting = model.drivetrain.driven(vehicle, where, allocation(wanted)).torque
+        acting = model.drivetrain.driven(Commanded(vehicle, where, allocation(wanted))).torque
         part = slice(count - measured, count)
         # Of a sine itself this coordinate is its amplitude over 2j.
         response[at] = _phasor(time[part], acting[part], float(frequency)) / (amplitude / 2j)

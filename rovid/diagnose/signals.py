@@ -9,7 +9,7 @@ import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.effects import Effect, EffectParameter
-from rovid.effects.actuation import Actuation, finer
+from rovid.effects.actuation import Actuation
 from rovid.effects.base import OnTorque, Values
 from rovid.ground.arrays import FloatArray
 from rovid.motion.runs import Run
@@ -108,8 +108,7 @@ def _rate(run: Run) -> FloatArray:
 
 def _cause(name: str, way: str, course: Mapping[str, FloatArray], rates: Mapping[str, FloatArray]) -> Effect:
     def driven(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
-        signal = finer(course[where.trial], where.parts)
-        rate = finer(rates[where.trial], where.parts)
+        signal, rate = (where.of_trials(known) for known in (course, rates))
         size, *other = values.values()
         if way == "torque":
             return torque + size * signal + other[0]

@@ -2,7 +2,8 @@
 
     command -> [OnCommand] -> bench curve -> [OnThrust] -> sum -> [OnTorque] -> motion [Term, Wave] -> [OnHeading]
 
-The first three are functions of the logged commands alone and are worked out once for a set of parameters.
+The first three are functions of the logged commands alone, those of all trials one after the other, and are worked out
+once for a set of parameters.
 """
 
 from __future__ import annotations

@@ -1,15 +1,17 @@
-"""One trial on the way from command to torque: what the effects that act there are told."""
+"""Trials on the way from command to torque: what the effects that act there are told."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
-from rovid.ground.arrays import FloatArray
+from rovid.ground.arrays import FloatArray, IntArray
 
 # Channels of the log that say how fast the vehicle goes ahead and to starboard, m/s.
 SPEEDS = ("surge_velocity", "sway_velocity")
@@ -18,14 +20,27 @@ SPEEDS = ("surge_velocity", "sway_velocity")
 _REFERENCE_SHARE = 0.1
 
 
+class Stretch(NamedTuple):
+    """One of the trials that stand one after the other.
+
+    ``whole`` is the name of the trial that it is a part of, its own where it is none; ``since`` is in s from the
+    beginning of the campaign's first trial to that of this one. ``rows`` are its instants.
+    """
+
+    name: str = ""
+    whole: str = ""
+    since: float = 0.0
+    rows: slice = slice(None)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Actuation:
-    """One trial on the way from command to torque.
+    """One trial, or several one after the other, on the way from command to torque.
 
     Attributes
     ----------
     time
-        (n,) s.
+        (n,) s, from the beginning of each trial.
     neutral
         (k,) command of no thrust of each actuator.
     arms
@@ -41,15 +56,11 @@ class Actuation:
     dead_zone
         (k, 2) commands between which the bench curve gives no thrust; both ``neutral`` where there is no such zone.
     extras
-        Further channels of the log, (n,), held.
+        Further channels of the log, (n,), held; NaN in a trial without.
     reference
         The median of each further channel over the whole campaign.
-    trial
-        Its name.
-    whole
-        Name of the trial that it is a part of; its own where it is none.
-    since
-        s from the beginning of the campaign's first trial to that of this one.
+    trials
+        Which they are.
     parts
         How many each interval between two of the log's instants is cut into.
     """
@@ -64,10 +75,47 @@ class Actuation:
     dead_zone: FloatArray
     extras: Mapping[str, FloatArray]
     reference: Mapping[str, float] = field(default_factory=dict)
-    trial: str = ""
-    whole: str = ""
-    since: float = 0.0
+    trials: tuple[Stretch, ...] = (Stretch(),)
     parts: int = 1
+    _speeds: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
+
+    @classmethod
+    def joined(cls, each: Sequence[Self]) -> Self:
+        """Of several trials of one vehicle, one after the other."""
+        trials, at = [], 0
+        for one in each:
+            trials.append(one.trials[0]._replace(rows=slice(at, at + len(one.time))))
+            at += len(one.time)
+        extras = {}
+        for name in dict.fromkeys(name for one in each for name in one.extras):
+            extras[name] = np.concatenate([one.extras.get(name, np.full(len(one.time), np.nan)) for one in each])
+        time = np.concatenate([one.time for one in each])
+        return replace(each[0], time=time, extras=extras, trials=tuple(trials))
+
+    def each(self, function: Callable[..., FloatArray], series: FloatArray, *numbers: float) -> FloatArray:
+        """``function(time, values, *numbers)`` of each trial by itself, in (n, k) ``series`` of each column too.
+
+        That is for what depends on the values before, or on the next: no trial remembers the one before it.
+        """
+        if series.ndim > 1:
+            columns = np.ascontiguousarray(series.T)
+            return np.column_stack([self.each(function, column, *numbers) for column in columns])
+        return np.concatenate([function(self.time[one.rows], series[one.rows], *numbers) for one in self.trials])
+
+    def summed(self, thrust: FloatArray, shares: FloatArray) -> FloatArray:
+        """(n,) sum over the thrusters of their (n, k) thrust times their (k,) share in it."""
+        # Of all rows at once BLAS would take every core, for next to nothing.
+        return np.concatenate([thrust[one.rows] @ shares for one in self.trials])
+
+    @cached_property
+    def begins(self) -> IntArray:
+        """(t + 1,) the instant with which each of t trials begins, and how many there are in all."""
+        return np.cumsum([0, *(len(self.time[one.rows]) for one in self.trials)])
+
+    @cached_property
+    def since(self) -> FloatArray:
+        """(n,) s from the beginning of the campaign's first trial."""
+        return np.concatenate([one.since + self.time[one.rows] for one in self.trials])
 
     @property
     def reference_thrust(self) -> FloatArray:
@@ -76,11 +124,29 @@ class Actuation:
 
     def speed(self, name: str) -> FloatArray:
         """(n,) m/s, the mean until the next instant of one of `SPEEDS`; that of the campaign where it is not logged."""
-        logged = self.extras.get(name)
-        if logged is None or not np.isfinite(logged).any():
-            return np.full(len(self.time), self.reference.get(name, 0.0))
-        known = bridged(logged)
-        return np.asarray(0.5 * (known + np.append(known[1:], known[-1])))
+        if name not in self._speeds:
+            logged = self.extras.get(name, np.full(len(self.time), np.nan))
+            self._speeds[name] = self.each(_mean_speed, logged, self.reference.get(name, 0.0))
+        return self._speeds[name]
+
+    def race(self, thrust: FloatArray) -> FloatArray:
+        """(n,) N^0.5 m^2; sum over the thrusters of the root of their (n, k) thrust in N times their arm squared."""
+        return self.summed(np.sqrt(np.abs(thrust)), self.arms**2)
+
+    def of_trials(self, held: Mapping[str, FloatArray]) -> FloatArray:
+        """(n,) values that are held between the instants of each trial's log, which are told by its name."""
+        return self.finer(np.concatenate([held[one.name] for one in self.trials]))
+
+    def finer(self, held: FloatArray) -> FloatArray:
+        """(n, ...) of values that are held between the log's instants, with each interval cut into ``parts``."""
+        if self.parts == 1:
+            return held
+        trials, at = [], 0
+        for length in np.diff(self.begins).tolist():
+            count = (length - 1) // self.parts + 1
+            trials.append(finer(held[at : at + count], self.parts))
+            at += count
+        return np.concatenate(trials)
 
     def beyond(self, command: FloatArray) -> FloatArray:
         """(n, k) how far each command is beyond the bench's dead zone, with its sign; 0 inside."""
@@ -106,6 +172,14 @@ def bridged(values: FloatArray) -> FloatArray:
     return np.interp(np.arange(len(values)), known, values[known]) if known.size else np.zeros(len(values))
 
 
+def _mean_speed(_: FloatArray, logged: FloatArray, usual: float) -> FloatArray:
+    """(n,) mean until the next instant of what is ``logged``; ``usual`` where nothing is."""
+    if not np.isfinite(logged).any():
+        return np.full(len(logged), usual)
+    known = bridged(logged)
+    return np.asarray(0.5 * (known + np.append(known[1:], known[-1])))
+
+
 def _instants(time: FloatArray, parts: int) -> FloatArray:
     steps = np.arange((len(time) - 1) * parts + 1) / parts
     return np.asarray(np.interp(steps, np.arange(len(time)), time))
@@ -124,19 +198,12 @@ def actuation(vehicle: Vehicle, trial: Trial, parts: int = 1) -> Actuation:
         dead_zone=np.array([_dead_zone(thruster.curve) for thruster in vehicle.thrusters]),
         extras={name: finer(values, parts) for name, values in trial.extras.items()},
         reference=trial.reference,
-        trial=trial.name,
-        whole=trial.whole or trial.name,
-        since=trial.since,
+        trials=(Stretch(trial.name, trial.whole or trial.name, trial.since),),
         parts=parts,
         neutral=neutral_commands(vehicle),
         arms=np.array([thruster.arm for thruster in vehicle.thrusters]),
         full_thrust=np.array([thruster.full_thrust for thruster in vehicle.thrusters]),
     )
-
-
-def race(thrust: FloatArray, arms: FloatArray) -> FloatArray:
-    """(n,) N^0.5 m^2; sum over the thrusters of the root of their (n, k) thrust in N times their arm squared."""
-    return np.asarray(np.sqrt(np.abs(thrust)) @ arms**2)
 
 
 def neutral_commands(vehicle: Vehicle) -> FloatArray:

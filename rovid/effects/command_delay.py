@@ -15,21 +15,24 @@ _WAITS = (-0.8, -0.4, 0.0, 0.4, 0.8)
 
 
 def _late(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
-    return delayed(where.time, torque, values["delay"])
+    return where.each(delayed, torque, values["delay"])
 
 
 def _scattered(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
     waits = [values["delay"] * (1.0 + share * values["jitter"]) for share in _WAITS]
-    return np.asarray(np.mean([delayed(where.time, torque, wait) for wait in waits], axis=0))
+    return np.asarray(np.mean([where.each(delayed, torque, wait) for wait in waits], axis=0))
 
 
 def _scatter(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
     """Variance of the impulse: of each change that waits anything from (1 - J) L to (1 + J) L, (change J L)^2 / 3."""
-    time, jitter = where.time, values["jitter"] * values["delay"]
+    return where.each(_spread, torque, values["delay"], values["jitter"] * values["delay"])
+
+
+def _spread(time: FloatArray, torque: FloatArray, delay: float, jitter: float) -> FloatArray:
     changes = np.cumsum(np.diff(torque, prepend=torque[0]) ** 2)
     early, late = (
         changes[np.maximum(np.searchsorted(time, time - wait, side="right") - 1, 0)]
-        for wait in (values["delay"] - jitter, values["delay"] + jitter)
+        for wait in (delay - jitter, delay + jitter)
     )
     return np.asarray((early - late) * (jitter / 6.0) * np.diff(time, append=time[-1]))
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from rovid.effects.base import Actuation, Effect, EffectParameter, OnCommand, Values
 from rovid.effects.series import latched, played
 from rovid.ground.arrays import FloatArray
@@ -14,15 +12,12 @@ from rovid.ground.arrays import FloatArray
 _RAMP = 0.1
 
 
-def _play(_: Actuation, command: FloatArray, values: Values) -> FloatArray:
-    return np.column_stack([played(np.ascontiguousarray(u), values["width"]) for u in command.T])
+def _play(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
+    return where.each(played, command, values["width"])
 
 
 def _latch(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
-    excess = where.beyond(command).T
-    return where.from_beyond(
-        np.column_stack([latched(np.ascontiguousarray(u), values["width"], _RAMP) for u in excess])
-    )
+    return where.from_beyond(where.each(latched, where.beyond(command), values["width"], _RAMP))
 
 
 EFFECT: Effect = Effect(

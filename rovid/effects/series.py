@@ -1,4 +1,7 @@
-"""Compiled recursions over held signals, exact between the instants."""
+"""Compiled recursions over held signals, exact between the instants.
+
+Each is of (n,) instants in s and (n,) values, for `Actuation.each` to take trial by trial.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +20,8 @@ def speed_of_thrust(where: Actuation, thrust: FloatArray, time_constant: float) 
     Steady speed goes with the root of the thrust that drives it, and follows it late; its factor is part of whatever
     coefficient it is multiplied with.
     """
-    ahead = thrust @ where.ahead
-    return lagged(where.time, np.sign(ahead) * np.sqrt(np.abs(ahead)), time_constant)
+    ahead = where.summed(thrust, where.ahead)
+    return where.each(lagged, np.sign(ahead) * np.sqrt(np.abs(ahead)), time_constant)
 
 
 @compiled
@@ -128,7 +131,7 @@ def rotor_lagged(time: FloatArray, thrust: FloatArray, time_constant: float) -> 
 
 
 @compiled
-def latched(excess: FloatArray, width: float, ramp: float) -> FloatArray:
+def latched(_: FloatArray, excess: FloatArray, width: float, ramp: float) -> FloatArray:
     """What passes of (n,) ``excess`` once it was more than ``width``, until it is 0 or turns; off at the start.
 
     ``ramp``, a share of ``width``, is the range of the excess over which it comes on.
@@ -154,7 +157,7 @@ def comes_on(size: float, threshold: float, ramp: float) -> float:
 
 
 @compiled
-def played(values: FloatArray, width: float) -> FloatArray:
+def played(_: FloatArray, values: FloatArray, width: float) -> FloatArray:
     """Output of a play of total ``width`` driven by (n,) ``values``."""
     out = np.empty(len(values))
     state = values[0]

@@ -12,13 +12,11 @@ from rovid.ground.arrays import FloatArray
 
 
 def _both_ways(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
-    return np.column_stack([slewed(where.time, np.ascontiguousarray(u), values["rate"]) for u in command.T])
+    return where.each(slewed, command, values["rate"])
 
 
 def _growth(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
-    sizes = (command - where.neutral).T
-    columns = [soft_started(where.time, np.ascontiguousarray(u), values["rate"]) for u in sizes]
-    return np.asarray(np.column_stack(columns) + where.neutral)
+    return np.asarray(where.each(soft_started, command - where.neutral, values["rate"]) + where.neutral)
 
 
 EFFECT: Effect = Effect(

@@ -21,17 +21,17 @@ _MOST, _LEAST = 0.6, -0.2
 
 def _with_load(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
     load = np.abs(thrust).sum(axis=1) / float(where.full_thrust.sum())
-    drop = values["sag"] * lagged(where.time, load, values["time_constant"])
+    drop = values["sag"] * where.each(lagged, load, values["time_constant"])
     return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
 
 
 def _with_time(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
-    drop = values["drift"] * (where.time - where.time[0]) / _HOUR
+    drop = values["drift"] * where.time / _HOUR
     return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
 
 
 def _with_day(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
-    drop = values["drift"] * (where.since + where.time - where.time[0]) / _HOUR
+    drop = values["drift"] * where.since / _HOUR
     return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
 
 
@@ -39,7 +39,7 @@ def _with_voltage(where: Actuation, thrust: FloatArray, values: Values) -> Float
     voltage = where.extras.get(_CHANNEL)
     if voltage is None or not np.isfinite(voltage).any():
         return thrust
-    # Without the campaign's voltage the trial's own has to do: drops between trials are then not seen.
+    # Without the campaign's voltage that of these trials has to do.
     reference = where.reference.get(_CHANNEL, float(np.nanmedian(voltage)))
     if not reference > 0.0:
         return thrust
@@ -106,7 +106,11 @@ def of_trial(name: str) -> Effect:
     """The effect in the trial of this name alone, as where a battery was changed for it, or a propeller fouled."""
 
     def in_trial(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
-        return thrust * values["gain"] if where.whole == name else thrust
+        changed = thrust.copy()
+        for trial in where.trials:
+            if trial.whole == name:
+                changed[trial.rows] *= values["gain"]
+        return changed
 
     return replace(
         EFFECT,

@@ -12,12 +12,11 @@ from rovid.ground.arrays import FloatArray
 
 
 def _of_torque(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
-    return lagged(where.time, torque, values["time_constant"])
+    return where.each(lagged, torque, values["time_constant"])
 
 
 def _of_command(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
-    columns = [lagged(where.time, np.ascontiguousarray(u), values["time_constant"]) for u in command.T]
-    return np.column_stack(columns)
+    return where.each(lagged, command, values["time_constant"])
 
 
 def _doubled(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
@@ -25,15 +24,13 @@ def _doubled(where: Actuation, command: FloatArray, values: Values) -> FloatArra
 
 
 def _of_spin(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
-    speed = np.sign(thrust) * np.sqrt(np.abs(thrust))
-    late = np.column_stack([lagged(where.time, np.ascontiguousarray(n), values["time_constant"]) for n in speed.T])
+    late = where.each(lagged, np.sign(thrust) * np.sqrt(np.abs(thrust)), values["time_constant"])
     return np.asarray(late * np.abs(late))
 
 
 def _of_rotor(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
-    scaled = (thrust / where.reference_thrust).T
-    columns = [rotor_lagged(where.time, np.ascontiguousarray(f), values["time_constant"]) for f in scaled]
-    return np.asarray(np.column_stack(columns) * where.reference_thrust)
+    late = where.each(rotor_lagged, thrust / where.reference_thrust, values["time_constant"])
+    return np.asarray(late * where.reference_thrust)
 
 
 EFFECT: Effect = Effect(

@@ -9,11 +9,12 @@ import numpy as np
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Thruster
 from rovid.effects import Effect
-from rovid.effects.actuation import actuation, neutral_commands
+from rovid.effects.actuation import neutral_commands
 from rovid.effects.thruster_imbalance import BESIDE
 from rovid.export.subject import Subject
 from rovid.ground.arrays import FloatArray, IntArray
 from rovid.ground.quoting import identifiers, xml_comment
+from rovid.model.commanded import Commanded
 
 # Effects without a memory, between the command and the thrust of one thruster: a thrust curve holds them.
 CURVE_EFFECTS = ("thruster_deadband", "thrust_asymmetry", "thrust_curve_shape", "thruster_imbalance")
@@ -99,10 +100,9 @@ def _steady_thrust(subject: Subject, held: list[Effect], index: int, command: Fl
     commands = np.tile(neutral_commands(vehicle), (len(command), 1))
     commands[:, index] = command
     trial = Trial.imagined(np.arange(len(command), dtype=np.float64), commands)
-    where = actuation(vehicle, trial)
     values = tuple(map(float, subject.values_of(held)))
     model = replace(subject.model, effects=tuple(held), effect_values=values)
-    thrust = model.drivetrain.thrust(vehicle, where, commands)
+    thrust = model.drivetrain.thrust(Commanded.of(vehicle, [trial]))
     return np.asarray(thrust[:, index])
 
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from functools import cached_property
+from typing import NamedTuple, Self
 
 import numpy as np
 
+from rovid.effects.actuation import bridged
 from rovid.ground.arrays import FloatArray, IntArray
+from rovid.identify.means import Means
 from rovid.motion.rates import body_position, on_grid
 from rovid.motion.runs import Run
 
@@ -70,6 +73,34 @@ class Grid:
         )
 
 
+class Motion(NamedTuple):
+    """(n,) how a vehicle moved, on the grid of one run or on those of several, one after the other.
+
+    ``rate`` is NaN where the filter has none, and ``moving`` the same bridged by the angle's slope: at the ends of a
+    trial the water already moves. ``turned`` is the angle since the first known one, with straight lines through its
+    gaps. ``slope`` is the measured angle's by the true.
+    """
+
+    rate: FloatArray
+    moving: FloatArray
+    turned: FloatArray
+    slope: FloatArray
+
+    @classmethod
+    def of(cls, time: FloatArray, angle: FloatArray, rate: FloatArray, slope: FloatArray) -> Self:
+        """Of one run, by its (n,) angle and rate at instants in s."""
+        turned = angle - angle[int(np.argmax(np.isfinite(angle)))]
+        moving = rate
+        if len(time) > 1:
+            moving = np.where(np.isfinite(rate), rate, np.gradient(turned, time[1] - time[0]))
+        return cls(rate, bridged(moving), bridged(turned), slope)
+
+    @classmethod
+    def joined(cls, each: Sequence[Self]) -> Self:
+        """Of several runs."""
+        return cls(*(np.concatenate(series) for series in zip(*each, strict=True)))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Course:
     """What was measured of one run, on a grid.
@@ -78,15 +109,10 @@ class Course:
     ----------
     time
         (n,) s.
-    angle, rate
+    angle
         (n,) about the body's axis, as measured; NaN where not known.
-    turned, moving
-        (n,) the angle since the first known, and the rate, bridged where the filter has none: at the ends of a trial,
-        where the water already moves.
-    torque
-        (n,) N m, mean from each instant to the next, of the thrusters by their bench curves.
-    held, since
-        (n,) which of the log's samples is held at each instant, and for how many s it has been.
+    motion
+        What was measured of it.
     horizon
         (N,) index of the horizon of each prediction.
     grid
@@ -96,12 +122,7 @@ class Course:
     run: Run
     time: FloatArray
     angle: FloatArray
-    rate: FloatArray
-    turned: FloatArray
-    moving: FloatArray
-    torque: FloatArray
-    held: IntArray
-    since: FloatArray
+    motion: Motion
     horizon: IntArray
     grid: Grid
 
@@ -113,6 +134,43 @@ class Course:
         return float(self.time[1] - self.time[0])
 
 
+@dataclass(frozen=True, eq=False)
+class Courses:
+    """Those of some runs, and what was measured in all of them, one after the other."""
+
+    each: Sequence[Course]
+
+    @cached_property
+    def grid(self) -> Grid:
+        """Where all predictions begin and end."""
+        return Grid.joined(self.each)
+
+    @cached_property
+    def motion(self) -> Motion:
+        """What was measured of it."""
+        return Motion.joined([course.motion for course in self.each])
+
+    @cached_property
+    def means(self) -> Means:
+        """From series that are held between the instants of the logs to those of the grids."""
+        return Means.onto([course.run.trial.time for course in self.each], [course.time for course in self.each])
+
+    @cached_property
+    def torque(self) -> FloatArray:
+        """(n,) N m, mean from each instant to the next, of the thrusters by their bench curves."""
+        return self.means.of(np.concatenate([course.run.torque for course in self.each]))
+
+    @cached_property
+    def periods(self) -> FloatArray:
+        """(r,) s from each instant of a run's grid to the next."""
+        return np.array([course.period for course in self.each])
+
+    @cached_property
+    def starts(self) -> FloatArray:
+        """(r,) rad or m; the first position of each run that was measured."""
+        return np.array([course.run.trial.start for course in self.each])
+
+
 def course_of(run: Run, constant: float, between: float) -> Course:
     """``constant`` and the time ``between`` restarts in s."""
     rates, trial = run.rates, run.trial
@@ -122,19 +180,11 @@ def course_of(run: Run, constant: float, between: float) -> Course:
     rate = rates.rate[::every]
     period = every * rates.kernel.period
     start, end, horizon = _predictions(angle, rate, period, constant, between)
-    turned, moving = motion_of(time, angle, rate)
-    held = np.clip(np.searchsorted(trial.time, time, side="right") - 1, 0, len(trial.time) - 1)
-    since = time - trial.time[held]
     return Course(
         run=run,
         time=time,
         angle=angle,
-        rate=rate,
-        turned=turned,
-        moving=moving,
-        torque=means_on(trial.time, run.torque, time, held, since),
-        held=held,
-        since=since,
+        motion=Motion.of(time, angle, rate, np.ones(len(time))),
         horizon=horizon,
         grid=_grid(start, end, period),
     )
@@ -179,23 +229,3 @@ def _grid(start: IntArray, end: IntArray, period: float) -> Grid:
         run=np.zeros(len(restarts), dtype=np.intp),
         period=np.full(len(restarts), period),
     )
-
-
-def motion_of(time: FloatArray, angle: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n,) angle since the first known one, and the rate, bridged by the angle's slope."""
-    turned = angle - angle[int(np.argmax(np.isfinite(angle)))]
-    if len(time) < 2:
-        return turned, rate
-    slope = np.gradient(turned, time[1] - time[0])
-    return turned, np.where(np.isfinite(rate), rate, slope)
-
-
-def means_on(time: FloatArray, series: FloatArray, grid: FloatArray, held: IntArray, since: FloatArray) -> FloatArray:
-    """(n,) means from each instant of ``grid`` to the next of a ``series`` that is held between the instants ``time``.
-
-    At each instant of the grid the sample ``held`` has been so for ``since`` seconds.
-    """
-    # Under the series up to each of its instants, and from there on.
-    area = np.concatenate(([0.0], np.cumsum(series[:-1] * np.diff(time))))
-    area = area[held] + series[held] * since
-    return np.append(np.diff(area) / np.diff(grid), series[-1])

@@ -1,4 +1,4 @@
-"""What drives each run of a campaign, worked out once for a model."""
+"""What drives the runs of a campaign, worked out once for a model."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from functools import cached_property
 import numpy as np
 
 from rovid.campaign.vehicle import Vehicle
-from rovid.effects.actuation import Actuation, actuation
 from rovid.ground.arrays import IntArray
-from rovid.model.drive import MOST_PARTS, Drive
+from rovid.model.commanded import Commanded
+from rovid.model.drive import MOST_PARTS, Drive, Intervals
 from rovid.model.model import Model
 from rovid.motion.runs import Run
 
@@ -41,43 +41,37 @@ class Driving:
     inertia: float
     position_noise: float
     steps: list[IntArray] | None
-    _actuations: dict[int, list[Actuation]] = field(default_factory=dict, init=False, repr=False)
+    _commanded: dict[int, Commanded] = field(default_factory=dict, init=False, repr=False)
 
-    def at_instants(self, model: Model) -> list[Drive]:
-        """At all instants of each run's log."""
+    def at_instants(self, model: Model) -> Drive:
+        """Of all runs, at all instants of their logs."""
         if self.vehicle is None or model.drivetrain.is_plain:
             return self._held
-        return [model.drive(self.vehicle, run.trial) for run in self.runs]
+        return Drive.joined([model.drive(self.vehicle, run.trial) for run in self.runs])
 
-    def between_steps(self, model: Model) -> list[Drive]:
-        """Of each run, from each of its steps to the next."""
+    def between_steps(self, model: Model) -> Drive:
+        """Of all runs, from each of their steps to the next."""
         if self.vehicle is None or model.drivetrain.is_plain:
             return self._held_between
-        steps: list[IntArray | None] = [None] * len(self.runs)
-        if self.steps is not None:
-            steps = [*self.steps]
-        drives = []
-        for run, where, at in zip(self.runs, self._where(self.vehicle, model), steps, strict=True):
-            drives.append(model.drivetrain.driven(self.vehicle, where, run.trial.commands, at))
-        return drives
+        return model.drivetrain.driven(self._given(self.vehicle, model))
 
-    def _where(self, vehicle: Vehicle, model: Model) -> list[Actuation]:
-        """What the effects between command and torque know of each run, cut as finely as ``model`` asks for."""
+    def _given(self, vehicle: Vehicle, model: Model) -> Commanded:
+        """What was commanded, each interval cut as finely as ``model`` asks for."""
         parts = min(self._parts, model.drivetrain.parts)
-        if parts not in self._actuations:
-            self._actuations[parts] = [actuation(vehicle, run.trial, parts) for run in self.runs]
-        return self._actuations[parts]
+        if parts not in self._commanded:
+            trials = [run.trial for run in self.runs]
+            self._commanded[parts] = Commanded.of(vehicle, trials, parts, self.steps)
+        return self._commanded[parts]
 
     @cached_property
-    def _held(self) -> list[Drive]:
-        return [Drive.held(run.torque) for run in self.runs]
+    def _held(self) -> Drive:
+        return Drive.joined([Drive.held(run.torque) for run in self.runs])
 
     @cached_property
-    def _held_between(self) -> list[Drive]:
+    def _held_between(self) -> Drive:
         if self.steps is None:
             return self._held
-        each = zip(self.runs, self._held, self.steps, strict=True)
-        return [held.between(run.trial.time, at) for run, held, at in each]
+        return Drive.over(Intervals.of([run.trial.time for run in self.runs], self.steps), self._held.torque)
 
     @cached_property
     def _parts(self) -> int:

@@ -11,15 +11,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 
 from rovid.ground.arrays import FloatArray, IntArray
-from rovid.identify.courses import HORIZONS, MOST_RESTARTS, RESTARTS, Course, Grid, course_of, means_on, motion_of
+from rovid.identify.courses import HORIZONS, MOST_RESTARTS, RESTARTS, Course, Courses, Motion, course_of
 from rovid.identify.records import Records
 from rovid.model.drive import Drive
-from rovid.model.integration import along
 from rovid.model.model import Model
 from rovid.motion.rates import on_grid
 
@@ -74,26 +73,21 @@ class HorizonRecords(Records):
         return None
 
     @cached_property
-    def courses(self) -> list[Course]:
+    def courses(self) -> Courses:
         """What was measured of each run."""
         total = sum(float(np.ptp(run.trial.time)) for run in self.runs)
         between = max(RESTARTS * self.time_constant, total / MOST_RESTARTS)
-        return [course_of(run, self.time_constant, between) for run in self.runs]
-
-    @cached_property
-    def grid(self) -> Grid:
-        """Where all predictions begin and end, the runs one after the other."""
-        return Grid.joined(self.courses)
+        return Courses([course_of(run, self.time_constant, between) for run in self.runs])
 
     @cached_property
     def spans(self) -> list[tuple[FloatArray, FloatArray]]:
         """Of each run the (n,) s at which each prediction begins and ends."""
-        return [(course.time[course.grid.starts], course.time[course.grid.ends]) for course in self.courses]
+        return [(course.time[course.grid.starts], course.time[course.grid.ends]) for course in self.courses.each]
 
     @cached_property
     def horizon(self) -> IntArray:
         """(N,) index of the horizon of each prediction."""
-        return np.concatenate([course.horizon for course in self.courses])
+        return np.concatenate([course.horizon for course in self.courses.each])
 
     @property
     def readings(self) -> float:
@@ -103,7 +97,7 @@ class HorizonRecords(Records):
     @property
     def block_seconds(self) -> float:
         """Length of a stretch whose predictions are taken together."""
-        total = sum(float(np.ptp(course.time)) for course in self.courses)
+        total = sum(float(np.ptp(course.time)) for course in self.courses.each)
         return min(_BLOCK * self.time_constant, total / _BLOCKS)
 
 
@@ -116,64 +110,56 @@ def time_constant(model: Model, rate: float) -> float:
     return constant
 
 
-def predictions(records: HorizonRecords, model: Model, drives: Sequence[Drive]) -> FloatArray:
-    """(N,) predicted less measured position of every prediction, in rad or m."""
+def predictions(records: HorizonRecords, model: Model, drive: Drive) -> FloatArray:
+    """(N,) predicted less measured position of every prediction, in rad or m, under the ``drive`` at all instants."""
     from rovid.model.kernels import predict
 
-    courses, grid = records.courses, records.grid
+    courses, grid = records.courses, records.courses.grid
     if not grid.starts.size:
         return np.empty(0)
-    followed = [_followed(course, model, drive) for course, drive in zip(courses, drives, strict=True)]
-    torque, beside, rate, turned, states, slope = (np.concatenate(series) for series in zip(*followed, strict=True))
-    start = np.array([model.equation_in(course.run.trial).start for course in courses])[grid.run]
-    here = (torque, beside, rate, np.nan_to_num(turned), states)
+    motion = courses.motion
+    if model.instrument.deviates:
+        motion = Motion.joined([_true_motion(course, model) for course in courses.each])
+    torque = courses.torque if model.drivetrain.is_plain else courses.means.of(drive.torque)
+    beside = _beside(courses, drive)
+    here = (torque, beside, motion.rate, motion.turned, _states(courses, model, motion, torque, beside))
+    start = courses.starts[grid.run]
     moved = predict(grid.period, *here, grid.restarts, grid.reach, start, model.body, model.terms)
     ahead = moved[grid.number, grid.ends - grid.starts]
-    measured = turned[grid.ends] - turned[grid.starts]
+    measured = motion.turned[grid.ends] - motion.turned[grid.starts]
     # What is predicted is the position as it is measured, whatever that deviates by.
-    return np.asarray((ahead - measured) * slope[grid.ends])
+    return np.asarray((ahead - measured) * motion.slope[grid.ends])
 
 
-class _Followed(NamedTuple):
-    """What a model makes of a course, as `rovid.model.kernels.predict` takes it.
-
-    ``slope`` is the measured angle's by the true.
-    """
-
-    torque: FloatArray
-    beside: FloatArray
-    rate: FloatArray
-    turned: FloatArray
-    states: FloatArray
-    slope: FloatArray
+def _true_motion(course: Course, model: Model) -> Motion:
+    """What was measured of it, without the deviation of the heading."""
+    trial, rates = course.run.trial, course.run.rates
+    true, slopes = model.instrument.true_angle(trial, trial.position, np.arange(len(trial.time)))
+    off = on_grid(trial, true - trial.position, rates.time)
+    every = round(course.period / rates.kernel.period)
+    slope = np.interp(course.time, trial.time, slopes)
+    return Motion.of(course.time, course.angle + off[::every], course.motion.rate / slope, slope)
 
 
-def _followed(course: Course, model: Model, drive: Drive) -> _Followed:
-    trial, time = course.run.trial, course.time
-    turned, moving, rate, slope = course.turned, course.moving, course.rate, np.ones(len(time))
-    if model.instrument.deviates:
-        true, slopes = model.instrument.true_angle(trial, trial.position, np.arange(len(trial.time)))
-        off = on_grid(trial, true - trial.position, course.run.rates.time)
-        every = round(course.period / course.run.rates.kernel.period)
-        slope = np.interp(time, trial.time, slopes)
-        rate = course.rate / slope
-        turned, moving = motion_of(time, course.angle + off[::every], rate)
-    torque, beside = course.torque, _beside(course, drive)
-    if not model.drivetrain.is_plain:
-        torque = means_on(trial.time, drive.torque, time, course.held, course.since)
-    states = np.zeros((len(time), 0))
-    if model.terms.remembering:
-        _, states = along(model.equation_in(trial), course.period, (moving, turned, torque), beside)
-    return _Followed(torque, beside, rate, turned, states, slope)
-
-
-def _beside(course: Course, drive: Drive) -> FloatArray:
+def _beside(courses: Courses, drive: Drive) -> FloatArray:
     """(n, m) what acts beside the thrusters, on the grid."""
-    beside = np.zeros((len(course.time), drive.beside.shape[1]))
+    beside = np.zeros((len(courses.torque), drive.beside.shape[1]))
     for column, series in zip(beside.T, drive.beside.T, strict=True):
         if series.any():
-            column[:] = means_on(course.run.trial.time, series, course.time, course.held, course.since)
+            column[:] = courses.means.of(series)
     return beside
+
+
+def _states(courses: Courses, model: Model, motion: Motion, torque: FloatArray, beside: FloatArray) -> FloatArray:
+    """(n, k * TERM_STATES) of the terms of ``model``, on the grid."""
+    from rovid.model.kernels import effects_along
+
+    if not model.terms.remembering:
+        return np.zeros((len(torque), 0))
+    course = np.column_stack((motion.moving, motion.turned, torque))
+    begins = courses.means.grid_begins
+    _, states = effects_along(begins, courses.periods, course, beside, courses.starts, model.body, model.terms)
+    return np.asarray(states)
 
 
 def _shares(records: HorizonRecords, errors: FloatArray) -> FloatArray:
@@ -193,7 +179,7 @@ def _shares(records: HorizonRecords, errors: FloatArray) -> FloatArray:
 def _tables(records: HorizonRecords, errors: FloatArray) -> list[FloatArray]:
     """Of each run the (restarts, horizons) errors; NaN where there is none."""
     tables, at = [], 0
-    for course in records.courses:
+    for course in records.courses.each:
         grid = course.grid
         mine = errors[at : at + len(grid.starts)]
         at += len(grid.starts)

@@ -144,9 +144,8 @@ def _side_by_side(pairs: Sequence[tuple[InnovationMisfit, FloatArray]]) -> list[
     models = [misfit.coordinates.model(x) for misfit, x in pairs]
     models += models[-1:] * (LANES - len(pairs))
     seen = [records.seen(model) for model in models]
-    lists = [misfit.drives(model) for (misfit, _), model in zip(every, models, strict=True)]
-    flat = {id(one): _flat(one) for one in lists}
-    driven = Driven.of([flat[id(one)] for one in lists], [angle for angle, _ in seen])
+    drives = [misfit.drives(model) for (misfit, _), model in zip(every, models, strict=True)]
+    driven = Driven.of(drives, [angle for angle, _ in seen])
     abreast = Abreast.of(models, [misfit.noise(x) for misfit, x in every])
     error, variance = (innovations_wide if first._is_wide else innovations)(records.logged, driven, abreast)
     told = first.of_counted(records.told)
@@ -161,8 +160,3 @@ def _side_by_side(pairs: Sequence[tuple[InnovationMisfit, FloatArray]]) -> list[
             found.append(Innovations(own_error * gain, own_variance * gain**2))
     return found[: len(pairs)]
 
-
-
-def _flat(drives):
-    from rovid.model.drive import Drive
-    return Drive(*(np.concatenate([getattr(d, n) for d in drives]) for n in ("torque", "moment", "beside", "scatter")))

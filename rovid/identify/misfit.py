@@ -55,7 +55,7 @@ class Misfit(ABC):
     limit: float = UNLIMITED
     effects: tuple[Effect, ...] = ()
     counted: BoolArray | None = None
-    _drives: dict[tuple[float, ...], list[Drive]] = field(default_factory=dict, init=False, repr=False)
+    _drives: dict[tuple[float, ...], Drive] = field(default_factory=dict, init=False, repr=False)
 
     method: ClassVar[str]
     remembered: ClassVar[int]
@@ -236,8 +236,8 @@ class Misfit(ABC):
             sides = [side._replace(variance=centre.variance) for side in sides]
         return slopes_between(centre, sides, step, self.weight)
 
-    def drives(self, model: Model) -> list[Drive]:
-        """What drives each run after the effects between command and torque, held between the instants."""
+    def drives(self, model: Model) -> Drive:
+        """What drives the runs after the effects between command and torque, held between the instants."""
         key = model.drivetrain.values
         drives = self._drives.pop(key, None) or self.records.drives_between(model)
         # The slopes along all other parameters ask for the same again, and so does the next step.

@@ -136,10 +136,10 @@ class Records(ABC):
             steps=self.steps,
         )
 
-    def drives(self, model: Model) -> list[Drive]:
-        """What drives each run, at all instants of its log."""
+    def drives(self, model: Model) -> Drive:
+        """What drives the runs, at all instants of their logs."""
         return self._driving.at_instants(model)
 
-    def drives_between(self, model: Model) -> list[Drive]:
-        """What drives each run from each instant that is looked at to the next."""
+    def drives_between(self, model: Model) -> Drive:
+        """What drives the runs from each instant that is looked at to the next."""
         return self._driving.between_steps(model)

@@ -9,9 +9,10 @@ import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
-from rovid.effects.actuation import SPEEDS, neutral_commands, race
+from rovid.effects.actuation import SPEEDS, neutral_commands
 from rovid.effects.base import Scales
 from rovid.ground.arrays import FloatArray
+from rovid.model.commanded import Commanded
 from rovid.motion.runs import Run
 
 # It is divided by.
@@ -70,9 +71,8 @@ def _command(trials: Sequence[Trial], vehicle: Vehicle | None) -> float:
 
 def _races(trials: Sequence[Trial], vehicle: Vehicle) -> tuple[float, float]:
     """Of the race in use, N^0.5 m^2, and of the root of a thrust in use, N^0.5."""
-    arms = np.array([thruster.arm for thruster in vehicle.thrusters])
-    thrust = np.concatenate([vehicle.thrust(trial.commands) for trial in trials])
-    return in_use(race(thrust, arms)), in_use(np.sqrt(np.abs(thrust)))
+    given = Commanded.of(vehicle, trials)
+    return in_use(given.where.race(given.thrust)), in_use(np.sqrt(np.abs(given.thrust)))
 
 
 def _load(trials: Sequence[Trial], vehicle: Vehicle) -> float:

@@ -1,9 +1,10 @@
-"""What drives a vehicle in a trial, with the effects between command and torque."""
+"""What drives a vehicle in its trials, with the effects between command and torque."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -15,9 +16,52 @@ from rovid.ground.arrays import FloatArray, IntArray
 MOST_PARTS = 8
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Intervals:
+    """Over which intervals of one trial, or of several one after the other, a drive is taken together.
+
+    Attributes
+    ----------
+    at
+        (m,) the instants, of the n, with which they begin; the last of each trial ends its last interval.
+    begins
+        (t + 1,) which of the m begins each of t trials, and how many there are in all.
+    length, middle
+        (n,) s from each instant to the next, 0 from the last of a trial; and when half of that has passed.
+    span, end
+        (m,) s that each interval lasts, and when it ends; of the last of a trial 1 s, for it has none.
+    """
+
+    at: IntArray
+    begins: IntArray
+    length: FloatArray
+    middle: FloatArray
+    span: FloatArray
+    end: FloatArray
+
+    @classmethod
+    def of(cls, times: Sequence[FloatArray], at: Sequence[IntArray]) -> Self:
+        """Of each trial the instants in s, and between which of them."""
+        before = np.cumsum([0, *map(len, times)])[:-1]
+        ends = [time[here] for time, here in zip(times, at, strict=True)]
+        return cls(
+            at=np.concatenate([first + here for first, here in zip(before, at, strict=True)]),
+            begins=np.cumsum([0, *map(len, at)]),
+            length=np.concatenate([np.append(np.diff(time), 0.0) for time in times]),
+            middle=np.concatenate([np.append(0.5 * (time[1:] + time[:-1]), time[-1]) for time in times]),
+            span=np.concatenate([np.append(np.diff(end), 1.0) for end in ends]),
+            end=np.concatenate([np.append(end[1:], end[-1]) for end in ends]),
+        )
+
+    @property
+    def last(self) -> IntArray:
+        """(t,) which of the m is the last of each trial."""
+        return self.begins[1:] - 1
+
+
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """What drives one trial, from each instant to the next.
+    """What drives one trial, or several one after the other, from each instant to the next.
 
     Attributes
     ----------
@@ -31,41 +75,85 @@ class Drive:
         the root of their thrust times their arm squared, and the speeds `SPEEDS` in m/s. Zeros where no effect asks.
     scatter
         (n,) N^2 m^2 s^2; variance of the impulse, where an effect leaves open when a torque acts. Zeros elsewhere.
+    begins
+        (t + 1,) the instant with which each of t trials begins, and how many there are in all.
     """
 
     torque: FloatArray
     moment: FloatArray
     beside: FloatArray
     scatter: FloatArray
+    begins: IntArray
 
     @classmethod
-    def held(cls, torque: FloatArray, beside: FloatArray | None = None, scatter: FloatArray | None = None) -> Self:
-        """Of a torque that is held from each instant to the next."""
+    def held(
+        cls,
+        torque: FloatArray,
+        beside: FloatArray | None = None,
+        scatter: FloatArray | None = None,
+        begins: IntArray | None = None,
+    ) -> Self:
+        """Of a torque that is held from each instant to the next; of one trial where ``begins`` is not given."""
         nothing = np.zeros(len(torque))
-        beside = np.zeros((len(torque), 1 + len(SPEEDS))) if beside is None else beside
-        return cls(torque, nothing, beside, nothing if scatter is None else scatter)
+        return cls(
+            torque,
+            nothing,
+            _untold(len(torque)) if beside is None else beside,
+            nothing if scatter is None else scatter,
+            np.array([0, len(torque)]) if begins is None else begins,
+        )
 
-    def mapped(self, function: Callable[[FloatArray], FloatArray]) -> Self:
-        """With ``function`` of each series."""
-        beside = np.column_stack([function(column) for column in self.beside.T])
-        return type(self)(function(self.torque), function(self.moment), beside, function(self.scatter))
-
-    def between(self, time: FloatArray, at: IntArray) -> Self:
-        """From each of the instants ``time[at]`` to the next; ``time`` in s are those of the series."""
-        length, ends = np.diff(time), time[at]
-        middle = 0.5 * (time[1:] + time[:-1])
+    @classmethod
+    def over(
+        cls, steps: Intervals, torque: FloatArray, beside: FloatArray | None = None, scatter: FloatArray | None = None
+    ) -> Self:
+        """Over each of some intervals, of what is held between (n,) instants."""
+        impulse, last = torque * steps.length, steps.last
 
         def total(values: FloatArray) -> FloatArray:
-            shape = (len(at) - 1, *values.shape[1:])
-            return np.asarray(np.add.reduceat(values[: at[-1]], at[:-1])) if values.any() else np.zeros(shape)
+            return np.asarray(np.add.reduceat(values, steps.at))
 
-        impulse = self.torque[:-1] * length
-        area, beside = total(impulse), total(self.beside[:-1] * length[:, None])
-        leverage = total(self.moment[:-1] - impulse * middle) + area * ends[1:]
-        span = np.diff(ends)
-        return type(self)(
-            np.append(area / span, self.torque[at[-1]]),
-            np.append(leverage - 0.5 * area * span, 0.0),
-            np.vstack((beside / span[:, None], self.beside[at[-1]])),
-            np.append(total(self.scatter[:-1]), 0.0),
+        area = total(impulse)
+        mean, moment = area / steps.span, area * steps.end - total(impulse * steps.middle) - 0.5 * area * steps.span
+        # Nothing follows the last instant of a trial, from which what is held goes on.
+        mean[last], moment[last] = torque[steps.at[last]], 0.0
+        told, open_when = _untold(len(mean)), np.zeros(len(mean))
+        if beside is not None:
+            told = total(beside * steps.length[:, None]) / steps.span[:, None]
+            told[last] = beside[steps.at[last]]
+        if scatter is not None:
+            open_when = total(scatter)
+            open_when[last] = 0.0
+        return cls(mean, moment, told, open_when, steps.begins)
+
+    @classmethod
+    def joined(cls, each: Sequence[Self]) -> Self:
+        """Of several trials, one after the other."""
+        return cls(
+            np.concatenate([one.torque for one in each]),
+            np.concatenate([one.moment for one in each]),
+            np.concatenate([one.beside for one in each]),
+            np.concatenate([one.scatter for one in each]),
+            np.cumsum([0, *(len(one.torque) for one in each)]),
         )
+
+    @property
+    def by_trial(self) -> list[Self]:
+        """That of each trial by itself."""
+        return [self._rows(slice(begin, end)) for begin, end in pairwise(self.begins.tolist())]
+
+    def _rows(self, rows: slice) -> Self:
+        series = self.torque[rows], self.moment[rows], self.beside[rows], self.scatter[rows]
+        return type(self)(*series, np.array([0, len(series[0])]))
+
+    def mapped(self, function: Callable[[FloatArray], FloatArray]) -> Self:
+        """Of one trial, with ``function`` of each series."""
+        torque = function(self.torque)
+        beside = np.column_stack([function(column) for column in self.beside.T])
+        begins = np.array([0, len(torque)])
+        return type(self)(torque, function(self.moment), beside, function(self.scatter), begins)
+
+
+def _untold(count: int) -> FloatArray:
+    """(n, 3) what terms are told beside the torque where none of them asks."""
+    return np.zeros((count, 1 + len(SPEEDS)))

@@ -10,10 +10,11 @@ import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
-from rovid.effects.actuation import SPEEDS, Actuation, actuation, finer, race
+from rovid.effects.actuation import SPEEDS, Actuation
 from rovid.effects.base import Actuating, OnCommand, OnThrust, OnTorque, Term, Values
-from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.arrays import FloatArray
 from rovid.model.acting import Acting, that_act
+from rovid.model.commanded import Commanded
 from rovid.model.drive import MOST_PARTS, Drive
 
 
@@ -45,39 +46,36 @@ class Drivetrain:
         """After every effect between command and torque, from each instant of ``trial`` to the next."""
         if self.is_plain:
             return Drive.held(vehicle.torque(trial))
-        return self.driven(vehicle, actuation(vehicle, trial, self.parts), trial.commands)
+        return self.driven(Commanded.of(vehicle, [trial], self.parts))
 
-    def driven(self, vehicle: Vehicle, where: Actuation, commands: FloatArray, at: IntArray | None = None) -> Drive:
-        """As ``drive``, of (n, k) ``commands`` held between instants, each interval cut into parts as in ``where``.
-
-        ``at``: from each of these of the n instants to the next of them; from each to the next if not given.
-        """
-        thrust = self.thrust(vehicle, where, commands)
-        torque = np.asarray(thrust @ where.arms)
-        scatter = np.zeros(len(torque))
+    def driven(self, given: Commanded) -> Drive:
+        """As ``drive``, of what was commanded in several trials."""
+        where, thrust = given.where, self.thrust(given)
+        torque, scatter = where.summed(thrust, where.arms), None
         for act, values in that_act(self.acting, OnTorque):
             if act.scatter is not None:
-                scatter += act.scatter(where, torque, values)
+                more = act.scatter(where, torque, values)
+                scatter = more if scatter is None else scatter + more
             torque = act.change(where, torque, values)
-        drive = Drive.held(torque, self._beside(where, thrust), scatter)
-        if at is None and where.parts == 1:
-            return drive
-        every = np.arange((len(where.time) - 1) // where.parts + 1)
-        return drive.between(where.time, where.parts * (every if at is None else at))
+        beside = self._beside(where, thrust)
+        if given.intervals is None:
+            return Drive.held(torque, beside, scatter, where.begins)
+        return Drive.over(given.intervals, torque, beside, scatter)
 
-    def thrust(self, vehicle: Vehicle, where: Actuation, commands: FloatArray, *, bent: bool = True) -> FloatArray:
-        """(m, k) thrust in N of (n, k) ``commands`` as in ``driven``, after every effect up to it.
+    def thrust(self, given: Commanded, *, bent: bool = True) -> FloatArray:
+        """(m, k) thrust in N at the instants of ``given.where``, after every effect up to it.
 
         ``bent`` includes effects that are anchored.
         """
+        where = given.where
         if any(isinstance(one.effect.acts, OnCommand) for one in self.acting):
-            commands = finer(commands, where.parts)
+            commands = given.commands
             for act, values in self._that_bend(OnCommand, bent=bent):
                 commands = act.change(where, commands, values)
             # No effect asks for more than the bench curve has.
-            thrust = vehicle.thrust(np.clip(commands, *where.ends.T))
+            thrust = given.vehicle.thrust(np.clip(commands, *where.ends.T))
         else:
-            thrust = finer(vehicle.thrust(commands), where.parts)
+            thrust = given.thrust
         for act, values in self._that_bend(OnThrust, bent=bent):
             thrust = act.change(where, thrust, values)
         return thrust
@@ -89,17 +87,25 @@ class Drivetrain:
             if bent or not act.anchored:
                 yield act, values
 
-    def _beside(self, where: Actuation, thrust: FloatArray) -> FloatArray:
-        """(m, 3) what effects are told of each instant of ``where``, see `Drive`; ``thrust`` is (m, k) in N."""
-        beside = np.zeros((len(thrust), 1 + len(SPEEDS)))
+    def _beside(self, where: Actuation, thrust: FloatArray) -> FloatArray | None:
+        """(m, 3) what effects are told of each instant of ``where``, see `Drive`; None where they ask for nothing.
+
+        ``thrust`` is (m, k) in N.
+        """
+        told = {}
         if any(one.effect.races for one in self.acting):
-            beside[:, 0] = race(thrust, where.arms)
+            told[0] = where.race(thrust)
         for column, name in enumerate(SPEEDS, start=1):
             if any(name in one.effect.needs for one in self.acting):
-                beside[:, column] = where.speed(name)
+                told[column] = where.speed(name)
         for term, values in that_act(self.acting, Term):
             if term.surge is not None:
-                beside[:, 1] = term.surge(where, thrust, values)
+                told[1] = term.surge(where, thrust, values)
+        if not told:
+            return None
+        beside = np.zeros((len(thrust), 1 + len(SPEEDS)))
+        for column, series in told.items():
+            beside[:, column] = series
         return beside
 
     def scale_doubt(self, vehicle: Vehicle, trials: Iterable[Trial]) -> float:
@@ -114,9 +120,9 @@ class Drivetrain:
             return 0.0
         total = weights = 0.0
         for trial in trials:
-            where = actuation(vehicle, trial)
-            bent, straight = (self.thrust(vehicle, where, trial.commands, bent=way)[:-1] for way in (True, False))
-            weight = np.abs(straight * where.arms) * np.diff(trial.time)[:, None]
+            given = Commanded.of(vehicle, [trial])
+            bent, straight = (self.thrust(given, bent=way)[:-1] for way in (True, False))
+            weight = np.abs(straight * given.where.arms) * np.diff(trial.time)[:, None]
             used = (bent != 0.0) & (weight > 0.0)
             total += float(weight[used] @ np.log(np.abs(bent[used] / straight[used])) ** 2)
             weights += float(weight[used].sum())

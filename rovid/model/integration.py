@@ -51,7 +51,8 @@ def along(
     from rovid.model.kernels import effects_along
 
     known, told = (np.column_stack([bridged(values) for values in series]) for series in (course, beside.T))
-    torque, states = effects_along(period, known, told, equation)
+    begins, periods, starts = np.array([0, len(known)]), np.array([period]), np.array([equation.start])
+    torque, states = effects_along(begins, periods, known, told, starts, equation.body, equation.terms)
     return torque, states
 
 

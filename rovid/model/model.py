@@ -90,7 +90,7 @@ class Model:
 
     def equation_in(self, trial: Trial) -> Equation:
         """Of motion, from the first position that was measured in ``trial``."""
-        return self.equation(float(trial.position[int(np.argmax(trial.measured))]))
+        return self.equation(trial.start)
 
     @property
     def wave(self) -> FloatArray:

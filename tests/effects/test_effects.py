@@ -10,10 +10,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
-from rovid.effects import CATALOGUE, FORMS, MOTION, Effect, effect_named, forms_for
+from rovid.effects import CATALOGUE, FORMS, MOTION, Effect, effect_named, forms_for, supply_sag
+from rovid.effects.actuation import actuation, finer
 from rovid.effects.base import (
     REFERENCE_RATE,
+    SPEEDS,
     TERM_PARAMETERS,
     TERM_STATES,
     Actuating,
@@ -209,6 +212,41 @@ def test_actuation_is_finite_and_changed_where_it_is(effect: Effect) -> None:
             assert np.isfinite(torque(effect, np.array(values))).all()
 
 
+def logs() -> list[Trial]:
+    """Three of different length and clock, whose first commands are not neutral; one without the channels."""
+    reference = {name: float(np.median(values)) for name, values in CHANNELS.items()}
+    cuts = (slice(100, 500, 1), slice(0, 1200, 3), slice(333, 1000, 2))
+    made = []
+    for number, cut in enumerate(cuts):
+        time = TIME[cut] - TIME[cut][0]
+        log = replace(trial(time, np.zeros(len(time))), commands=(1.0 + number) * COMMAND[cut], name=f"log_{number}")
+        channels = {} if number == 1 else {name: values[cut] for name, values in CHANNELS.items()}
+        made.append(replace(log, extras=channels, reference=reference, since=600.0 * number))
+    return made
+
+
+@pytest.mark.parametrize("parts", [1, 4])
+@pytest.mark.parametrize("effect", [*ACTUATED, supply_sag.of_trial("log_2")], ids=lambda effect: effect.key)
+def test_trials_one_after_the_other_are_as_each_by_itself(effect: Effect, parts: int) -> None:
+    each_log = [actuation(VEHICLE, log, parts) for log in logs()]
+    commands = [finer(log.commands, parts) for log in logs()]
+    values = numbers(effect, start=True)
+    together = torque(effect, values, np.concatenate(commands), Actuation.joined(each_log))
+    alone = [torque(effect, values, command, where) for command, where in zip(commands, each_log, strict=True)]
+    # Sums over thrusters may be rounded otherwise.
+    np.testing.assert_allclose(together, np.concatenate(alone), rtol=1e-12, atol=1e-12)
+
+
+def test_speeds_of_a_trial_without_are_those_of_the_campaign() -> None:
+    each_log = [actuation(VEHICLE, log, 2) for log in logs()]
+    joined = Actuation.joined(each_log)
+    for name in SPEEDS:
+        np.testing.assert_array_equal(joined.speed(name), np.concatenate([one.speed(name) for one in each_log]))
+    (rows,) = [one.rows for one in joined.trials if one.name == "log_1"]
+    assert (joined.speed(SPEEDS[0])[rows] == joined.reference[SPEEDS[0]]).all()
+    assert joined.since[joined.begins[:-1]].tolist() == [0.0, 600.0, 1200.0]
+
+
 @each_term
 def test_a_term_is_nothing_where_the_effect_is_not_there(effect: Effect) -> None:
     values = numbers(effect, start=False)
@@ -319,7 +357,9 @@ def test_a_soft_start_grows_slowly_and_falls_at_once() -> None:
 
 def test_a_latch_comes_on_beyond_its_width_and_goes_off_at_the_edge() -> None:
     excess = np.array([0.0, 0.5, 1.5, 0.5, 0.0, 0.5, -0.5, -1.5, -0.5, 0.5])
-    np.testing.assert_allclose(latched(excess, 1.0, 0.1), [0.0, 0.0, 1.5, 0.5, 0.0, 0.0, 0.0, -1.5, -0.5, 0.0])
+    np.testing.assert_allclose(
+        latched(np.arange(10.0), excess, 1.0, 0.1), [0.0, 0.0, 1.5, 0.5, 0.0, 0.0, 0.0, -1.5, -0.5, 0.0]
+    )
 
 
 def test_commands_that_wait_have_the_impulse_of_random_waits() -> None:

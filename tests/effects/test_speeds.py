@@ -14,7 +14,7 @@ from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.effects import effect_named, forms_for
 from rovid.effects.base import SPEEDS, OnCommand, OnThrust
 from rovid.ground.arrays import FloatArray
-from rovid.model.drive import Drive
+from rovid.model.drive import Drive, Intervals
 from rovid.model.model import Model
 from tests.conftest import Rovid
 from tests.effects.test_effects import WHERE
@@ -194,7 +194,7 @@ def test_terms_are_told_the_mean_speed_of_each_interval() -> None:
     model = Model(inertia=1.0, quadratic_drag=0.0, linear_drag=1.0, effects=(effect,), effect_values=(1.0,))
     drive = model.drive(vehicle, log)
     np.testing.assert_allclose(drive.beside[:, 1], [1.0, 2.0, 2.5, 2.0])
-    joined = drive.between(time, np.array([0, 1, 3]))
+    joined = Drive.over(Intervals.of([time], [np.array([0, 1, 3])]), drive.torque, drive.beside)
     np.testing.assert_allclose(joined.beside[:, 1], [1.0, 7.0 / 3.0, 2.0])
     # Where it is not logged, as in a run to come, that of the campaign goes.
     planned = replace(log, extras={}, reference={SPEEDS[0]: 1.5})

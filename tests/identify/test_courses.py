@@ -5,28 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rovid.identify.courses import HORIZONS, Grid, course_of, means_on, motion_of
+from rovid.identify.courses import HORIZONS, Courses, Motion, course_of
 from tests import synthetic
 
 TIME = synthetic.clock(400.0, rate=5.0)
 TORQUE = np.where(TIME % 100.0 < 50.0, 100.0, -100.0)
 
 
-def test_means_of_a_held_series_hold_its_integral() -> None:
-    time, series = np.array([0.0, 1.0, 3.0, 4.0]), np.array([2.0, -1.0, 5.0, 7.0])
-    grid = np.array([0.0, 0.5, 2.0, 4.0])
-    held = np.searchsorted(time, grid, side="right") - 1
-    means = means_on(time, series, grid, held, grid - time[held])
-    # By hand: 2 for half a second; 2 for half and -1 for one; -1 for one and 5 for one.
-    assert means == pytest.approx([2.0, 0.0, 2.0, 7.0])
-
-
 def test_a_rate_that_the_filter_has_not_is_bridged_by_the_angle() -> None:
     time = np.arange(6.0)
     rate = np.array([np.nan, 3.0, 3.0, 3.0, 3.0, np.nan])
-    turned, moving = motion_of(time, 10.0 + 2.0 * time, rate)
-    assert turned == pytest.approx(2.0 * time)
-    assert moving == pytest.approx([2.0, 3.0, 3.0, 3.0, 3.0, 2.0])
+    angle = 10.0 + 2.0 * time
+    angle[3] = np.nan
+    motion = Motion.of(time, angle, rate, np.ones(6))
+    assert motion.turned == pytest.approx(2.0 * time)
+    assert motion.moving == pytest.approx([2.0, 3.0, 3.0, 3.0, 3.0, 2.0])
 
 
 def test_each_prediction_is_as_long_as_its_horizon() -> None:
@@ -43,9 +36,13 @@ def test_each_prediction_is_as_long_as_its_horizon() -> None:
 
 def test_courses_one_after_the_other_keep_their_own_predictions() -> None:
     one = course_of(synthetic.run(TIME, TORQUE), 10.0, 2.5)
-    both = Grid.joined([one, one])
+    courses = Courses([one, one])
+    both = courses.grid
     count, length = len(one.grid.starts), len(one.time)
     assert (both.starts[:count] == one.grid.starts).all()
     assert (both.starts[count:] == one.grid.starts + length).all()
     assert (both.restarts[both.number] == both.starts).all()
     assert set(both.run.tolist()) == {0, 1}
+    # A mean at the end of the first run knows nothing of the second.
+    assert (courses.torque[:length] == courses.torque[length:]).all()
+    assert (courses.motion.turned[length:] == one.motion.turned).all()

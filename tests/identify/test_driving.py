@@ -37,9 +37,9 @@ def driving(run: Run, *, quick: bool = False) -> Driving:
 
 
 def test_without_an_effect_the_logged_torque_drives(run: Run) -> None:
-    (drive,) = driving(run).at_instants(synthetic.ROSUB)
+    drive = driving(run).at_instants(synthetic.ROSUB)
     assert (drive.torque == TORQUE).all()
-    (quick,) = driving(run, quick=True).between_steps(synthetic.ROSUB)
+    quick = driving(run, quick=True).between_steps(synthetic.ROSUB)
     # Of 2.5 s that change over half-way the mean is nothing.
     assert quick.torque[:-1] * np.diff(TIME[STEPS]) == pytest.approx(
         np.add.reduceat(TORQUE[:-1] * np.diff(TIME), STEPS[:-1])
@@ -47,13 +47,13 @@ def test_without_an_effect_the_logged_torque_drives(run: Run) -> None:
 
 
 def test_a_lag_comes_between_command_and_torque(run: Run) -> None:
-    (drive,) = driving(run).between_steps(LAGGED)
+    drive = driving(run).between_steps(LAGGED)
     after = np.flatnonzero(np.diff(COMMAND))[0] + 1
     assert drive.torque[after] > 0.5 * TORQUE[after - 1]
     assert drive.torque[after + 60] == pytest.approx(TORQUE[after + 60], rel=0.01)
 
 
 def test_fewer_steps_keep_the_impulse_of_a_lagging_thrust(run: Run) -> None:
-    (every,), (quick,) = driving(run).between_steps(LAGGED), driving(run, quick=True).between_steps(LAGGED)
+    every, quick = driving(run).between_steps(LAGGED), driving(run, quick=True).between_steps(LAGGED)
     whole = np.sum(every.torque[: STEPS[-1]] * np.diff(TIME)[: STEPS[-1]])
     assert np.sum(quick.torque[:-1] * np.diff(TIME[STEPS])) == pytest.approx(whole, rel=1e-6, abs=1e-6)

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from rovid.effects.base import SPEEDS
-from rovid.model.drive import Drive
+from rovid.model.drive import Drive, Intervals
 
 TIME = np.array([0.0, 0.1, 0.3, 0.4, 0.8, 1.0, 1.3])
 AT = np.array([0, 2, 4, 6])
+STEPS = Intervals.of([TIME], [AT])
 
 
 def test_a_torque_that_is_held_has_no_moment_and_tells_no_speeds() -> None:
@@ -22,7 +23,7 @@ def test_a_torque_that_is_held_has_no_moment_and_tells_no_speeds() -> None:
 
 def test_fewer_instants_keep_impulse_and_leverage() -> None:
     torque = np.array([1.0, -2.0, 5.0, 0.5, 3.0, 4.0, 7.0])
-    coarse = Drive.held(torque).between(TIME, AT)
+    coarse = Drive.over(STEPS, torque)
     spans = np.diff(TIME[AT])
     impulse = [np.sum((torque[:-1] * np.diff(TIME))[a:b]) for a, b in itertools.pairwise(AT)]
     assert coarse.torque[:-1] * spans == pytest.approx(impulse)
@@ -34,6 +35,26 @@ def test_fewer_instants_keep_impulse_and_leverage() -> None:
             rate += drive.torque[k] * step
         assert rate == pytest.approx(sum(impulse))
         assert angle == pytest.approx(np.sum(torque[:-1] * np.diff(TIME) * (TIME[-1] - 0.5 * (TIME[1:] + TIME[:-1]))))
+
+
+def test_trials_one_after_the_other_do_not_run_into_each_other() -> None:
+    """Whatever is held at the end of one, and before the first step of the next."""
+    rng = np.random.default_rng(1)
+    others = TIME + 0.05 * np.arange(7.0), np.array([1, 2, 5])
+    torque, beside, scatter = rng.normal(size=14), rng.normal(size=(14, 1 + len(SPEEDS))), rng.random(14)
+    both = Drive.over(Intervals.of([TIME, others[0]], [AT, others[1]]), torque, beside, scatter)
+    assert both.begins.tolist() == [0, 4, 7]
+    for found, (time, at), rows in zip(both.by_trial, ((TIME, AT), others), (slice(7), slice(7, 14)), strict=True):
+        alone = Drive.over(Intervals.of([time], [at]), torque[rows], beside[rows], scatter[rows])
+        for name in ("torque", "moment", "beside", "scatter", "begins"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
+
+
+def test_joined_drives_come_apart_again() -> None:
+    first, second = Drive.held(np.ones(3)), Drive.over(STEPS, np.arange(7.0))
+    joined = Drive.joined([first, second])
+    assert joined.begins.tolist() == [0, 3, 7]
+    assert [one.moment.tolist() for one in joined.by_trial] == [first.moment.tolist(), second.moment.tolist()]
 
 
 def test_a_function_goes_over_each_series() -> None:

@@ -51,7 +51,7 @@ def test_the_filter_is_that_of_the_textbook(*, has_gyro: bool, is_late: bool) ->
     late, open_when = nothing, nothing
     if is_late:
         late, open_when = rng.normal(0.0, 5.0, len(time)), rng.uniform(0.0, 50.0, len(time))
-    drive = Drive(torque, late, np.zeros((len(time), 3)), open_when)
+    drive = Drive(torque, late, np.zeros((len(time), 3)), open_when, np.array([0, len(time)]))
     rate, angle = simulate(time, torque, MODEL.body, BEGIN[0])
     readings = np.column_stack((angle + rng.normal(0.0, WHITE, len(time)), rate + rng.normal(0.0, GYRO, len(time))))
     readings[100:140, 0] = np.nan

@@ -16,6 +16,7 @@ from rovid.effects.base import TERM_STATES, Body
 from rovid.ground.arrays import FloatArray
 from rovid.model.acting import Acting
 from rovid.model.equation import Equation, terms_of
+from rovid.model.integration import along
 from rovid.model.kernels import effects_along, innovations, innovations_wide, predict, simulate, simulate_effects
 from rovid.model.model import Model
 from tests import synthetic
@@ -153,10 +154,24 @@ def test_a_tank_rings_out_along_a_course() -> None:
     frequency, damping, period = 5.0, 0.01, 0.1
     time = np.arange(0.0, 100.0, period)
     rate = np.where(time < 5.0, 0.2 * np.sin(0.2 * np.pi * time), 0.0)
-    course, beside = np.column_stack([rate, nothing := np.zeros(len(time)), nothing]), np.zeros((len(time), 3))
-    torque, _ = effects_along(period, course, beside, in_a_tank(500.0, 60.0, (0.2, frequency, damping)))
+    nothing, tank = np.zeros(len(time)), in_a_tank(500.0, 60.0, (0.2, frequency, damping))
+    torque, _ = along(tank, period, (rate, nothing, nothing), np.zeros((len(time), 3)))
     first, last = (np.abs(torque[(time > at) & (time < at + 10.0)]).max() for at in (6.0, 86.0))
     assert last / first == pytest.approx(math.exp(-damping * frequency * 80.0), rel=0.3)
+
+
+@pytest.mark.parametrize("effect", MOTION, ids=lambda effect: effect.key)
+def test_no_course_remembers_the_one_before_it(effect: Effect) -> None:
+    rng, count, first = np.random.default_rng(2), 90, 40
+    course, beside = rng.normal(size=(count, 3)) * (0.1, 1.0, 100.0), rng.random((count, 3))
+    terms = terms_of([Acting(effect, np.array([parameter.starts[0] for parameter in effect.parameters]))], 0.0)
+    begins, periods, starts = np.array([0, first, count]), np.array([0.2, 0.5]), np.array([0.3, -0.1])
+    torque, states = effects_along(begins, periods, course, beside, starts, ROSUB_BODY, terms)
+    for number, own in enumerate((slice(0, first), slice(first, count))):
+        series = tuple(course[own].T)
+        alone = along(Equation(ROSUB_BODY, terms, starts[number]), periods[number], series, beside[own])
+        np.testing.assert_array_equal(torque[own], alone[0])
+        np.testing.assert_array_equal(states[own], alone[1])
 
 
 @pytest.mark.parametrize("effect", MOTION, ids=lambda effect: effect.key)

@@ -10,7 +10,7 @@ import numpy as np
 from rovid.effects.base import TERM_STATES, Body
 from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import compiled, inlined, lean
-from rovid.ground.lanes import LANES, gathered, lane, larger, spread, with_lane, within
+from rovid.ground.lanes import LANES, gathered, lane, larger, largest, spread, with_lane, within
 from rovid.model.equation import Equation
 from rovid.model.kernels.batch import in_lanes
 from rovid.model.kernels.step import EFFECTS_STEP_SHARE, REACH, bare_step, copy, move, step, wanted_steps, whole_steps
@@ -128,51 +128,87 @@ def _each(series: Any, begin: Any, k: int, last: int) -> Any:
 
 @compiled
 def effects_along(
-    period: float, course: FloatArray, beside: FloatArray, equation: Any
+    begins: Any,
+    periods: FloatArray,
+    course: FloatArray,
+    beside: FloatArray,
+    starts: FloatArray,
+    body: Body,
+    terms: Any,
 ) -> tuple[FloatArray, FloatArray]:
-    """(n,) torque in N m of all effects, and their (n, m * TERM_STATES) states, on a measured course.
+    """(n,) torque in N m of all effects, and their (n, m * TERM_STATES) states, on the measured courses of r runs.
 
     Parameters
     ----------
-    period
-        s between its instants.
+    begins
+        (r + 1,) the instant with which each course begins, and how many there are in all.
+    periods, starts
+        (r,) s between its instants; rad, the position at the start of its trial.
     course
         (n, 3) rate, angle since the start of the trial and thrusters' torque, which is held.
-    beside, equation
+    beside
         As for ``simulate_effects``.
+    body, terms
+        Of the `rovid.model.equation.Equation` of them all.
     """
-    n, count = len(course), TERM_STATES * len(equation.terms.kinds)
-    torque, states = np.zeros(n), np.zeros((n, count))
-    room = np.zeros((4, count, LANES))
-    _follow(period, course, beside, equation, room, torque, states)
+    n, count, runs = len(course), TERM_STATES * len(terms.kinds), len(periods)
+    torque, states, room = np.zeros(n), np.zeros((n, count)), np.zeros((4, count, LANES))
+    for first in range(0, runs, LANES):
+        own = np.minimum(np.arange(first, first + LANES), runs - 1)
+        equation = Equation(in_lanes(Equation(body, terms, 0.0)).body, terms, gathered(starts[own]))
+        room[:] = 0.0
+        _follow(begins[own], begins[own + 1] - 1, gathered(periods[own]), course, beside, equation, room, torque, states)
     return torque, states
 
 
 @lean
-def _follow(period: float, course: Any, beside: Any, alone: Any, room: Any, torque: Any, states: Any) -> None:
-    """Fills in the ``torque`` and the ``states``."""
-    equation = in_lanes(alone)
-    steps = max(math.ceil(period * equation.terms.fastest / EFFECTS_STEP_SHARE), 1)
-    h, n = spread(period / steps), len(course)
-    rows, state, change, there, moved = TERM_STATES * equation.terms.remembering, room[0], room[1], room[2], room[3]
-    for k in range(n):
-        rate, angle, push = course[k, 0], course[k, 1], spread(course[k, 2])
-        told = spread(beside[k, 0]), spread(beside[k, 1]), spread(beside[k, 2])
-        jump(spread(rate), equation, state)
-        torque[k] = lane(torque_at(spread(rate), spread(angle), push, told, equation, state, change), 0)
-        for j in range(states.shape[1]):
-            states[k, j] = state[j, 0]
-        if k == n - 1:
-            break
-        faster, farther = (course[k + 1, 0] - rate) / steps, (course[k + 1, 1] - angle) / steps
-        for number in range(steps):
-            r, a = rate + number * faster, angle + number * farther
-            jump(spread(r), equation, state)
+def _follow(
+    begin: Any,
+    last: Any,
+    period: Any,
+    course: Any,
+    beside: Any,
+    equation: Any,
+    room: Any,
+    torque: Any,
+    states: Any,
+) -> None:
+    """A course in each lane, from its ``begin`` to its ``last`` instant; fills in ``torque`` and ``states`` there."""
+    steps = max(math.ceil(largest(period) * equation.terms.fastest / EFFECTS_STEP_SHARE), 1)
+    h, rows = period / steps, TERM_STATES * equation.terms.remembering
+    state, change, there, moved = room[0], room[1], room[2], room[3]
+    longest = 0
+    for i in range(LANES):
+        longest = max(longest, last[i] - begin[i])
+    for k in range(longest + 1):
+        rate, angle, push = _at(course, 0, begin, k, last), _at(course, 1, begin, k, last), _at(course, 2, begin, k, last)
+        told = _at(beside, 0, begin, k, last), _at(beside, 1, begin, k, last), _at(beside, 2, begin, k, last)
+        jump(rate, equation, state)
+        given = torque_at(rate, angle, push, told, equation, state, change)
+        for i in range(LANES):
+            at = begin[i] + k
+            if at <= last[i]:
+                torque[at] = lane(given, i)
+                for j in range(states.shape[1]):
+                    states[at, j] = state[j, i]
+        faster = (_at(course, 0, begin, k + 1, last) - rate) / steps
+        farther = (_at(course, 1, begin, k + 1, last) - angle) / steps
+        for number in range(steps if k < longest else 0):
+            r, a = rate + float(number) * faster, angle + float(number) * farther
+            jump(r, equation, state)
             passed = 0.0
             copy(rows, state, there)
             for stage in range(4):
-                here = spread(r + passed * faster), spread(a + passed * farther)
-                torque_at(here[0], here[1], push, told, equation, there, change)
+                torque_at(r + passed * faster, a + passed * farther, push, told, equation, there, change)
                 move(stage, rows, state, change, h, there, moved)
                 if stage < 3:
                     passed = REACH[stage]
+
+
+@inlined
+def _at(table: Any, column: int, begin: Any, k: int, last: Any) -> Any:
+    """In lanes, the row ``k`` behind where each begins, and the ``last`` of each beyond."""
+    x = spread(0.0)
+    for i in range(LANES):
+        x = with_lane(x, i, table[min(begin[i] + k, last[i]), column])
+    return x

@@ -1,0 +1,64 @@
+"""What was commanded in trials, and all that follows from it whichever effects there are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from rovid.campaign.trial import Trial
+from rovid.campaign.vehicle import Vehicle
+from rovid.effects.actuation import Actuation, actuation
+from rovid.ground.arrays import FloatArray, IntArray
+from rovid.model.drive import Intervals
+
+
+@dataclass(frozen=True, eq=False)
+class Commanded:
+    """Commands of one trial, or of several one after the other.
+
+    Attributes
+    ----------
+    where
+        What effects are told of the trials, with each interval between two of the log's instants cut into parts.
+    held
+        (n, k) commands at the log's instants.
+    at
+        Of each trial from which of the log's instants to the next of them it is asked what drives the vehicle; from
+        each to the next if None.
+    """
+
+    vehicle: Vehicle
+    where: Actuation
+    held: FloatArray
+    at: Sequence[IntArray] | None = None
+
+    @classmethod
+    def of(
+        cls, vehicle: Vehicle, trials: Sequence[Trial], parts: int = 1, at: Sequence[IntArray] | None = None
+    ) -> Self:
+        """In ``trials``, with each interval cut into ``parts``."""
+        where = Actuation.joined([actuation(vehicle, trial, parts) for trial in trials])
+        return cls(vehicle, where, np.concatenate([trial.commands for trial in trials]), at)
+
+    @cached_property
+    def commands(self) -> FloatArray:
+        """(m, k) at the instants of ``where``."""
+        return self.where.finer(self.held)
+
+    @cached_property
+    def thrust(self) -> FloatArray:
+        """(m, k) N by the bench curves, at the instants of ``where``."""
+        return self.where.finer(self.vehicle.thrust(self.held))
+
+    @cached_property
+    def intervals(self) -> Intervals | None:
+        """Over which the drive is taken together; None where it is asked for at each instant of ``where``."""
+        if self.at is None and self.where.parts == 1:
+            return None
+        times = [self.where.time[one.rows] for one in self.where.trials]
+        at = [np.arange((len(time) - 1) // self.where.parts + 1) for time in times] if self.at is None else self.at
+        return Intervals.of(times, [self.where.parts * here for here in at])
