@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Self
 
 import numpy as np
 
-from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -24,6 +23,8 @@ class Means:
         (n,) and (m,) s from each instant to the next of its run; 1 s from the last.
     held, since
         (m,) which of the n is held at each instant of the grid, and for how many s it has been.
+    same
+        (m,) whether it is held at the next instant of the grid too.
     """
 
     begins: IntArray
@@ -32,32 +33,34 @@ class Means:
     span: FloatArray
     held: IntArray
     since: FloatArray
+    same: BoolArray
 
     @classmethod
     def onto(cls, times: Sequence[FloatArray], grids: Sequence[FloatArray]) -> Self:
         """From the instants of each run, in s, to its grid."""
         begins = np.cumsum([0, *map(len, times)])
-        held, since = [], []
+        latest, since = [], []
         for begin, time, grid in zip(begins[:-1], times, grids, strict=True):
-            latest = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 1)
-            held.append(begin + latest)
-            since.append(grid - time[latest])
+            before = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 1)
+            latest.append(begin + before)
+            since.append(grid - time[before])
+        held = np.concatenate(latest)
         return cls(
             begins=begins,
             grid_begins=np.cumsum([0, *map(len, grids)]),
             length=np.concatenate([np.append(np.diff(time), 1.0) for time in times]),
             span=np.concatenate([np.append(np.diff(grid), 1.0) for grid in grids]),
-            held=np.concatenate(held),
+            held=held,
             since=np.concatenate(since),
+            same=np.append(held[1:] == held[:-1], False),
         )
 
     def of(self, series: FloatArray) -> FloatArray:
         """(m,) means of an (n,) ``series`` from each instant of the grid to the next; its last value at the last."""
-        # Under the series up to each of its instants, run by run, and from there on.
-        step, area = series * self.length, np.zeros(len(series))
-        for begin, end in pairwise(self.begins.tolist()):
-            np.cumsum(step[begin : end - 1], out=area[begin + 1 : end])
-        area = area[self.held] + series[self.held] * self.since
-        means = np.append(np.diff(area), 0.0) / self.span
+        # From what is held to what is held at the next, and what of both is before the instants of the grid.
+        area = np.add.reduceat(series * self.length, self.held)
+        area[self.same] = 0.0
+        area[:-1] += np.diff(series[self.held] * self.since)
+        means = area / self.span
         means[self.grid_begins[1:] - 1] = series[self.begins[1:] - 1]
         return means
