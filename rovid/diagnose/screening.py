@@ -94,14 +94,18 @@ def _begun(current: Fitted, promise: Promise) -> Fitted:
 
 
 class _Complement:
-    """Projection of directions past what the fitted parameters can do by themselves."""
+    """What directions have past what the fitted parameters can do by themselves, by their products alone."""
 
     def __init__(self, here: Slopes) -> None:
-        self.matrix = here.matrix
-        self.inverse = np.linalg.pinv(here.matrix.T @ here.matrix, rcond=1e-12)
+        self.here = here
+        self.inverse = np.linalg.pinv(here.information, rcond=1e-12)
 
-    def __call__(self, directions: FloatArray) -> FloatArray:
-        return np.asarray(directions - self.matrix @ (self.inverse @ (self.matrix.T @ directions)))
+    def __call__(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(s,) pull of the residual on (2N, s) ``directions``, and (s, s) their information."""
+        shared = self.here.matrix.T @ directions
+        taken = self.inverse @ shared
+        pull = taken.T @ self.here.gradient - directions.T @ self.here.residual
+        return pull, directions.T @ directions - shared.T @ taken
 
 
 def _promise(
@@ -116,12 +120,12 @@ def _promise(
     form = misfit.effects[-1]
     raw = misfit.slopes_between(centre, sides, np.ones(len(sides))).matrix
     # A drag that falls with the rate runs away from one start, and may hold from another.
-    bears = np.flatnonzero(np.isfinite(raw).all(axis=0))
+    bears = np.flatnonzero(np.isfinite(raw.sum(axis=0)))
     if not bears.size:
         return Promise(form, 0.0, begins[0], begins[0], 0.0)
-    begins, sides, directions = [begins[k] for k in bears], [sides[k] for k in bears], past(raw[:, bears])
-    pull = -(directions.T @ here.residual)
-    power = np.sum(directions**2, axis=0)
+    begins, sides = [begins[k] for k in bears], [sides[k] for k in bears]
+    pull, information = past(raw[:, bears])
+    power = np.diag(information)
     size = form.parameters[0]
     sizes = np.ones(len(begins))
     if not size.endless:
@@ -139,7 +143,6 @@ def _promise(
     best = int(np.argmax(gains))
     if gains[best] <= 0.0:
         return Promise(form, 0.0, begins[best], unscaled, shown)
-    information = directions.T @ directions
     together = 0.5 * float(pull @ np.linalg.pinv(information, rcond=1e-6) @ pull)
     asked = float(share[best])
     # Slopes hold near by: what they ask for is neither taken to be next to nothing nor far away.

@@ -87,11 +87,13 @@ def slopes_between(
     # So that squares have the weights.
     share = np.sqrt(weight)
     robust = share * np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(z), 1e-300)))
-    matrix = np.empty((2 * len(z), len(sides)))
+    # A column is written and read as a whole.
+    matrix = np.empty((2 * len(z), len(sides)), order="F")
     # A model that runs away has no slopes, which whoever asks can see.
     with np.errstate(over="ignore", invalid="ignore"):
+        of_error, of_variance = robust / root, share / (math.sqrt(2.0) * variance)
         for k, (side, scatter) in enumerate(sides):
-            matrix[: len(z), k] = robust * (side - error) / (step[k] * root)
-            matrix[len(z) :, k] = share * (scatter - variance) / (step[k] * math.sqrt(2.0) * variance)
+            matrix[: len(z), k] = of_error / step[k] * (side - error)
+            matrix[len(z) :, k] = of_variance / step[k] * (scatter - variance)
     short = (share - (robust * z) ** 2 / share) / math.sqrt(2.0)
     return Slopes(total_cost(centre, weight), np.concatenate((robust * z, short)), matrix)
