@@ -43,10 +43,11 @@ PARAMETERS = (5057.0, 3532.0, 132.0, 0.0)
 REPEATS = 15
 
 
-def compiled(source: str, folder: Path) -> ctypes.CDLL:
-    """C ``source`` as a library."""
+def compiled(source: str, folder: Path, *flags: str) -> ctypes.CDLL:
+    """C ``source`` as a library, made in ``folder``, which holds no other."""
     (folder / "loop.c").write_text(source)
-    subprocess.run(["cc", "-O2", "-shared", "-fPIC", "-o", "loop.so", "loop.c", "-lm"], cwd=folder, check=True)
+    command = ["cc", "-O2", *flags, "-shared", "-fPIC", "-o", "loop.so", "loop.c", "-lm"]
+    subprocess.run(command, cwd=folder, check=True)
     return ctypes.CDLL(str(folder / "loop.so"))
 
 
