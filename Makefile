@@ -54,6 +54,7 @@ bench: $(VENV)/installed  ## timings, as ratios measured in one run, and whether
 	$(BIN)/python -m benchmarks.simulation
 	$(BIN)/python -m benchmarks.filter
 	$(BIN)/python -m benchmarks.passes
+	$(BIN)/python -m benchmarks.stages
 	$(BIN)/python -m benchmarks.startup
 	$(BIN)/python -m benchmarks.growth
 	$(BIN)/python -m benchmarks.bootstrap sample_logs/rosub_tank

@@ -1,0 +1,230 @@
+"""Where the time of a diagnosis goes: each stage's share, how often it asked the model, and all beside the screening.
+
+A synthetic day with slow thrusters, weak in reverse, is diagnosed twice in one process: the first time compiles what
+was not compiled before, the second is measured. Stages are functions of rovid's, wrapped by name; one that is not there
+any more, or is never called, ends this with an error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import secrets
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+from rovid import study
+from rovid.diagnose.record import Diagnosis
+from rovid.identify.horizon_misfit import HorizonMisfit
+from rovid.identify.innovations import InnovationMisfit
+from tools.cases import all_cases, truth_of
+from tools.trial_day import write_trial_day
+from tools.truth import VEHICLES
+
+HIDDEN = ("thruster_lag-first_order-strong", "thrust_asymmetry-gain-strong")
+WHOLE, SCREENING, CLIMBS = "diagnosis", "screening", "climbs"
+# Where a function is called from, by module and name, and the stage that it is; several may be of one.
+STAGES = {
+    "rovid.study.open_study": "reading",
+    "rovid.diagnose.diagnosis.fit_free_run": "start fit",
+    "rovid.diagnose.diagnosis.pieces_of": "cutting into pieces",
+    "rovid.diagnose.diagnosis.by_horizons": "search by predictions ahead",
+    "rovid.diagnose.strategies.look_for_waves": "waves",
+    "rovid.diagnose.diagnosis.by_innovations": "search by next reading",
+    "rovid.diagnose.search.screen": SCREENING,
+    "rovid.diagnose.strategies.screen": SCREENING,
+    "rovid.diagnose.search.shortlist": "shortlist",
+    "rovid.diagnose.search.fit_all": CLIMBS,
+    "rovid.identify.fitted.climb": CLIMBS,
+    "rovid.diagnose.work.Work.decided": "testing what was found",
+    "rovid.diagnose.work.cross_validate": "cross-validation",
+    "rovid.diagnose.waves.cross_validate": "cross-validation",
+    "rovid.diagnose.diagnosis.concluded": "conclusion",
+}
+MISFITS = (InnovationMisfit, HorizonMisfit)
+
+Function = Callable[..., Any]
+# A stage by the stages around it, the outermost first.
+Place = tuple[str, ...]
+
+
+@dataclass
+class Stage:
+    """What was spent in a stage, with all stages within it: time, the processor's of all threads, passes."""
+
+    seconds: float = 0.0
+    processor: float = 0.0
+    passes: int = 0
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Time added, as long as this lasts."""
+        begun, work_begun = time.perf_counter(), time.process_time()
+        try:
+            yield
+        finally:
+            self.seconds += time.perf_counter() - begun
+            self.processor += time.process_time() - work_begun
+
+
+@dataclass
+class Profile:
+    """Every stage that was entered, by the stages around it.
+
+    The main thread alone enters stages; what others do is done for the stage that it waits in.
+    """
+
+    stages: dict[Place, Stage] = field(default_factory=dict)
+    _current: Place = ()
+    _lock: Any = field(default_factory=threading.Lock)
+    _thread: Any = field(default_factory=threading.local)
+
+    @contextmanager
+    def entered(self, name: str) -> Iterator[None]:
+        """Time spent in the stage ``name``; within itself, or in another thread, it is counted already."""
+        around = self._current
+        if name in around or threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        self._current = (*around, name)
+        try:
+            with self.stages.setdefault(self._current, Stage()).running():
+                yield
+        finally:
+            self._current = around
+
+    def timed(self, function: Function, name: str) -> Function:
+        """``function`` as the stage ``name``."""
+
+        def wrapped(*arguments: Any, **options: Any) -> Any:
+            with self.entered(name):
+                return function(*arguments, **options)
+
+        return wrapped
+
+    def counted(self, function: Function, count: Callable[[Any], int]) -> Function:
+        """``function`` of a misfit and what it is asked at, which is ``count`` passes, those within it included."""
+
+        def wrapped(misfit: Any, asked: Any, *rest: Any) -> Any:
+            if getattr(self._thread, "counting", False):
+                return function(misfit, asked, *rest)
+            self._thread.counting = True
+            self._pass(count(asked))
+            try:
+                return function(misfit, asked, *rest)
+            finally:
+                self._thread.counting = False
+
+        return wrapped
+
+    def _pass(self, count: int) -> None:
+        """So many passes in the current stage and all around it."""
+        with self._lock:
+            for end in range(1, len(self._current) + 1):
+                self.stages[self._current[:end]].passes += count
+
+    @contextmanager
+    def watching(self) -> Iterator[None]:
+        """Every stage timed and every pass counted, as long as this lasts."""
+        with ExitStack() as stack:
+            for where, name in STAGES.items():
+                owner, attribute = _owner(where)
+                stack.enter_context(patch.object(owner, attribute, self.timed(getattr(owner, attribute), name)))
+            for kind in MISFITS:
+                for attribute, count in (("innovations", _one), ("innovations_of", len)):
+                    if attribute in vars(kind):
+                        wrapped = self.counted(getattr(kind, attribute), count)
+                        stack.enter_context(patch.object(kind, attribute, wrapped))
+            yield
+
+    def total(self, name: str) -> Stage:
+        """All that was spent in the stage ``name``, wherever it is."""
+        total = Stage()
+        for place, stage in self.stages.items():
+            if place[-1] == name:
+                total.seconds += stage.seconds
+                total.processor += stage.processor
+                total.passes += stage.passes
+        return total
+
+    def ordered(self) -> list[tuple[Place, Stage]]:
+        """All stages as they were first entered, each before those within it."""
+        order = {place: number for number, place in enumerate(self.stages)}
+        ends = {place: [order[place[:end]] for end in range(1, len(place) + 1)] for place in order}
+        return sorted(self.stages.items(), key=lambda item: ends[item[0]])
+
+    def require_all(self) -> None:
+        """Refuse to tell of stages that were never entered."""
+        met = {place[-1] for place in self.stages}
+        lacking = [f"{where} ({name})" for where, name in STAGES.items() if name not in met]
+        if lacking:
+            raise RuntimeError(f"never called: {', '.join(lacking)}. Say in STAGES what is called in its place.")
+
+
+def _one(_: object) -> int:
+    return 1
+
+
+def _owner(where: str) -> tuple[Any, str]:
+    """The module or the class in which a function is looked up when it is called, and its name there."""
+    module, _, name = where.rpartition(".")
+    try:
+        owner = importlib.import_module(module)
+    except ModuleNotFoundError:
+        outer, _, kind = module.rpartition(".")
+        owner = getattr(importlib.import_module(outer), kind)
+    return owner, name
+
+
+def write_day(folder: Path, seed: int) -> None:
+    cases = tuple(case for case in all_cases(VEHICLES[0]) if case.name in HIDDEN)
+    assert len(cases) == len(HIDDEN)
+    write_trial_day(folder, seed=seed, formats="csv", truth=truth_of(VEHICLES[0], cases))
+
+
+def diagnosed(folder: Path) -> Diagnosis:
+    """From logs to what is said of them; looked up as it is called, so that it can be watched."""
+    return study.open_study([folder]).diagnosis()
+
+
+def table(profile: Profile) -> str:
+    """A row a stage, and under it the stages within it; shares are of the whole."""
+    whole = profile.total(WHOLE)
+    named = [("  " * (len(place) - 1) + place[-1], stage) for place, stage in profile.ordered()]
+    named += [(f"all {name}", profile.total(name)) for name in (SCREENING, CLIMBS)]
+    rows = [f"{'stage':36} {'s':>7} {'share':>7} {'processor s':>12} {'share':>7} {'passes':>7}"]
+    for name, stage in named:
+        shares = 100 * stage.seconds / whole.seconds, 100 * stage.processor / whole.processor
+        wall, work = f"{stage.seconds:7.2f} {shares[0]:5.1f} %", f"{stage.processor:12.2f} {shares[1]:5.1f} %"
+        rows.append(f"{name:36} {wall} {work} {stage.passes:7}")
+    return "\n".join(rows)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seed", type=int, default=secrets.randbelow(10**6))
+    seed = parser.parse_args().seed
+    profile = Profile()
+    with tempfile.TemporaryDirectory() as name:
+        write_day(Path(name), seed)
+        diagnosed(Path(name))
+        with profile.watching(), profile.entered(WHOLE):
+            diagnosis = diagnosed(Path(name))
+    profile.require_all()
+    print(table(profile))
+    found = ", ".join(finding.effect.key for finding in diagnosis.findings)
+    print(f"{diagnosis.verdict}: {found} (seed {seed})")
+    whole, screening = profile.total(WHOLE), profile.total(SCREENING)
+    longer, more = whole.seconds / screening.seconds, whole.processor / screening.processor
+    print(f"A diagnosis takes {longer:.1f} times the time of its screening, {more:.1f} times the processor's.")
+
+
+if __name__ == "__main__":
+    main()

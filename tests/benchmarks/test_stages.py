@@ -1,0 +1,46 @@
+"""The profile of a diagnosis names functions of rovid's, and counts what is done in them once."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from benchmarks.stages import STAGES, Profile
+from rovid import study
+from rovid.identify.innovations import InnovationMisfit
+
+
+def test_every_stage_is_there_and_let_go_again() -> None:
+    before, passes = study.open_study, InnovationMisfit.innovations
+    with Profile().watching():
+        assert study.open_study is not before
+        assert InnovationMisfit.innovations is not passes
+    assert study.open_study is before
+    assert InnovationMisfit.innovations is passes
+
+
+def test_passes_count_once_in_the_stage_that_waits_for_them() -> None:
+    profile = Profile()
+    one = profile.counted(lambda _misfit, x: [x], lambda _: 1)
+    several = profile.counted(lambda misfit, points: [one(misfit, x) for x in points], len)
+    climb = profile.timed(several, "climbs")
+    with profile.entered("search"), ThreadPoolExecutor(1) as pool:
+        # Within itself, and in another thread, a stage is no other.
+        profile.timed(climb, "climbs")(None, [1, 2])
+        pool.submit(climb, None, [3, 4, 5]).result()
+    with profile.entered("waves"):
+        one(None, 1)
+    with profile.entered("search"), profile.entered("screening"):
+        pass
+    passes = [(place, stage.passes) for place, stage in profile.ordered()]
+    assert passes == [(("search",), 5), (("search", "climbs"), 2), (("search", "screening"), 0), (("waves",), 1)]
+
+
+def test_a_stage_that_was_never_entered_is_said() -> None:
+    profile = Profile()
+    for name in set(STAGES.values()) - {"waves"}:
+        with profile.entered(name):
+            pass
+    with pytest.raises(RuntimeError, match=r"rovid\.diagnose\.strategies\.look_for_waves \(waves\)"):
+        profile.require_all()
