@@ -49,7 +49,11 @@ release: $(VENV)/installed  ## sdist and wheel in dist/, and the demo from that 
 	$(BIN)/python -m build
 	.ci/try_wheel $(PYTHON)
 
-bench: $(VENV)/installed  ## timings, as ratios measured in one run, and whether standard errors hold
+$(VENV)/compared: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group bench
+	touch $@
+
+bench: $(VENV)/compared  ## timings, as ratios measured in one run, and whether standard errors hold
 	$(BIN)/python -m benchmarks.reading
 	$(BIN)/python -m benchmarks.simulation
 	$(BIN)/python -m benchmarks.filter
@@ -57,6 +61,7 @@ bench: $(VENV)/installed  ## timings, as ratios measured in one run, and whether
 	$(BIN)/python -m benchmarks.stages
 	$(BIN)/python -m benchmarks.startup
 	$(BIN)/python -m benchmarks.growth
+	$(BIN)/python -m benchmarks.peers
 	$(BIN)/python -m benchmarks.bootstrap sample_logs/rosub_tank
 	$(BIN)/python -m benchmarks.uncertainty
 	$(BIN)/python -m benchmarks.decisions
