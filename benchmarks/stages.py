@@ -36,6 +36,7 @@ STAGES = {
     "rovid.diagnose.diagnosis.fit_free_run": "start fit",
     "rovid.diagnose.diagnosis.pieces_of": "cutting into pieces",
     "rovid.diagnose.diagnosis.by_horizons": "search by predictions ahead",
+    "rovid.diagnose.work.Work.settle": "settling",  # with waves, and without what each next reading shows less of
     "rovid.diagnose.strategies.look_for_waves": "waves",
     "rovid.diagnose.diagnosis.by_innovations": "search by next reading",
     "rovid.diagnose.search.screen": SCREENING,
