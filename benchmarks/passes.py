@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from benchmarks.simulation import compiled
 from rovid.effects import effect_named
+from rovid.ground.lanes import LANES
 from rovid.identify.coordinates import COMMON, DISTURBANCE
 from rovid.identify.free_run import fit_free_run
 from rovid.identify.innovations import InnovationMisfit
@@ -29,7 +30,6 @@ from tools.programme import Run, multilevel
 from tools.trial_day import write_trial_day
 
 HOUR = 3600.0
-LANES = 4
 REPEATS = 15
 # One at a time: a constant torque, a state, what drives the vehicle, and states with a variance of their own.
 EFFECTS = ("bias_torque", "added_mass_memory", "thruster_lag", "wave_torque")
@@ -58,14 +58,6 @@ def points_about(misfit: InnovationMisfit, count: int) -> Sets:
     return [first + 1e-3 * k for k in range(count)]
 
 
-def passes(misfit: InnovationMisfit, points: Sets) -> list[Innovations]:
-    """What rovid says at each of ``points``: of all at once, where it can."""
-    together: Callable[[Sets], list[Innovations]] | None = getattr(misfit, "innovations_of", None)
-    if together is None:
-        return [misfit.innovations(x) for x in points]
-    return together(points)
-
-
 class Reference:
     """The filter in C, for ``lanes`` sets of parameters at once, compiled for this machine in ``folder``."""
 
@@ -80,7 +72,7 @@ class Reference:
     def prepared(self, misfit: InnovationMisfit, points: Sets) -> Callable[[], list[Innovations]]:
         """One pass over the log of ``misfit`` with as many ``points`` as there are lanes."""
         (readings,) = misfit.records.of_runs
-        (drive,) = misfit.drives(misfit.coordinates.model(points[0]))
+        drive = misfit.drives(misfit.coordinates.model(points[0]))
         sets = np.column_stack([_set(misfit, x) for x in points])
         log = readings.time, drive.torque, drive.moment, readings.angle
         innovation, variance = (np.empty((len(readings.time), self.lanes)) for _ in range(2))
@@ -124,13 +116,13 @@ def processor_seconds(call: Callable[[], object]) -> float:
 def beside_c(misfit: InnovationMisfit) -> None:
     """Print rovid's time beside that of the filter in C."""
     points, samples = points_about(misfit, LANES), len(misfit.records.trial)
-    ours = passes(misfit, points)
+    ours = misfit.innovations_of(points)
     with tempfile.TemporaryDirectory() as one, tempfile.TemporaryDirectory() as four:
         alone = Reference(Path(one), 1).prepared(misfit, points[:1])
         abreast = Reference(Path(four), LANES).prepared(misfit, points)
         off = farthest(ours[:1], alone()), farthest(ours, abreast())
         assert max(off) < SAME, f"the filter in C says something else: {off}"
-        calls = [lambda: passes(misfit, points[:1]), lambda: passes(misfit, points), alone, abreast]
+        calls = [lambda: misfit.innovations_of(points[:1]), lambda: misfit.innovations_of(points), alone, abreast]
         taken = nanoseconds(calls, [samples, LANES * samples, samples, LANES * samples])
     for who, ns in zip(("rovid, 1 set", f"rovid, {LANES} sets", "C, 1 set", f"C, {LANES} sets"), taken, strict=True):
         print(f"{who:34} {ns:6.1f} ns, {ns / taken[2]:5.2f} times C with one set, {ns / taken[3]:5.2f} with {LANES}")
@@ -153,7 +145,7 @@ def by_effect(readings: Readings) -> None:
 
 def from_anew(misfit: InnovationMisfit, points: Sets) -> None:
     misfit.forget()
-    passes(misfit, points)
+    misfit.innovations_of(points)
 
 
 def main() -> None:

@@ -156,12 +156,12 @@ def _run(
     where: Actuation,
     window: int,
 ) -> Course:
-    from rovid.model.kernels import advance
+    from rovid.model.kernels import ROOM, advance
 
     model, m, n = plant.model, ticks(law.period), len(time)
     equation, deviates = model.equation(start), model.instrument.deviates
     rows = TERM_STATES * len(equation.terms.kinds)
-    states, work = np.zeros((rows, LANES)), np.zeros((3, rows, LANES))
+    states, work = np.zeros((rows, LANES)), np.zeros((3, rows + ROOM, LANES))
     heading, rate, asked = np.full(n, start), np.zeros(n), np.zeros(n)
     commands = np.zeros((n, len(plant.vehicle.thrusters)))
     torque, moment, beside = np.zeros(n), np.zeros(n), np.zeros((n, 1 + len(SPEEDS)))

@@ -147,16 +147,15 @@ def _side_by_side(pairs: Sequence[tuple[InnovationMisfit, FloatArray]]) -> list[
     drives = [misfit.drives(model) for (misfit, _), model in zip(every, models, strict=True)]
     driven = Driven.of(drives, [angle for angle, _ in seen])
     abreast = Abreast.of(models, [misfit.noise(x) for misfit, x in every])
-    error, variance = (innovations_wide if first._is_wide else innovations)(records.logged, driven, abreast)
-    told = first.of_counted(records.told)
-    errors, variances = (np.ascontiguousarray(table.reshape(-1, LANES)[told].T) for table in (error, variance))
+    errors, variances = (innovations_wide if first._is_wide else innovations)(records.logged, driven, abreast)
     found = []
-    for own_error, own_variance, (_, slope) in zip(errors, variances, seen, strict=True):
-        if slope is None:
-            found.append(Innovations(own_error, own_variance))
-        else:
+    for (misfit, _), error, variance, (_, slope) in zip(pairs, errors, variances, seen, strict=False):
+        if slope is not None:
             # The density is that of the measured heading, whatever it deviates by.
-            gain = np.where(told % 2, 1.0, slope[told // 2])
-            found.append(Innovations(own_error * gain, own_variance * gain**2))
-    return found[: len(pairs)]
+            gain = np.where(records.told % 2, 1.0, slope[records.told // 2])
+            error, variance = error * gain, variance * gain**2  # noqa: PLW2901 - of the same innovations
+        if misfit.counted is not None:
+            error, variance = error[misfit.counted], variance[misfit.counted]  # noqa: PLW2901 - likewise
+        found.append(Innovations(error, variance))
+    return found
 

@@ -131,6 +131,7 @@ class Readings(Records):
             rate=np.concatenate([run.gyro_rate for run in runs]),
             start=np.array(starts, dtype=float),
             first=np.array(first, dtype=float),
+            row=self._rows,
         )
 
     @cached_property
@@ -146,10 +147,18 @@ class Readings(Records):
         angles, slopes = zip(*pairs, strict=True)
         return np.concatenate(angles), np.concatenate(slopes)
 
+    @property
+    def _rows(self) -> IntArray:
+        """(n, 2) as in `Logged`."""
+        rows = np.full(2 * len(self.angle), -1)
+        rows[self.told] = np.arange(len(self.told))
+        return rows.reshape(-1, 2)
+
     @cached_property
     def told(self) -> IntArray:
         """(N,) of each innovation, twice the instant that it is of, and one more if it is of the rate."""
-        pairs = zip(self.of_runs, self.logged.begins, strict=False)
+        begins = np.cumsum([0, *(len(run.time) for run in self.of_runs)])
+        pairs = zip(self.of_runs, begins, strict=False)
         of_runs = [(2 * (begin + run.known), 2 * (begin + run.known_rates) + 1) for run, begin in pairs]
         return np.concatenate([series for both in of_runs for series in both])
 

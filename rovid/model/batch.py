@@ -28,6 +28,8 @@ class Logged(NamedTuple):
         (m,) rad, the position at the start of each trial.
     first
         (m, 2) rate in rad/s at the first instant and its standard deviation.
+    row
+        (n, 2) where the innovation of the angle and that of the rate at each instant are put; -1 for nowhere.
     """
 
     begins: IntArray
@@ -35,6 +37,7 @@ class Logged(NamedTuple):
     rate: FloatArray
     start: FloatArray
     first: FloatArray
+    row: IntArray
 
 
 class Driven(NamedTuple):

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.passes import LANES, LIMIT, SAME, Reference, farthest, passes, points_about, readings_of
+from benchmarks.passes import LIMIT, SAME, Reference, farthest, points_about, readings_of
+from rovid.ground.lanes import LANES
 from rovid.identify.innovations import InnovationMisfit
 
 
@@ -18,13 +19,4 @@ def test_the_filter_in_c_has_the_innovations_of_rovid(tmp_path: Path, lanes: int
     misfit = InnovationMisfit(readings_of(60.0, interval), LIMIT)
     points = points_about(misfit, lanes)
     theirs = Reference(tmp_path, lanes).prepared(misfit, points)()
-    assert farthest(theirs, passes(misfit, points)) < SAME
-
-
-def test_rovid_is_asked_for_several_sets_at_once_where_it_can() -> None:
-    misfit = InnovationMisfit(readings_of(20.0), LIMIT)
-    points = points_about(misfit, 3)
-    each = [misfit.innovations(x) for x in points]
-    # Side by side sums are taken in another order.
-    assert farthest(passes(misfit, points), each) < SAME
-    assert len({float(one.error[-1]) for one in each}) == len(points)
+    assert farthest(theirs, misfit.innovations_of(points)) < SAME

@@ -4,9 +4,11 @@ from rovid.model.kernels.caches import forget_stale, is_compiled
 from rovid.model.kernels.filter import innovations
 from rovid.model.kernels.free_run import advance, simulate, simulate_effects
 from rovid.model.kernels.prediction import effects_along, predict
+from rovid.model.kernels.torque import ROOM
 from rovid.model.kernels.wide_filter import innovations_wide
 
 __all__ = [
+    "ROOM",
     "advance",
     "effects_along",
     "innovations",

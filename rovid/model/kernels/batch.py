@@ -6,7 +6,7 @@ from typing import Any
 
 from rovid.effects.base import Body
 from rovid.ground.compiled import inlined
-from rovid.ground.lanes import LANES, read, spread, with_lane
+from rovid.ground.lanes import LANES, lane, read, spread, with_lane
 from rovid.model.equation import Equation
 
 
@@ -50,3 +50,11 @@ def beside_of(driven: Any, k: int) -> Any:
         surge = with_lane(surge, i, driven.beside[own, k, 1])
         sway = with_lane(sway, i, driven.beside[own, k, 2])
     return race, surge, sway
+
+
+@inlined
+def put(table: Any, column: int, x: Any) -> None:
+    """Lanes into a ``column`` of a (LANES, N) table; nowhere if that is -1."""
+    if column >= 0:
+        for i in range(LANES):
+            table[i, column] = lane(x, i)

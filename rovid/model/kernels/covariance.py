@@ -5,7 +5,6 @@ Matrices are (25, LANES), row by row; of the symmetric ones what stands on and a
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 from rovid.ground.compiled import inlined
@@ -35,14 +34,14 @@ class Swing(NamedTuple):
 
 
 @inlined
-def transition(swing: Any, h: float, f: Any) -> None:
-    """Write exp(slopes h) into ``f``, by its series.
+def transition(swing: Any, h: float, fade: Any, f: Any) -> None:
+    """Write exp(slopes h) into ``f``, by its series; ``fade`` is what a step leaves of the disturbance.
 
     Row by row: the derivative of the angle's row is the rate's, and so it is of the two states, the first of which is
     the integral of the other.
     """
     zero, one = spread(0.0), spread(1.0)
-    write(f, 2 * SIZE + 2, math.exp(swing.disturbance * h))
+    write(f, 2 * SIZE + 2, fade)
     for at in (0, 3):
         is_angle = at == 0
         y0, y1, y2, y3, y4 = zero, one if is_angle else zero, zero, zero, zero if is_angle else one

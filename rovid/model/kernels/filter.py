@@ -12,8 +12,9 @@ from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import compiled, inlined, lean
 from rovid.ground.lanes import LANES, lane, larger, largest, read, root, smaller, spread, write
 from rovid.model.equation import Equation
-from rovid.model.kernels.batch import beside_of, body_of, each
-from rovid.model.kernels.step import MAX_GAP_SUBSTEPS, bare_step, damping_of, step
+from rovid.model.kernels.batch import beside_of, body_of, each, put
+from rovid.model.kernels.step import MAX_GAP_SUBSTEPS, bare_step, brakes, damping_of, step
+from rovid.model.kernels.torque import ROOM
 
 # The covariance is stepped by a transition of fourth order: good to a percent of a percent with such steps.
 FILTER_STEP_SHARE = 0.3
@@ -21,18 +22,27 @@ FILTER_STEP_SHARE = 0.3
 NODES = (0.1127016653792583, 0.5, 0.8872983346207417)
 WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
 _TINY = 1e-12
+# Steps that differ by no more than this share are one.
+SAME = 1e-9
+# Where the series in the damping begin of what a unit torque that fades turns, and of what its noise adds to the
+# covariance in a step: of four terms each, or seven.
+_F02, _F12, _N02, _N12, _N00, _N01, _N11, _SERIES = 0, 4, 8, 12, 16, 23, 30, 37
 
 
 @inlined
-def filter_steps(interval: float, rate: Any, push: Any, damping: Any, fastest: Any, body: Any) -> int:
-    """How many steps filters take through ``interval``; ``fastest`` in 1/s is the rate of what disturbs."""
+def filter_steps(interval: float, rate: Any, push: Any, damping: Any, fastest: Any, brake: Any) -> int:
+    """How many steps filters take through ``interval``; see `pace_of` and `brakes`."""
     # How fast it may turn before the interval is over, or where drag balances the torque.
-    size = abs(rate)
-    balance = root(abs(push) / (body.quadratic_drag + _TINY))
-    soon = smaller(size + interval * abs(push) / body.inertia, larger(size, balance))
-    stiffness = larger(damping, damping_of(soon, body)) + fastest + root(body.stiffness / body.inertia)
-    wanted = largest(interval * stiffness) / FILTER_STEP_SHARE
+    size, turning = abs(rate), abs(push) * brake[2]
+    soon = smaller(size + interval * turning, larger(size, root(turning * fastest[1])))
+    wanted = largest(interval * (larger(damping, damping_of(soon, brake)) + fastest[0])) / FILTER_STEP_SHARE
     return 1 if not wanted > 1.0 else min(int(wanted) + 1, MAX_GAP_SUBSTEPS)
+
+
+@inlined
+def pace_of(body: Any, fastest: Any) -> Any:
+    """What `filter_steps` asks for of what disturbs at rates up to ``fastest`` 1/s; worked out once."""
+    return fastest + root(body.stiffness / body.inertia), body.inertia / (body.quadratic_drag + _TINY)
 
 
 @compiled
@@ -52,59 +62,65 @@ def innovations(logged: Any, driven: Any, models: Any) -> tuple[FloatArray, Floa
     Returns
     -------
     innovation, variance
-        (n, 2, LANES) of angle and rate; NaN where nothing was measured.
+        (LANES, N) in the order that `Logged` asks for.
     """
-    rows, count = TERM_STATES * len(models.terms.kinds), 2 * len(logged.time)
-    innovation, variance = np.full((count, LANES), np.nan), np.full((count, LANES), np.nan)
-    state, work = np.zeros((rows, LANES)), np.zeros((3, rows, LANES))
+    rows, count = TERM_STATES * len(models.terms.kinds), logged.row.max() + 1
+    innovation, variance = np.empty((LANES, count)), np.empty((LANES, count))
+    state, work, series = np.zeros((rows, LANES)), np.zeros((3, rows + ROOM, LANES)), np.zeros((_SERIES, LANES))
     for run in range(len(logged.begins) - 1):
         state[:] = 0.0
-        _filter(run, logged, driven, models, state, work, innovation, variance)
-    return innovation.reshape(-1, 2, LANES), variance.reshape(-1, 2, LANES)
+        _filter(run, logged, driven, models, state, work, series, innovation, variance)
+    return innovation, variance
 
 
 @lean
 def _filter(  # noqa: PLR0915 - one filter, from top to bottom
-    run: int, logged: Any, driven: Any, models: Any, state: Any, work: Any, innovation: Any, variance: Any
+    run: int,
+    logged: Any,
+    driven: Any,
+    models: Any,
+    state: Any,
+    work: Any,
+    series: Any,
+    innovation: Any,
+    variance: Any,
 ) -> None:
-    """Through one run; fills in its rows, see ``innovations``, two for each instant."""
+    """Through one run; fills in its part of what ``innovations`` gives."""
     time, terms, body = logged.time, models.terms, body_of(models.body)
     sigma, tau = read(models.noise, 0), read(models.noise, 1)
     angle_noise, rate_noise = read(models.noise, 2), read(models.noise, 3)
     angle_noise, rate_noise, power = angle_noise * angle_noise, rate_noise * rate_noise, sigma * sigma
-    inverse, restores = 1.0 / body.inertia, largest(body.stiffness) > 0.0
+    brake, restores = brakes(body), largest(body.stiffness) > 0.0
+    inverse = brake[2]
     # Damping b of the disturbance, in 1/s.
     b = 1.0 / tau
-    zero = spread(0.0)
+    pace, zero = pace_of(body, b), spread(0.0)
     begin, end = logged.begins[run], logged.begins[run + 1]
     equation = Equation(body, terms, spread(logged.start[run]))
-    origin, damping = each(driven.angles, driven.angle, begin), body.linear_drag * inverse
+    origin, damping = each(driven.angles, driven.angle, begin), brake[1]
     a, r, d = origin, spread(logged.first[run, 0]), zero
     p00, p01, p02 = angle_noise, zero, zero
     p11, p12, p22 = spread(logged.first[run, 1] ** 2), zero, power
-    h, fade, mean, fresh, grown, pull = 0.0, zero, zero, zero, zero, zero
-    left0, left1, left2 = zero, zero, zero
+    h, fade, mean, fresh, pull = 0.0, zero, zero, zero, zero
     for k in range(begin, end):
         if k > begin:
             interval = time[k] - time[k - 1]
             push, beside = each(driven.torque, driven.drive, k - 1), beside_of(driven, k - 1)
-            steps = filter_steps(interval, r, push, damping, b, body)
-            # Most logs are sampled evenly: what depends on the step alone is kept.
-            if interval / steps != h:
+            steps = filter_steps(interval, r, push, damping, pace, brake)
+            # Most logs are sampled evenly, to rounding: what depends on the step alone is kept.
+            if abs(interval / steps - h) > SAME * h:
                 h = interval / steps
                 fade = math.exp(-h * b)
                 mean = (1.0 - fade) * tau / h
-                fresh, grown = power * (1.0 - fade * fade), 2.0 * power * b * h
-                pull = 0.5 * h * body.stiffness * inverse
-                left0, left1 = math.exp(-NODES[0] * h * b), math.exp(-NODES[1] * h * b)
-                left2 = math.exp(-NODES[2] * h * b)
+                fresh, pull = power * (1.0 - fade * fade), 0.5 * h * body.stiffness * inverse
+                _expand(h, b, inverse, 2.0 * power * b * h, series)
             # States of effects that are faster than all this have no variance: steps of the mean alone do for them.
             shares = max(math.ceil(h * terms.fastest / FILTER_STEP_SHARE), 1)
             for _ in range(steps):
                 a = a - origin
                 # Over a step the disturbance acts by its mean.
                 if len(terms.kinds) == 0:
-                    r, a, damping = bare_step(r, a, push + d * mean, body, h)
+                    r, a, damping = bare_step(r, a, push + d * mean, brake, h)
                 else:
                     for _ in range(shares):
                         share = spread(h / shares)
@@ -122,26 +138,17 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
                 part = damping * h
                 slow = 1.0 - part * (0.5 - part * (1.0 / 6.0 - part * (1.0 / 24.0)))
                 f11, f01 = 1.0 - part * slow, h * slow
-                bend = _bends(damping, b)
-                f02, f12 = _pushed(h, bend, inverse)
-                n00, n01, n02, n11, n12 = zero, zero, zero, zero, zero
-                for node in range(3):
-                    c0, c1 = _pushed(NODES[node] * h, bend, inverse)
-                    c2 = left0 if node == 0 else left1 if node == 1 else left2
-                    weight = grown * WEIGHTS[node]
-                    w0, w1 = weight * c0, weight * c1
-                    n00, n01, n02 = n00 + w0 * c0, n01 + w0 * c1, n02 + w0 * c2
-                    n11, n12 = n11 + w1 * c1, n12 + w1 * c2
+                f02, f12 = _cubic(series, _F02, damping), _cubic(series, _F12, damping)
                 q00 = p00 + f01 * p01 + f02 * p02
                 q01 = p01 + f01 * p11 + f02 * p12
                 q02 = p02 + f01 * p12 + f02 * p22
                 q11 = f11 * p11 + f12 * p12
                 q12 = f11 * p12 + f12 * p22
-                p00 = q00 + f01 * q01 + f02 * q02 + n00
-                p01 = f11 * q01 + f12 * q02 + n01
-                p02 = fade * q02 + n02
-                p11 = f11 * q11 + f12 * q12 + n11
-                p12 = fade * q12 + n12
+                p00 = q00 + f01 * q01 + f02 * q02 + _sextic(series, _N00, damping)
+                p01 = f11 * q01 + f12 * q02 + _sextic(series, _N01, damping)
+                p02 = fade * q02 + _cubic(series, _N02, damping)
+                p11 = f11 * q11 + f12 * q12 + _sextic(series, _N11, damping)
+                p12 = fade * q12 + _cubic(series, _N12, damping)
                 p22 = fade * fade * p22 + fresh
                 if restores:
                     p11 = p11 + pull * (pull * p00 - 2.0 * p01)
@@ -158,9 +165,10 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
         if not math.isnan(lane(measured, 0)):
             s = p00 + angle_noise
             e = measured - a
-            write(innovation, 2 * k, e)
-            write(variance, 2 * k, s)
-            g0, g1, g2 = p00 / s, p01 / s, p02 / s
+            put(innovation, logged.row[k, 0], e)
+            put(variance, logged.row[k, 0], s)
+            one = 1.0 / s
+            g0, g1, g2 = p00 * one, p01 * one, p02 * one
             a, r, d = a + g0 * e, r + g1 * e, d + g2 * e
             p11, p12, p22 = p11 - g1 * p01, p12 - g1 * p02, p22 - g2 * p02
             kept = 1.0 - g0
@@ -168,29 +176,67 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
         if not math.isnan(logged.rate[k]):
             s = p11 + rate_noise
             e = logged.rate[k] - r
-            write(innovation, 2 * k + 1, e)
-            write(variance, 2 * k + 1, s)
-            g0, g1, g2 = p01 / s, p11 / s, p12 / s
+            put(innovation, logged.row[k, 1], e)
+            put(variance, logged.row[k, 1], s)
+            one = 1.0 / s
+            g0, g1, g2 = p01 * one, p11 * one, p12 * one
             a, r, d = a + g0 * e, r + g1 * e, d + g2 * e
             p00, p02, p22 = p00 - g0 * p01, p02 - g0 * p12, p22 - g2 * p12
             kept = 1.0 - g1
             p01, p12, p11 = kept * p01, kept * p12, kept * p11
 
 
-@inlined
-def _bends(a: Any, b: Any) -> Any:
-    """What `_pushed` asks of a damping of ``a`` and a fading of ``b`` 1/s, over the divisors of its series."""
-    both, squares = a + b, a * a + b * b
-    return both, squares + a * b, both * squares
+@lean
+def _expand(h: float, b: Any, inverse: Any, grown: Any, series: Any) -> None:
+    """Fill in the ``series`` for steps of ``h`` s, a disturbance that fades at ``b`` 1/s and a noise so ``grown``."""
+    for at in range(_SERIES):
+        write(series, at, 0.0)
+    angle, rate = _pushed(h, b, inverse)
+    for i in range(4):
+        write(series, _F02 + i, angle[i])
+        write(series, _F12 + i, rate[i])
+    for node in range(3):
+        t, weight = NODES[node] * h, grown * WEIGHTS[node]
+        angle, rate = _pushed(t, b, inverse)
+        left = math.exp(-t * b)
+        for i in range(4):
+            _add(series, _N02 + i, weight * angle[i] * left)
+            _add(series, _N12 + i, weight * rate[i] * left)
+            for j in range(4):
+                _add(series, _N00 + i + j, weight * angle[i] * angle[j])
+                _add(series, _N01 + i + j, weight * angle[i] * rate[j])
+                _add(series, _N11 + i + j, weight * rate[i] * rate[j])
 
 
 @inlined
-def _pushed(t: float, bends: Any, inverse: Any) -> Any:
-    """Angle and rate after ``t`` s of a unit torque that fades at b 1/s, against a damping of a 1/s.
+def _pushed(t: float, b: Any, inverse: Any) -> Any:
+    """Angle and rate after ``t`` s of a unit torque that fades at ``b`` 1/s, as series in the damping a in 1/s.
 
-    (exp(-b t) - exp(-a t)) / (a - b) / inertia and its integral, as series, since a and b may be equal.
+    (exp(-b t) - exp(-a t)) / (a - b) / inertia and its integral, without a pole where a and b are equal.
     """
-    first, second, third = bends
-    rate = t * inverse * (1.0 - (t / 2.0) * first + (t * t / 6.0) * second - (t * t * t / 24.0) * third)
-    angle = 0.5 * t * t * inverse * (1.0 - (t / 3.0) * first + (t * t / 12.0) * second - (t * t * t / 60.0) * third)
-    return angle, rate
+    c, d, e = t / 2.0, t * t / 6.0, t * t * t / 24.0
+    rate, per = t * inverse, b * b
+    rates = rate * (1.0 - c * b + d * per - e * per * b), rate * (d * b - c - e * per), rate * (d - e * b), rate * -e
+    c, d, e = t / 3.0, t * t / 12.0, t * t * t / 60.0
+    angle = 0.5 * t * t * inverse
+    angles = angle * (1.0 - c * b + d * per - e * per * b), angle * (d * b - c - e * per), angle * (d - e * b), angle * -e
+    return angles, rates
+
+
+@inlined
+def _add(rows: Any, at: int, x: Any) -> None:
+    write(rows, at, read(rows, at) + x)
+
+
+@inlined
+def _cubic(series: Any, at: int, x: Any) -> Any:
+    return ((read(series, at + 3) * x + read(series, at + 2)) * x + read(series, at + 1)) * x + read(series, at)
+
+
+@inlined
+def _sextic(series: Any, at: int, x: Any) -> Any:
+    # In two halves, which do not wait for each other.
+    square = x * x
+    even = (read(series, at + 6) * square + read(series, at + 4)) * square + read(series, at + 2)
+    odd = (read(series, at + 5) * square + read(series, at + 3)) * square + read(series, at + 1)
+    return even * square + odd * x + read(series, at)

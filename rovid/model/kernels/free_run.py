@@ -12,7 +12,8 @@ from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import compiled, lean
 from rovid.ground.lanes import LANES, lane, larger, spread
 from rovid.model.kernels.batch import in_lanes
-from rovid.model.kernels.step import bare_step, damping_of, step, wanted_steps, whole_steps
+from rovid.model.kernels.step import bare_step, brakes, damping_of, step, wanted_steps, whole_steps
+from rovid.model.kernels.torque import ROOM
 
 # A step of this share of the shortest time constant leaves fourth-order Runge-Kutta exact to about 1e-6.
 _STEP_SHARE = 0.2
@@ -44,7 +45,7 @@ def simulate(time: FloatArray, torque: FloatArray, body: Body, initial_rate: flo
     angle = np.empty(n)
     rate[0] = initial_rate
     angle[0] = 0.0
-    quadratic, linear = body.quadratic_drag, body.linear_drag
+    quadratic, linear, brake = body.quadratic_drag, body.linear_drag, brakes(body)
     for k in range(n - 1):
         r = rate[k]
         a = angle[k]
@@ -54,7 +55,7 @@ def simulate(time: FloatArray, torque: FloatArray, body: Body, initial_rate: flo
             balance = min(balance, abs(torque[k]) / linear) if quadratic > 0.0 else 0.0
         left = time[k + 1] - time[k]
         while left > 0.0:
-            stiffness = damping_of(max(abs(r), balance), body)
+            stiffness = damping_of(max(abs(r), balance), brake)
             wanted = left * stiffness / _STEP_SHARE
             # A gap in the log can be longer than so many steps: they are taken again until the rate has settled.
             long = wanted > _MAX_SUBSTEPS
@@ -62,7 +63,7 @@ def simulate(time: FloatArray, torque: FloatArray, body: Body, initial_rate: flo
             h = _STEP_SHARE / stiffness if long else left / steps
             before = r
             for _ in range(steps):
-                r, a, _ = bare_step(r, a, torque[k], body, h)
+                r, a, _ = bare_step(r, a, torque[k], brake, h)
             left = left - steps * h if long else 0.0
             if not abs(r - before) > _SETTLED * abs(r):
                 a += r * left
@@ -115,7 +116,7 @@ def advance(
     r, a = lane(rate, 0), lane(angle, 0)
     # What came late in the interval has turned the vehicle less, and drag has taken less of it.
     a += moment / body.inertia
-    r -= damping_of(r, body) * moment / body.inertia
+    r -= damping_of(r, brakes(body)) * moment / body.inertia
     return r, a, lane(fastest, 0)
 
 
@@ -148,7 +149,7 @@ def simulate_effects(
     rate, angle = np.empty(n), np.empty(n)
     r, a = begin
     rate[0], angle[0] = r, a
-    state, work = states.copy(), np.zeros((3, len(states), LANES))
+    state, work = states.copy(), np.zeros((3, len(states) + ROOM, LANES))
     stiffness = 0.0
     for k in range(n - 1):
         interval = time[k + 1] - time[k]

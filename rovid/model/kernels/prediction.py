@@ -13,8 +13,8 @@ from rovid.ground.compiled import compiled, inlined, lean
 from rovid.ground.lanes import LANES, gathered, lane, larger, largest, spread, with_lane, within
 from rovid.model.equation import Equation
 from rovid.model.kernels.batch import in_lanes
-from rovid.model.kernels.step import EFFECTS_STEP_SHARE, REACH, bare_step, copy, move, step, wanted_steps, whole_steps
-from rovid.model.kernels.torque import jump, torque_at
+from rovid.model.kernels.step import EFFECTS_STEP_SHARE, REACH, bare_step, brakes, copy, move, step, wanted_steps, whole_steps
+from rovid.model.kernels.torque import ROOM, jump, torque_at
 
 # So many times the largest rate that was measured is none of the vehicle's.
 _RUNAWAY = 30.0
@@ -64,7 +64,7 @@ def predict(
     # Restarts go on together, one in each lane: those that reach as far as each other.
     order = np.argsort(-reach)
     most = _RUNAWAY * np.nanmax(np.abs(rate))
-    state, work = np.zeros((rows, LANES)), np.zeros((3, rows, LANES))
+    state, work = np.zeros((rows, LANES)), np.zeros((3, rows + ROOM, LANES))
     for first in range(0, count, LANES):
         own = order[np.minimum(np.arange(first, first + LANES), count - 1)]
         begin, equation = restarts[own], in_lanes(Equation(body, terms, 0.0))
@@ -95,7 +95,7 @@ def _predict(
     torque, beside, rate, angle = course
     last = len(torque) - 1
     r, a, stiffness = _each(rate, begin, 0, last), _each(angle, begin, 0, last), spread(0.0)
-    begun, none = a, spread(0.0)
+    begun, none, brake = a, spread(0.0), brakes(equation.body)
     for k in range(reach[0]):
         push = _each(torque, begin, k, last)
         told = _each(beside[:, 0], begin, k, last), _each(beside[:, 1], begin, k, last), _each(beside[:, 2], begin, k, last)
@@ -106,7 +106,7 @@ def _predict(
         h, stiffness = period / steps, none
         for _ in range(steps):
             if len(equation.terms.kinds) == 0:
-                r, a, damping = bare_step(r, a, push, equation.body, h)
+                r, a, damping = bare_step(r, a, push, brake, h)
             else:
                 r, a, damping = step(r, a, push, none, told, equation, state, work, h)
             stiffness = larger(stiffness, damping)
@@ -152,7 +152,7 @@ def effects_along(
         Of the `rovid.model.equation.Equation` of them all.
     """
     n, count, runs = len(course), TERM_STATES * len(terms.kinds), len(periods)
-    torque, states, room = np.zeros(n), np.zeros((n, count)), np.zeros((4, count, LANES))
+    torque, states, room = np.zeros(n), np.zeros((n, count)), np.zeros((4, count + ROOM, LANES))
     for first in range(0, runs, LANES):
         own = np.minimum(np.arange(first, first + LANES), runs - 1)
         equation = Equation(in_lanes(Equation(body, terms, 0.0)).body, terms, gathered(starts[own]))

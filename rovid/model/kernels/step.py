@@ -37,23 +37,17 @@ def _accelerated(rate: Any, push: Any, brake: Any) -> Any:
 
 
 @inlined
-def _damped(rate: Any, brake: Any) -> Any:
+def damping_of(rate: Any, brake: Any) -> Any:
+    """-d(acceleration)/d(rate) of the plain model, in 1/s; see `brakes`."""
     return 2.0 * brake[0] * abs(rate) + brake[1]
 
 
-@compiled
-def damping_of(rate: Any, body: Any) -> Any:
-    """-d(acceleration)/d(rate) of the plain model, in 1/s."""
-    return _damped(rate, brakes(body))
-
-
-@compiled
-def bare_step(r: Any, a: Any, torque: Any, body: Any, h: float) -> Any:
+@inlined
+def bare_step(r: Any, a: Any, torque: Any, brake: Any, h: Any) -> Any:
     """One step of rate and angle without effects; also the damping half way, in 1/s.
 
     As `step` without terms, which takes twice as long: this is the innermost of all loops. Of numbers or of lanes.
     """
-    brake = brakes(body)
     push, half = torque * brake[2], 0.5 * h
     k1 = _accelerated(r, push, brake)
     r2 = r + half * k1
@@ -63,7 +57,7 @@ def bare_step(r: Any, a: Any, torque: Any, body: Any, h: float) -> Any:
     r4 = r + h * k3
     k4 = _accelerated(r4, push, brake)
     angle = a + h / 6.0 * (r + 2.0 * (r2 + r3) + r4)
-    return r + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), angle, _damped(r2, brake)
+    return r + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), angle, damping_of(r2, brake)
 
 
 @lean
@@ -114,7 +108,7 @@ def step(
         if stage == 0:
             given = (given - extra) / nudge
         if stage == 1:
-            damping = larger(_damped(rate, brake) - given, 0.0)
+            damping = larger(damping_of(rate, brake) - given, 0.0)
         pull = _accelerated(rate, drive + extra, brake)
         turned = turned + WEIGHT[stage] * rate
         gained = gained + WEIGHT[stage] * pull
@@ -152,10 +146,9 @@ def move(stage: int, rows: int, state: Any, change: Any, h: Any, there: Any, mov
 @inlined
 def wanted_steps(r: Any, torque: Any, stiffness: Any, interval: Any, equation: Any) -> Any:
     """How many steps an interval asks for, ``stiffness`` in 1/s having been that of the one before."""
-    body = equation.body
-    by_square = root(abs(torque) / larger(body.quadratic_drag, _TINY))
-    balance = smaller(by_square, abs(torque) / larger(body.linear_drag, _TINY))
-    stiffness = larger(larger(stiffness, equation.terms.fastest), damping_of(larger(abs(r), balance), body))
+    body, size = equation.body, abs(torque)
+    balance = smaller(root(size / larger(body.quadratic_drag, _TINY)), size / larger(body.linear_drag, _TINY))
+    stiffness = larger(larger(stiffness, equation.terms.fastest), damping_of(larger(abs(r), balance), brakes(body)))
     return interval * stiffness / EFFECTS_STEP_SHARE
 
 

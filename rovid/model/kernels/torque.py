@@ -16,6 +16,8 @@ from rovid.ground.lanes import LANES, lane, read, spread, with_lane, write
 
 # What a term gives, by how many states it has: its torque and how two states change.
 _GIVES = ("spread({}(at, p)), none, none", "both({}(at, p, x), none)", "{}(at, p, x)")
+# Rows behind the rates of change of the states, in which it is kept what terms look at.
+ROOM = 3
 # Compiled into its caller, and making no arrays of its own, as `rovid.ground.compiled.lean`.
 _part = numba.njit(error_model="numpy", nogil=True, _nrt=False, forceinline=True)
 
@@ -140,7 +142,7 @@ def torque_of(rate: Any, angle: Any, push: Any, beside: Any, equation: Any, stat
     equation
         `rovid.model.equation.Equation` in lanes.
     state, change
-        (m * TERM_STATES, LANES).
+        (m * TERM_STATES, LANES); ``change`` has `ROOM` rows more.
     """
     terms, total, none = equation.terms, spread(0.0), spread(0.0)
     kinds, parameters, water = terms.kinds, terms.parameters, spread(0.0)
@@ -148,8 +150,14 @@ def torque_of(rate: Any, angle: Any, push: Any, beside: Any, equation: Any, stat
         for i in range(LANES):
             moved = _water_of(kinds[j], _four(_parameters(parameters, j), i), _two(_states(state, j), i))
             water = with_lane(water, i, lane(water, i) + moved)
-    at = Instant(rate, rate - water, angle, equation.start, push, beside[0], beside[1], beside[2], equation.body)
+    # Through memory: else what every term makes of these would be worked out beforehand, for terms that are not there.
+    seen = TERM_STATES * len(kinds)
+    write(change, seen, rate)
+    write(change, seen + 1, rate - water)
+    write(change, seen + 2, angle)
     for j in range(len(kinds)):
+        moving, slip, there = read(change, seen), read(change, seen + 1), read(change, seen + 2)
+        at = Instant(moving, slip, there, equation.start, push, beside[0], beside[1], beside[2], equation.body)
         torque, first, second = _term(kinds[j], at, _parameters(parameters, j), _states(state, j), none)
         total = total + torque
         write(change, TERM_STATES * j, first)

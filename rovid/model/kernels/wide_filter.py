@@ -12,11 +12,11 @@ from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import compiled, inlined, lean
 from rovid.ground.lanes import LANES, lane, read, root, spread, write
 from rovid.model.equation import Equation
-from rovid.model.kernels.batch import beside_of, body_of, each
+from rovid.model.kernels.batch import beside_of, body_of, each, put
 from rovid.model.kernels.covariance import SIZE, Swing, add_noise, clear, congruence, transition, upper
-from rovid.model.kernels.filter import FILTER_STEP_SHARE, filter_steps
-from rovid.model.kernels.step import step
-from rovid.model.kernels.torque import torque_at
+from rovid.model.kernels.filter import FILTER_STEP_SHARE, SAME, filter_steps, pace_of
+from rovid.model.kernels.step import brakes, step
+from rovid.model.kernels.torque import ROOM, torque_at
 
 
 @compiled
@@ -27,14 +27,14 @@ def innovations_wide(logged: Any, driven: Any, models: Any) -> tuple[FloatArray,
     effect that ``rings`` are no better known than the motion that sets them off. Beside a wave they have no
     variance of their own.
     """
-    rows, count = TERM_STATES * len(models.terms.kinds), 2 * len(logged.time)
-    innovation, variance = np.full((count, LANES), np.nan), np.full((count, LANES), np.nan)
-    state, work = np.zeros((rows, LANES)), np.zeros((3, rows, LANES))
+    rows, count = TERM_STATES * len(models.terms.kinds), logged.row.max() + 1
+    innovation, variance = np.empty((LANES, count)), np.empty((LANES, count))
+    state, work = np.zeros((rows, LANES)), np.zeros((3, rows + ROOM, LANES))
     matrices = np.zeros((4, SIZE * SIZE, LANES))
     for run in range(len(logged.begins) - 1):
         state[:] = 0.0
         _filter(run, logged, driven, models, state, work, matrices, innovation, variance)
-    return innovation.reshape(-1, 2, LANES), variance.reshape(-1, 2, LANES)
+    return innovation, variance
 
 
 @lean
@@ -49,11 +49,12 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
     innovation: Any,
     variance: Any,
 ) -> None:
-    """Through one run; fills in its rows, see ``innovations``, two for each instant."""
+    """Through one run; fills in its part of what ``innovations`` gives."""
     time, terms, body, waves = logged.time, models.terms, body_of(models.body), len(models.wave) > 0
     ringing, p, f, q, room = TERM_STATES * terms.ringing, matrices[0], matrices[1], matrices[2], matrices[3]
     sigma, tau = read(models.noise, 0), read(models.noise, 1)
-    inverse, b, zero = 1.0 / body.inertia, 1.0 / tau, spread(0.0)
+    brake, b, zero = brakes(body), 1.0 / tau, spread(0.0)
+    inverse = brake[2]
     drive = sigma * root(2.0 * b)
     frequency, leak, power, kicks = spread(terms.fastest), zero, zero, zero
     third, fourth, fifth = zero, -zero, zero
@@ -67,11 +68,11 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
         by_fifth = zero
     else:
         third, by_fifth, told_rate, fourth, fifth = _ring(body, terms, inverse, state, work[0])
-    pull = -body.stiffness * inverse
+    pace, pull = pace_of(body, b + frequency), -body.stiffness * inverse
     begin, end = logged.begins[run], logged.begins[run + 1]
     equation = Equation(body, terms, spread(logged.start[run]))
     # Angle, rate, disturbance, and the two.
-    origin, damping = each(driven.angles, driven.angle, begin), body.linear_drag * inverse
+    origin, damping = each(driven.angles, driven.angle, begin), brake[1]
     a, r, d, w, v = origin, spread(logged.first[run, 0]), zero, zero, zero
     clear(p)
     write(p, 0, read(models.noise, 2) * read(models.noise, 2))
@@ -80,14 +81,16 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
     if waves:
         write(p, 3 * SIZE + 3, power)
         write(p, 4 * SIZE + 4, power * frequency * frequency)
+    h, fade, mean = 0.0, zero, zero
     for k in range(begin, end):
         if k > begin:
             push, beside = each(driven.torque, driven.drive, k - 1), beside_of(driven, k - 1)
             interval = time[k] - time[k - 1]
-            steps = filter_steps(interval, r, push, damping, b + frequency, body)
-            h = interval / steps
-            fade = math.exp(-h * b)
-            mean = (1.0 - fade) * tau / h
+            steps = filter_steps(interval, r, push, damping, pace, brake)
+            if abs(interval / steps - h) > SAME * h:
+                h = interval / steps
+                fade = math.exp(-h * b)
+                mean = (1.0 - fade) * tau / h
             shares = max(math.ceil(h * terms.fastest / FILTER_STEP_SHARE), 1)
             for _ in range(steps):
                 faded, swung, slope, other = d * fade, zero, zero, d * mean
@@ -109,7 +112,7 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
                 r = r - damping * late
                 d, w, v = faded, swung, slope
                 swing = Swing(pull, -damping, inverse, third, by_fifth, -b, told_rate, fourth, fifth)
-                transition(swing, h, f)
+                transition(swing, h, fade, f)
                 clear(q)
                 add_noise(swing, 2, drive, h, q)
                 if waves:
@@ -129,9 +132,10 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
             noise = read(models.noise, 2 + m)
             s = upper(p, m, m) + noise * noise
             e = reading - known
-            write(innovation, 2 * k + m, e)
-            write(variance, 2 * k + m, s)
-            by = e / s
+            put(innovation, logged.row[k, m], e)
+            put(variance, logged.row[k, m], s)
+            one = 1.0 / s
+            by = e * one
             p0, p1, p2, p3, p4 = upper(p, m, 0), upper(p, m, 1), upper(p, m, 2), upper(p, m, 3), upper(p, m, 4)
             a, r, d = a + p0 * by, r + p1 * by, d + p2 * by
             if waves:
@@ -141,8 +145,7 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
                 write(state, ringing + 1, read(state, ringing + 1) + p4 * by)
             own = (p0, p1, p2, p3, p4)
             for i in range(SIZE):
-                gain = upper(p, m, i) / s
-                write(room, i, gain)
+                write(room, i, upper(p, m, i) * one)
             for i in range(SIZE):
                 for j in range(i, SIZE):
                     write(p, SIZE * i + j, read(p, SIZE * i + j) - read(room, i) * own[j])
