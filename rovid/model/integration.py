@@ -26,15 +26,15 @@ def integrated(
     """(n,) rate in rad/s and angle in rad at the instants ``time`` in s, under ``drive``.
 
     ``begin`` is the rate and the angle since the start of the trial at the first of them; ``states`` of the terms there
-    are (m * TERM_STATES, LANES), at rest if not given.
+    are (m * TERM_STATES,), at rest if not given.
     """
     from rovid.model import kernels
 
     count = len(equation.terms.kinds)
     if count > 0 or drive.moment.any():
-        states = np.zeros((count * TERM_STATES, LANES)) if states is None else states
+        states = np.zeros(count * TERM_STATES) if states is None else states
         series = drive.torque, drive.moment, drive.beside
-        rate, angle = kernels.simulate_effects(time, *series, equation, begin, states)
+        rate, angle = kernels.simulate_effects(time, *series, equation, begin, np.repeat(states[:, np.newaxis], LANES, axis=1))
         return rate, angle
     rate, angle = kernels.simulate(time, drive.torque, equation.body, begin[0])
     return rate, angle + begin[1]
