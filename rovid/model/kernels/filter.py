@@ -135,20 +135,22 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
                     p11 = p11 + pull * (pull * p00 - 2.0 * p01)
                     p12 = p12 - pull * p02
                     p01 = p01 - pull * p00
-                part = damping * h
+                # One that has grown since the steps were counted would carry the series away.
+                held = smaller(damping, 1.0 / h)
+                part = held * h
                 slow = 1.0 - part * (0.5 - part * (1.0 / 6.0 - part * (1.0 / 24.0)))
                 f11, f01 = 1.0 - part * slow, h * slow
-                f02, f12 = _cubic(series, _F02, damping), _cubic(series, _F12, damping)
+                f02, f12 = _cubic(series, _F02, held), _cubic(series, _F12, held)
                 q00 = p00 + f01 * p01 + f02 * p02
                 q01 = p01 + f01 * p11 + f02 * p12
                 q02 = p02 + f01 * p12 + f02 * p22
                 q11 = f11 * p11 + f12 * p12
                 q12 = f11 * p12 + f12 * p22
-                p00 = q00 + f01 * q01 + f02 * q02 + _sextic(series, _N00, damping)
-                p01 = f11 * q01 + f12 * q02 + _sextic(series, _N01, damping)
-                p02 = fade * q02 + _cubic(series, _N02, damping)
-                p11 = f11 * q11 + f12 * q12 + _sextic(series, _N11, damping)
-                p12 = fade * q12 + _cubic(series, _N12, damping)
+                p00 = q00 + f01 * q01 + f02 * q02 + _sextic(series, _N00, held)
+                p01 = f11 * q01 + f12 * q02 + _sextic(series, _N01, held)
+                p02 = fade * q02 + _cubic(series, _N02, held)
+                p11 = f11 * q11 + f12 * q12 + _sextic(series, _N11, held)
+                p12 = fade * q12 + _cubic(series, _N12, held)
                 p22 = fade * fade * p22 + fresh
                 if restores:
                     p11 = p11 + pull * (pull * p00 - 2.0 * p01)

@@ -10,7 +10,7 @@ import numpy as np
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import compiled, inlined, lean
-from rovid.ground.lanes import LANES, lane, read, root, spread, write
+from rovid.ground.lanes import LANES, lane, read, root, smaller, spread, write
 from rovid.model.equation import Equation
 from rovid.model.kernels.batch import beside_of, body_of, each, put
 from rovid.model.kernels.covariance import SIZE, Swing, add_noise, clear, congruence, transition, upper
@@ -111,7 +111,8 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
                 a = a + origin + late
                 r = r - damping * late
                 d, w, v = faded, swung, slope
-                swing = Swing(pull, -damping, inverse, third, by_fifth, -b, told_rate, fourth, fifth)
+                # As in the other filter, no more than the series bear.
+                swing = Swing(pull, -smaller(damping, 1.0 / h), inverse, third, by_fifth, -b, told_rate, fourth, fifth)
                 transition(swing, h, fade, f)
                 clear(q)
                 add_noise(swing, 2, drive, h, q)
