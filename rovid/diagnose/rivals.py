@@ -56,6 +56,11 @@ def quickly_climbed(misfit: Misfit, x: FloatArray, iterations: int) -> Fitted:
     return climbed(misfit, x, iterations=iterations, tolerance=_TOLERANCE)
 
 
+def climbed_on(fitted: Fitted, iterations: int) -> Fitted:
+    """``fitted`` after so many steps more, if there is anything to be gained."""
+    return fitted if fitted.tolerance <= _TOLERANCE else quickly_climbed(fitted.misfit, fitted.x, iterations)
+
+
 def is_plausible(fitted: Fitted) -> bool:
     """Whether the last effect is of a size that there is, none of its parameters at the edge, nor the inertia."""
     effect = fitted.effects[-1]

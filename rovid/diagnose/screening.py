@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.diagnose.rivals import quickly_climbed, worth
+from rovid.diagnose.rivals import climbed_on, quickly_climbed, worth
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
 from rovid.ground.workers import spread
@@ -81,7 +81,7 @@ def fit_all(current: Fitted, promises: Sequence[Promise]) -> tuple[list[Fitted],
         least = max(share * most, 0.0)
         behind += [fit for fit in ahead if gain(fit) < least]
         ahead = [fit for fit in ahead if fit not in behind]
-        ahead = spread(lambda fit: quickly_climbed(fit.misfit, fit.x, iterations), ahead)  # noqa: B023 - used at once
+        ahead = spread(lambda fit: climbed_on(fit, iterations), ahead)  # noqa: B023 - used at once
     return ahead, behind
 
 

@@ -14,6 +14,10 @@ from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import compiled
 
 
+# Intervals that differ by no more than this share are one.
+_SAME = 1e-9
+
+
 def speed_of_thrust(where: Actuation, thrust: FloatArray, time_constant: float) -> FloatArray:
     """What stands in for a speed ahead that is not logged, in N^0.5; (n,) of (n, k) thrusts in N.
 
@@ -29,16 +33,20 @@ def lagged(time: FloatArray, values: FloatArray, time_constant: float) -> FloatA
     """Mean until the next instant of a first-order lag of the held (n,) ``values``, at rest at the start."""
     n = len(time)
     out = np.empty(n)
-    state = values[0]
+    state, before, fade, mean = values[0], 0.0, 1.0, 1.0
     for k in range(n):
         interval = time[k + 1] - time[k] if k + 1 < n else 0.0
         if time_constant <= 0.0 or interval <= 0.0:
             state = values[k] if time_constant <= 0.0 else state
             out[k] = state
             continue
-        fade = math.exp(-interval / time_constant)
-        out[k] = values[k] + (state - values[k]) * (1.0 - fade) * time_constant / interval
-        state = values[k] + (state - values[k]) * fade
+        # Most logs are sampled evenly, to rounding: what depends on the interval alone is kept.
+        if abs(interval - before) > _SAME * before:
+            before, fade = interval, math.exp(-interval / time_constant)
+            mean = (1.0 - fade) * time_constant / interval
+        away = state - values[k]
+        out[k] = values[k] + away * mean
+        state = values[k] + away * fade
     return out
 
 

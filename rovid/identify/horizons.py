@@ -144,6 +144,8 @@ def _true_motion(course: Course, model: Model) -> Motion:
 def _beside(courses: Courses, drive: Drive) -> FloatArray:
     """(n, m) what acts beside the thrusters, on the grid."""
     beside = np.zeros((len(courses.torque), drive.beside.shape[1]))
+    if not drive.is_told:
+        return beside
     for column, series in zip(beside.T, drive.beside.T, strict=True):
         if series.any():
             column[:] = courses.means.of(series)

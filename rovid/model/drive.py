@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -94,7 +95,7 @@ class Drive:
         begins: IntArray | None = None,
     ) -> Self:
         """Of a torque that is held from each instant to the next; of one trial where ``begins`` is not given."""
-        nothing = np.zeros(len(torque))
+        nothing = _nothing(len(torque))
         return cls(
             torque,
             nothing,
@@ -117,7 +118,7 @@ class Drive:
         mean, moment = area / steps.span, area * steps.end - total(impulse * steps.middle) - 0.5 * area * steps.span
         # Nothing follows the last instant of a trial, from which what is held goes on.
         mean[last], moment[last] = torque[steps.at[last]], 0.0
-        told, open_when = _untold(len(mean)), np.zeros(len(mean))
+        told, open_when = _untold(len(mean)), _nothing(len(mean))
         if beside is not None:
             told = total(beside * steps.length[:, None]) / steps.span[:, None]
             told[last] = beside[steps.at[last]]
@@ -138,6 +139,11 @@ class Drive:
         )
 
     @property
+    def is_told(self) -> bool:
+        """Whether effects may be told anything beside the torque."""
+        return self.beside is not _untold(len(self.torque))
+
+    @property
     def by_trial(self) -> list[Self]:
         """That of each trial by itself."""
         return [self._rows(slice(begin, end)) for begin, end in pairwise(self.begins.tolist())]
@@ -154,6 +160,14 @@ class Drive:
         return type(self)(torque, function(self.moment), beside, function(self.scatter), begins)
 
 
+# One for all drives of a length: nobody writes into a drive.
+@functools.lru_cache(maxsize=16)
+def _nothing(count: int) -> FloatArray:
+    """(n,) zeros."""
+    return np.zeros(count)
+
+
+@functools.lru_cache(maxsize=16)
 def _untold(count: int) -> FloatArray:
     """(n, 3) what terms are told beside the torque where none of them asks."""
     return np.zeros((count, 1 + len(SPEEDS)))
