@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Self
 
@@ -70,6 +70,20 @@ class Grid:
             number=np.concatenate(number),
             run=np.concatenate(run),
             period=np.concatenate([course.grid.period for course in courses]),
+        )
+
+    def by_reach(self) -> Self:
+        """The same with the restarts that reach farthest first: those beside each other end together."""
+        order = np.argsort(-self.reach, kind="stable")
+        place = np.empty_like(order)
+        place[order] = np.arange(len(order))
+        return replace(
+            self,
+            restarts=self.restarts[order],
+            reach=self.reach[order],
+            number=place[self.number],
+            run=self.run[order],
+            period=self.period[order],
         )
 
 
@@ -143,7 +157,7 @@ class Courses:
     @cached_property
     def grid(self) -> Grid:
         """Where all predictions begin and end."""
-        return Grid.joined(self.each)
+        return Grid.joined(self.each).by_reach()
 
     @cached_property
     def motion(self) -> Motion:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from rovid.ground.compiled import inlined
+from rovid.ground.compiled import inlined, lean
 from rovid.ground.lanes import read, spread, write
 from rovid.model.kernels.filter import NODES, WEIGHTS
 
@@ -33,7 +33,7 @@ class Swing(NamedTuple):
     fifth_fifth: Any
 
 
-@inlined
+@lean
 def transition(swing: Any, h: float, fade: Any, f: Any) -> None:
     """Write exp(slopes h) into ``f``, by its series; ``fade`` is what a step leaves of the disturbance.
 
@@ -75,7 +75,7 @@ def _write_row(f: Any, row: int, x: Any) -> None:
     write(f, SIZE * row + 4, x[4])
 
 
-@inlined
+@lean
 def add_noise(swing: Any, into: int, size: Any, h: float, q: Any) -> None:
     """Add to ``q`` what white noise of ``size`` into the state ``into``, the third or the fifth, grows in ``h`` s.
 
@@ -118,7 +118,7 @@ def _add_to_row(q: Any, row: int, by: Any, c: Any) -> None:
             write(q, SIZE * row + j, read(q, SIZE * row + j) + by * c[j])
 
 
-@inlined
+@lean
 def congruence(f: Any, p: Any, q: Any, room: Any) -> None:
     """Write f p f^T + q into ``p``; the disturbance follows from itself alone."""
     for j in range(SIZE):

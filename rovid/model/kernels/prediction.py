@@ -10,7 +10,7 @@ import numpy as np
 from rovid.effects.base import TERM_STATES, Body
 from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import compiled, inlined, lean
-from rovid.ground.lanes import LANES, gathered, lane, larger, largest, spread, with_lane, within
+from rovid.ground.lanes import LANES, lane, larger, largest, spread, with_lane, within
 from rovid.model.equation import Equation
 from rovid.model.kernels.batch import in_lanes
 from rovid.model.kernels.step import EFFECTS_STEP_SHARE, REACH, bare_step, brakes, copy, move, step, wanted_steps, whole_steps
@@ -58,72 +58,69 @@ def predict(
     turned
         (m, 1 + the largest reach) rad; NaN beyond the reach, and where the model runs away or asks for endless steps.
     """
-    count, rows = len(restarts), TERM_STATES * len(terms.kinds)
-    turned = np.full((count, reach.max() + 1), np.nan)
-    turned[:, 0] = 0.0
-    # Restarts go on together, one in each lane: those that reach as far as each other.
-    order = np.argsort(-reach)
-    most = _RUNAWAY * np.nanmax(np.abs(rate))
+    rows, most = TERM_STATES * len(terms.kinds), 0.0
+    for k in range(len(rate)):
+        most = max(most, abs(rate[k])) if not math.isnan(rate[k]) else most
+    farthest = 0
+    for k in range(len(reach)):
+        farthest = max(farthest, reach[k])
+    turned = np.full((len(restarts), farthest + 1), np.nan)
     state, work = np.zeros((rows, LANES)), np.zeros((3, rows + ROOM, LANES))
-    for first in range(0, count, LANES):
-        own = order[np.minimum(np.arange(first, first + LANES), count - 1)]
-        begin, equation = restarts[own], in_lanes(Equation(body, terms, 0.0))
-        equation = Equation(equation.body, terms, gathered(start[own]))
-        # Those of terms that do not remember are nobody's.
-        for j in range(TERM_STATES * terms.remembering):
-            for i in range(LANES):
-                state[j, i] = states[begin[i], j]
-        course = torque, beside, rate, angle
-        _predict(begin, reach[own], gathered(period[own]), own, course, equation, most, state, work, turned)
+    course, begun = (torque, beside, rate, angle, states), (restarts, reach, period, start)
+    for first in range(0, len(restarts), LANES):
+        _predict(first, begun, course, body, terms, _RUNAWAY * most, state, work, turned)
     return turned
 
 
 @lean
 def _predict(
-    begin: Any,
-    reach: Any,
-    period: Any,
-    own: Any,
+    first: int,
+    begun: Any,
     course: Any,
-    equation: Any,
+    body: Any,
+    terms: Any,
     most: float,
     state: Any,
     work: Any,
     turned: Any,
 ) -> None:
-    """From the restarts of each lane, the first of which reaches farthest; fills in its ``own`` row of ``turned``."""
-    torque, beside, rate, angle = course
-    last = len(torque) - 1
-    r, a, stiffness = _each(rate, begin, 0, last), _each(angle, begin, 0, last), spread(0.0)
-    begun, none, brake = a, spread(0.0), brakes(equation.body)
-    for k in range(reach[0]):
-        push = _each(torque, begin, k, last)
-        told = _each(beside[:, 0], begin, k, last), _each(beside[:, 1], begin, k, last), _each(beside[:, 2], begin, k, last)
-        wanted = wanted_steps(r, push, stiffness, period, equation)
+    """From the restarts behind the ``first``, one in each lane; fills in their rows of ``turned``."""
+    (restarts, reach, period, start), (torque, beside, rate, angle, states) = begun, course
+    r, a, span, origin, longest = spread(0.0), spread(0.0), spread(1.0), spread(0.0), 0
+    for i in range(LANES):
+        # Lanes beyond the last restart do as that does.
+        own = min(first + i, len(restarts) - 1)
+        at, longest = restarts[own], max(longest, reach[own])
+        r, a = with_lane(r, i, rate[at]), with_lane(a, i, angle[at])
+        span, origin = with_lane(span, i, period[own]), with_lane(origin, i, start[own])
+        for j in range(TERM_STATES * terms.remembering):
+            state[j, i] = states[at, j]
+        turned[own, 0] = 0.0
+    equation, begin = Equation(in_lanes(Equation(body, terms, 0.0)).body, terms, origin), a
+    brake, stiffness, none = brakes(equation.body), spread(0.0), spread(0.0)
+    for k in range(longest):
+        push, race, surge, sway = none, none, none, none
+        for i in range(LANES):
+            at = min(restarts[min(first + i, len(restarts) - 1)] + k, len(torque) - 1)
+            push, race = with_lane(push, i, torque[at]), with_lane(race, i, beside[at, 0])
+            surge, sway = with_lane(surge, i, beside[at, 1]), with_lane(sway, i, beside[at, 2])
+        wanted = wanted_steps(r, push, stiffness, span, equation)
         # One that asks for endless steps is given up.
         r, wanted = within(r, wanted, _MAX_SUBSTEPS_AHEAD), within(wanted, wanted, _MAX_SUBSTEPS_AHEAD)
         steps = whole_steps(wanted)
-        h, stiffness = period / steps, none
+        h, stiffness = span / steps, none
         for _ in range(steps):
-            if len(equation.terms.kinds) == 0:
+            if len(terms.kinds) == 0:
                 r, a, damping = bare_step(r, a, push, brake, h)
             else:
-                r, a, damping = step(r, a, push, none, told, equation, state, work, h)
+                r, a, damping = step(r, a, push, none, (race, surge, sway), equation, state, work, h)
             stiffness = larger(stiffness, damping)
         # So is one that runs away.
         r = within(r, abs(r), most)
         for i in range(LANES):
-            if k < reach[i] and lane(r, i) == lane(r, i):
-                turned[own[i], k + 1] = lane(a, i) - lane(begun, i)
-
-
-@inlined
-def _each(series: Any, begin: Any, k: int, last: int) -> Any:
-    """In lanes, the number ``k`` behind where each begins, and the last beyond."""
-    x = spread(0.0)
-    for i in range(LANES):
-        x = with_lane(x, i, series[min(begin[i] + k, last)])
-    return x
+            own = first + i
+            if own < len(restarts) and k < reach[own] and lane(r, i) == lane(r, i):
+                turned[own, k + 1] = lane(a, i) - lane(begin, i)
 
 
 @compiled
@@ -151,49 +148,45 @@ def effects_along(
     body, terms
         Of the `rovid.model.equation.Equation` of them all.
     """
-    n, count, runs = len(course), TERM_STATES * len(terms.kinds), len(periods)
-    torque, states, room = np.zeros(n), np.zeros((n, count)), np.zeros((4, count + ROOM, LANES))
-    for first in range(0, runs, LANES):
-        own = np.minimum(np.arange(first, first + LANES), runs - 1)
-        equation = Equation(in_lanes(Equation(body, terms, 0.0)).body, terms, gathered(starts[own]))
+    count = TERM_STATES * len(terms.kinds)
+    torque, states, room = np.zeros(len(course)), np.zeros((len(course), count)), np.zeros((4, count + ROOM, LANES))
+    for first in range(0, len(periods), LANES):
         room[:] = 0.0
-        _follow(begins[own], begins[own + 1] - 1, gathered(periods[own]), course, beside, equation, room, torque, states)
+        _follow(first, (begins, periods, starts), (course, beside), Equation(body, terms, 0.0), room, torque, states)
     return torque, states
 
 
 @lean
 def _follow(
-    begin: Any,
-    last: Any,
-    period: Any,
-    course: Any,
-    beside: Any,
-    equation: Any,
-    room: Any,
-    torque: Any,
-    states: Any,
+    first: int, runs: Any, measured: Any, equation: Any, room: Any, torque: Any, states: Any
 ) -> None:
-    """A course in each lane, from its ``begin`` to its ``last`` instant; fills in ``torque`` and ``states`` there."""
-    steps = max(math.ceil(largest(period) * equation.terms.fastest / EFFECTS_STEP_SHARE), 1)
-    h, rows = period / steps, TERM_STATES * equation.terms.remembering
-    state, change, there, moved = room[0], room[1], room[2], room[3]
-    longest = 0
+    """The courses of the runs behind the ``first``, one in each lane; fills in ``torque`` and ``states`` there."""
+    (begins, periods, starts), (course, beside), terms = runs, measured, equation.terms
+    period, origin, longest = spread(1.0), spread(0.0), 0
     for i in range(LANES):
-        longest = max(longest, last[i] - begin[i])
-    for k in range(longest + 1):
-        rate, angle, push = _at(course, 0, begin, k, last), _at(course, 1, begin, k, last), _at(course, 2, begin, k, last)
-        told = _at(beside, 0, begin, k, last), _at(beside, 1, begin, k, last), _at(beside, 2, begin, k, last)
+        # Lanes beyond the last run do as that does.
+        own = min(first + i, len(periods) - 1)
+        period, origin = with_lane(period, i, periods[own]), with_lane(origin, i, starts[own])
+        longest = max(longest, begins[own + 1] - begins[own])
+    equation = Equation(in_lanes(equation).body, terms, origin)
+    steps = max(math.ceil(largest(period) * terms.fastest / EFFECTS_STEP_SHARE), 1)
+    h, rows = period / steps, TERM_STATES * terms.remembering
+    state, change, there, moved = room[0], room[1], room[2], room[3]
+    for k in range(longest):
+        rate, angle = _at(course, 0, begins, first, k), _at(course, 1, begins, first, k)
+        push, race = _at(course, 2, begins, first, k), _at(beside, 0, begins, first, k)
+        told = race, _at(beside, 1, begins, first, k), _at(beside, 2, begins, first, k)
         jump(rate, equation, state)
         given = torque_at(rate, angle, push, told, equation, state, change)
-        for i in range(LANES):
-            at = begin[i] + k
-            if at <= last[i]:
+        for i in range(min(LANES, len(periods) - first)):
+            at = begins[first + i] + k
+            if at < begins[first + i + 1]:
                 torque[at] = lane(given, i)
                 for j in range(states.shape[1]):
                     states[at, j] = state[j, i]
-        faster = (_at(course, 0, begin, k + 1, last) - rate) / steps
-        farther = (_at(course, 1, begin, k + 1, last) - angle) / steps
-        for number in range(steps if k < longest else 0):
+        faster = (_at(course, 0, begins, first, k + 1) - rate) / steps
+        farther = (_at(course, 1, begins, first, k + 1) - angle) / steps
+        for number in range(steps):
             r, a = rate + float(number) * faster, angle + float(number) * farther
             jump(r, equation, state)
             passed = 0.0
@@ -206,9 +199,10 @@ def _follow(
 
 
 @inlined
-def _at(table: Any, column: int, begin: Any, k: int, last: Any) -> Any:
-    """In lanes, the row ``k`` behind where each begins, and the ``last`` of each beyond."""
+def _at(table: Any, column: int, begins: Any, first: int, k: int) -> Any:
+    """In lanes, the instant ``k`` of each run behind the ``first``, or its last."""
     x = spread(0.0)
     for i in range(LANES):
-        x = with_lane(x, i, table[min(begin[i] + k, last[i]), column])
+        own = min(first + i, len(begins) - 2)
+        x = with_lane(x, i, table[min(begins[own] + k, begins[own + 1] - 1), column])
     return x
