@@ -120,7 +120,8 @@ def _promise(
     form = misfit.effects[-1]
     raw = misfit.slopes_between(centre, sides, np.ones(len(sides))).matrix
     # A drag that falls with the rate runs away from one start, and may hold from another.
-    bears = np.flatnonzero(np.isfinite(raw.sum(axis=0)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        bears = np.flatnonzero(np.isfinite(np.einsum("nk,nk->k", raw, raw)))
     if not bears.size:
         return Promise(form, 0.0, begins[0], begins[0], 0.0)
     begins, sides = [begins[k] for k in bears], [sides[k] for k in bears]
