@@ -131,12 +131,13 @@ def total_of_terms(model: Model) -> TermTorque | None:
     if not len(terms.kinds):
         return None
     acting = [TERMS[kind] for kind in terms.kinds]
+    numbers = terms.parameters[:, 0].reshape(len(acting), -1)
 
     def torque(
         rate: float, angle: float, push: float, heading: float, states: FloatArray | None
     ) -> tuple[float, FloatArray]:
         own = np.zeros((len(acting), TERM_STATES)) if states is None else states
-        rows = [(term, tuple(p), tuple(x)) for term, p, x in zip(acting, terms.parameters, own, strict=True)]
+        rows = [(term, tuple(p), tuple(x)) for term, p, x in zip(acting, numbers, own, strict=True)]
         water = sum(term.water(p, x) for term, p, x in rows if term.water is not None)
         at = Instant(rate, rate - water, angle, heading, push, 0.0, 0.0, 0.0, model.body)
         total, change = 0.0, np.zeros_like(own)

@@ -34,7 +34,7 @@ def integrated(
     if count > 0 or drive.moment.any():
         states = np.zeros(count * TERM_STATES) if states is None else states
         series = drive.torque, drive.moment, drive.beside
-        rate, angle = kernels.simulate_effects(time, *series, equation, begin, np.repeat(states[:, np.newaxis], LANES, axis=1))
+        rate, angle = kernels.simulate_effects(time, *series, equation, begin, np.column_stack([states] * LANES))
         return rate, angle
     rate, angle = kernels.simulate(time, drive.torque, equation.body, begin[0])
     return rate, angle + begin[1]
