@@ -4,7 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled, drag, where_positive
+from rovid.effects.base import (
+    REFERENCE_RATE,
+    Effect,
+    EffectParameter,
+    Instant,
+    Numbers,
+    Term,
+    Values,
+    compiled,
+    drag,
+    where_positive,
+)
 
 
 @compiled
@@ -27,8 +38,7 @@ def _annulus(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     pulls = drag(at.body, at.rate - x[0])
     change = (pulls - friction * abs(x[0]) * x[0]) / (inertia + 1e-12)
     # At no share there is no such water.
-    change = where_positive(-p[0], 0.0, change)
-    return drag(at.body, at.rate) - pulls, change
+    return where_positive(-p[0], 0.0, drag(at.body, at.rate) - pulls), where_positive(-p[0], 0.0, change)
 
 
 @compiled
