@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rovid import effects
 from rovid.effects.series import lagged
+from rovid.ground import compiled, lanes
 from rovid.ground.caches import keeps_compiled
 from rovid.model.kernels.free_run import simulate
 
@@ -46,7 +47,8 @@ def forget_stale() -> None:
 
 def _digest_of_sources() -> str:
     digest = hashlib.sha256()
-    for room in (Path(effects.__file__).parent, Path(__file__).parent):
-        for source in sorted(room.glob("*.py")):
-            digest.update(source.read_bytes())
+    rooms = Path(effects.__file__).parent, Path(__file__).parent
+    sources = [source for room in rooms for source in sorted(room.glob("*.py"))]
+    for source in (*sources, Path(compiled.__file__), Path(lanes.__file__)):
+        digest.update(source.read_bytes())
     return digest.hexdigest()
