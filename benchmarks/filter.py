@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.simulation import REPEATS, compiled, seconds
-from rovid.effects.base import Body
+from rovid.ground.lanes import LANES
+from rovid.model.batch import Abreast, Driven, Logged
+from rovid.model.drive import Drive
 from rovid.model.kernels import innovations, simulate
 from rovid.model.model import Model
 
@@ -79,7 +81,7 @@ void filter(long n, const double *time, const double *torque, const double *angl
 BASE = np.array([5057.0, 3532.0, 132.0])
 NOISE = np.array([3.0, 4.0, 2e-4, 1.0])
 START = np.array([0.0, 0.02])
-EQUATION = Model(inertia=5057.0, quadratic_drag=3532.0, linear_drag=132.0).equation(0.0)
+MODEL = Model(inertia=5057.0, quadratic_drag=3532.0, linear_drag=132.0)
 
 
 def c_loop(folder: Path) -> Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
@@ -99,20 +101,31 @@ def c_loop(folder: Path) -> Callable[[np.ndarray, np.ndarray, np.ndarray], tuple
 def main() -> None:
     instants = np.arange(0.0, 3600.0, 0.05)
     torque = 150.0 * np.sin(2 * np.pi * instants / 40.0)
-    angle = simulate(instants, torque, Body(*BASE), 0.0)[1]
+    angle = simulate(instants, torque, MODEL.body, 0.0)[1]
     angle = angle + np.random.default_rng(1).normal(0.0, 2e-4, len(angle))
-    nothing, none = np.full(len(instants), np.nan), np.zeros(len(instants))
-    beside = np.zeros((len(instants), 3))
+    held = Drive.held(torque)
+    driven = Driven.of([held] * LANES, [angle] * LANES)
+    models = Abreast.of([MODEL] * LANES, [NOISE] * LANES)
+    readings = Logged(
+        begins=held.begins,
+        time=instants,
+        rate=np.full(len(instants), np.nan),
+        start=np.zeros(1),
+        first=START[np.newaxis],
+        row=np.column_stack((np.arange(len(instants)), np.full(len(instants), -1))),
+    )
 
     def ours() -> tuple[np.ndarray, np.ndarray]:
-        return innovations(instants, torque, beside, none, none, angle, nothing, EQUATION, NOISE, START)
+        # One model in all lanes: what a single one takes.
+        errors, variances = innovations(readings, driven, models)
+        return errors[0], variances[0]
 
     with tempfile.TemporaryDirectory() as name:
         reference = c_loop(Path(name))
         error, variance = ours()
         same, spread = reference(instants, torque, angle)
-        assert np.allclose(error[1:, 0], same[1:], rtol=0, atol=1e-11)  # same arithmetic, another compiler
-        assert np.allclose(variance[1:, 0], spread[1:], rtol=1e-8)
+        assert np.allclose(error[1:], same[1:], rtol=0, atol=1e-11)  # same arithmetic, another compiler
+        assert np.allclose(variance[1:], spread[1:], rtol=1e-8)
         pairs = [(seconds(ours), seconds(lambda: reference(instants, torque, angle))) for _ in range(REPEATS)]
     mine, c = np.median(pairs, axis=0)
     print(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from llvmlite import ir
@@ -23,6 +23,8 @@ from numba.extending import register_model
 from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import inlined
 
+# A number, or lanes.
+Number = TypeVar("Number", float, FloatArray)
 # So many; more are no faster on the usual machines.
 LANES = 4
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
@@ -44,7 +46,7 @@ _LANES = LanesType()
 @register_model(LanesType)
 class _Register(PrimitiveModel):
     def __init__(self, manager: Any, lanes: LanesType) -> None:
-        super().__init__(manager, lanes, _VECTOR)
+        super().__init__(manager, lanes, _VECTOR)  # type: ignore[no-untyped-call]  # numba ships no types
 
 
 def spread(x: Any) -> Any:
@@ -52,44 +54,50 @@ def spread(x: Any) -> Any:
     return np.full(LANES, x) if np.ndim(x) == 0 else x
 
 
-def lane(x: FloatArray, i: int) -> float:
+def lane(x: Any, i: int) -> float:
     """The number in lane ``i``."""
     return float(x[i])
 
 
-def with_lane(x: FloatArray, i: int, value: float) -> FloatArray:
+def with_lane(x: Any, i: int, value: float) -> Any:
     """``x`` with another number in lane ``i``."""
     changed = x.copy()
     changed[i] = value
     return changed
 
 
-def larger(x: Any, y: Any) -> Any:
+def larger(x: Number, y: Number) -> Number:
     """Of each lane the larger number."""
-    return np.maximum(x, y)
+    return np.maximum(x, y)  # type: ignore[no-any-return]  # of the same kind, which numpy does not tell
 
 
-def smaller(x: Any, y: Any) -> Any:
+def smaller(x: Number, y: Number) -> Number:
     """Of each lane the smaller number."""
-    return np.minimum(x, y)
+    return np.minimum(x, y)  # type: ignore[no-any-return]  # as above
 
 
-def where_positive(x: Any, y: Any, otherwise: Any) -> Any:
+def where_positive(x: Number, y: Number, otherwise: Number) -> Number:
     """Of each lane ``y`` where ``x`` is zero or more, else the other."""
-    return np.where(x >= 0.0, y, otherwise)
+    # No array of a single number.
+    return np.where(x >= 0.0, y, otherwise)[()]  # type: ignore[return-value]  # as above
 
 
-def root(x: Any) -> Any:
+def root(x: Number) -> Number:
     """Square root of each lane."""
-    return np.sqrt(x)
+    return np.sqrt(x)  # type: ignore[no-any-return]  # as above
 
 
-def read(rows: FloatArray, at: int) -> FloatArray:
+def exponential(x: Any) -> Any:
+    """As ``math.exp``, which takes no lanes where nothing is compiled."""
+    return np.exp(x)
+
+
+def read(rows: Any, at: int) -> Any:
     """Lanes from the row ``at`` of (m, LANES) numbers without gaps."""
     return rows[at].copy()
 
 
-def write(rows: FloatArray, at: int, x: Any) -> None:
+def write(rows: Any, at: int, x: Any) -> None:
     """Store lanes, or a number in all of them, as the row ``at`` of (m, LANES) numbers without gaps."""
     rows[at] = x
 
@@ -98,7 +106,7 @@ def _are_lanes(*every: types.Type) -> bool:
     return any(isinstance(x, LanesType) for x in every)
 
 
-@lower_cast(types.Number, LanesType)  # type: ignore[untyped-decorator]  # numba ships no types
+@lower_cast(types.Number, LanesType)  # type: ignore[untyped-decorator, no-untyped-call]  # numba ships no types
 def _spread_number(context: Any, builder: Any, kind: Any, _: Any, value: Any) -> Any:
     number = context.cast(builder, value, kind, types.float64)
     undefined = ir.Constant(_VECTOR, ir.Undefined)
@@ -115,16 +123,17 @@ def _teach(
     ``generate``: (context, builder, types, values) -> value.
     """
 
-    class Template(AbstractTemplate):  # type: ignore[misc]
+    class Template(AbstractTemplate):
+        key = function
+
         def generic(self, arguments: Any, named: Any) -> Any:  # noqa: ARG002 - as numba calls it
             told = typed(*arguments)
-            return None if told is None else signature(*told)
+            return None if told is None else signature(*told)  # type: ignore[no-untyped-call]  # numba ships no types
 
-    Template.key = function
-    infer_global(function)(Template)
+    infer_global(function)(Template)  # type: ignore[no-untyped-call]  # as above
     for kinds in kinds_of_arguments:
 
-        @lower_builtin(function, *kinds)  # type: ignore[untyped-decorator]
+        @lower_builtin(function, *kinds)  # type: ignore[untyped-decorator, no-untyped-call]  # as above
         def lower(context: Any, builder: Any, told: Any, values: Any) -> Any:
             return generate(context, builder, told.args, values)
 
@@ -158,7 +167,11 @@ def _by_llvm(name: str) -> Callable[..., Any]:
     def generate(_: Any, builder: Any, __: Any, values: Any) -> Any:
         kind = values[0].type
         suffix = f"v{LANES}f64" if kind == _VECTOR else "f64"
-        function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(kind, [kind]), f"llvm.{name}.{suffix}")
+        told = ir.FunctionType(kind, [kind])
+        intrinsic = f"llvm.{name}.{suffix}"
+        function = cgutils.get_or_insert_function(  # type: ignore[no-untyped-call]  # numba ships no types
+            builder.module, told, intrinsic
+        )
         return builder.call(function, values)
 
     return generate
@@ -190,6 +203,11 @@ def _row(context: Any, builder: Any, kinds: Any, values: Any) -> Any:
     return builder.gep(builder.bitcast(view.data, _VECTOR.as_pointer()), [at])
 
 
+def _without_gaps(rows: types.Array) -> bool:
+    """Whether lanes can stand in such an array as they do in a register."""
+    return bool(rows.ndim == 2 and rows.layout == "C" and rows.dtype == types.float64)
+
+
 def _read(context: Any, builder: Any, kinds: Any, values: Any) -> Any:
     return builder.load(_row(context, builder, kinds, values), align=8)
 
@@ -215,15 +233,21 @@ _teach(where_positive, _lanes_or_numbers, _where_positive, _THREE, (types.Float,
 _teach(spread, lambda _: (_LANES, _LANES), lambda _, __, ___, values: values[0], _ONE)
 _teach(lane, lambda x, i: (types.float64, x, i), _lane, (LanesType, _AT))
 _teach(with_lane, lambda x, i, _: (_LANES, x, i, types.float64), _with_lane, (LanesType, _AT, types.Float))
-_teach(read, lambda rows, at: (_LANES, rows, at), _read, (types.Array, _AT))
-_teach(write, lambda rows, at, _: (types.none, rows, at, _LANES), _write, (types.Array, _AT, LanesType))
+_teach(read, lambda rows, at: (_LANES, rows, at) if _without_gaps(rows) else None, _read, (types.Array, _AT))
+_teach(
+    write,
+    lambda rows, at, _: (types.none, rows, at, _LANES) if _without_gaps(rows) else None,
+    _write,
+    (types.Array, _AT, LanesType),
+)
 
 
-def _each(function: Any, count: int = 1) -> None:
-    """Let compiled code use a ``function`` of plain numbers with lanes too, where it is done one by one."""
+def _each(function: Any, count: int = 1, *, called: Any = None) -> None:
+    """Let compiled code use a ``function`` of plain numbers with lanes too, one by one; so ``called`` if not itself."""
 
     def generate(context: Any, builder: Any, _: Any, values: Any) -> Any:
-        told = signature(types.float64, *[types.float64] * count)
+        numbers = [types.float64] * count
+        told = signature(types.float64, *numbers)  # type: ignore[no-untyped-call]  # numba ships no types
         of_numbers = context.get_function(function, told)
         result = ir.Constant(_VECTOR, ir.Undefined)
         for i in range(LANES):
@@ -231,12 +255,13 @@ def _each(function: Any, count: int = 1) -> None:
             result = builder.insert_element(result, of_numbers(builder, own), _INDEX(i))
         return result
 
-    _teach(function, _all_lanes, generate, (LanesType,) * count)
+    _teach(called or function, _all_lanes, generate, (LanesType,) * count)
 
 
 for _function in (math.sin, math.cos, math.tan, math.atan, math.tanh, math.exp, math.log):
     _each(_function)
 _each(math.pow, 2)
+_each(math.exp, called=exponential)
 _teach(math.floor, _all_lanes, _by_llvm("floor"), _ONE)
 
 

@@ -95,9 +95,7 @@ class HorizonMisfit(Misfit):
         """Of each of the (p,) ``points``, (N,) errors of the predictions in rad or m, and mean squares by horizon."""
         return [self._innovations(x) for x in points]
 
-    def about(
-        self, x: FloatArray, near: Sequence[FloatArray], centre: Innovations | None = None
-    ) -> list[Innovations]:
+    def about(self, x: FloatArray, near: Sequence[FloatArray], centre: Innovations | None = None) -> list[Innovations]:
         """As `innovations_of`, of ``x`` and points ``near`` it; at ``x`` they are ``centre``."""
         if centre is None:
             return spread(self._innovations, [x, *near])
@@ -106,7 +104,7 @@ class HorizonMisfit(Misfit):
     @classmethod
     def of_each(cls, pairs: Sequence[tuple[Self, FloatArray]]) -> list[Innovations]:
         """As `innovations_of`, of misfits of the same records, each at a point of its own; on all cores at once."""
-        return spread(lambda pair: pair[0]._innovations(pair[1]), pairs)
+        return spread(lambda pair: pair[0].innovations(pair[1]), pairs)
 
     def _innovations(self, x: FloatArray) -> Innovations:
         model = self.coordinates.model(x)

@@ -60,9 +60,7 @@ class InnovationMisfit(Misfit):
         pairs = [(self, x) for x in points]
         return [one for few in _by(LANES, pairs) for one in _side_by_side(few)]
 
-    def about(
-        self, x: FloatArray, near: Sequence[FloatArray], centre: Innovations | None = None
-    ) -> list[Innovations]:
+    def about(self, x: FloatArray, near: Sequence[FloatArray], centre: Innovations | None = None) -> list[Innovations]:
         """As `innovations_of`, of ``x`` and points so ``near`` that differences count; at ``x`` they are ``centre``.
 
         Filters side by side take the same steps. So each few points have ``x`` beside them, and what they differ from
@@ -84,15 +82,16 @@ class InnovationMisfit(Misfit):
         alike: dict[tuple[int, ...], list[int]] = {}
         for at, (misfit, x) in enumerate(pairs):
             kinds = misfit.coordinates.model(x).terms.kinds
-            alike.setdefault((misfit._is_wide, *kinds.tolist()), []).append(at)
-        groups = [few for every in alike.values() for few in _by(LANES, every)]
+            alike.setdefault((misfit.is_wide, *kinds.tolist()), []).append(at)
+        groups = [few for places in alike.values() for few in _by(LANES, places)]
         found: dict[int, Innovations] = {}
-        for few, series in zip(groups, spread(lambda few: _side_by_side([pairs[at] for at in few]), groups), strict=True):
+        every = spread(lambda few: _side_by_side([pairs[at] for at in few]), groups)
+        for few, series in zip(groups, every, strict=True):
             found.update(zip(few, series, strict=True))
         return [found[at] for at in range(len(pairs))]
 
     @property
-    def _is_wide(self) -> bool:
+    def is_wide(self) -> bool:
         """Whether two states more have to be filtered."""
         return any(effect.oscillates for effect in self.effects)
 
@@ -140,14 +139,15 @@ def _side_by_side(pairs: Sequence[tuple[InnovationMisfit, FloatArray]]) -> list[
     from rovid.model.kernels import innovations, innovations_wide
 
     first, records = pairs[0][0], pairs[0][0].records
-    every = [*pairs, *pairs[-1:] * (LANES - len(pairs))]
+    # What is left over is worked out again beside the last.
+    every = [pairs[min(at, len(pairs) - 1)] for at in range(LANES)]
     models = [misfit.coordinates.model(x) for misfit, x in pairs]
     models += models[-1:] * (LANES - len(pairs))
     seen = [records.seen(model) for model in models]
     drives = [misfit.drives(model) for (misfit, _), model in zip(every, models, strict=True)]
     driven = Driven.of(drives, [angle for angle, _ in seen])
     abreast = Abreast.of(models, [misfit.noise(x) for misfit, x in every])
-    errors, variances = (innovations_wide if first._is_wide else innovations)(records.logged, driven, abreast)
+    errors, variances = (innovations_wide if first.is_wide else innovations)(records.logged, driven, abreast)
     found = []
     for (misfit, _), error, variance, (_, slope) in zip(pairs, errors, variances, seen, strict=False):
         if slope is not None:
@@ -158,4 +158,3 @@ def _side_by_side(pairs: Sequence[tuple[InnovationMisfit, FloatArray]]) -> list[
             error, variance = error[misfit.counted], variance[misfit.counted]  # noqa: PLW2901 - likewise
         found.append(Innovations(error, variance))
     return found
-

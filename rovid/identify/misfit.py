@@ -130,9 +130,7 @@ class Misfit(ABC):
         return float(np.sum(np.broadcast_to(self.weight, number)))
 
     @abstractmethod
-    def about(
-        self, x: FloatArray, near: Sequence[FloatArray], centre: Innovations | None = None
-    ) -> list[Innovations]:
+    def about(self, x: FloatArray, near: Sequence[FloatArray], centre: Innovations | None = None) -> list[Innovations]:
         """As `innovations_of`, of ``x`` and points so ``near`` that differences count; at ``x`` they are ``centre``."""
 
     @classmethod
@@ -177,7 +175,7 @@ class Misfit(ABC):
         return _sums_over(group, score)
 
     def looked(self, x: FloatArray) -> tuple[Innovations, list[Innovations]]:
-        """What `innovations` gives at ``x``, and those one step aside along as many coordinates as come free with it."""
+        """What `innovations` gives at ``x``, and one step aside along as many coordinates as come free with it."""
         centre, *sides = self.about(x, self._aside(x, self._free[: self.spare]))
         return centre, sides
 

@@ -39,7 +39,6 @@ def each(rows: Any, of_lane: Any, k: int) -> Any:
     return x
 
 
-
 @inlined
 def beside_of(driven: Any, k: int) -> Any:
     """In lanes, what effects are told of the instant ``k`` beside the torque."""

@@ -10,7 +10,7 @@ import numpy as np
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import compiled, inlined, lean
-from rovid.ground.lanes import LANES, lane, larger, largest, read, root, smaller, spread, write
+from rovid.ground.lanes import LANES, exponential, lane, larger, largest, read, root, smaller, spread, write
 from rovid.model.equation import Equation
 from rovid.model.kernels.batch import beside_of, body_of, each, put
 from rovid.model.kernels.step import MAX_GAP_SUBSTEPS, bare_step, brakes, damping_of, step
@@ -110,7 +110,7 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
             # Most logs are sampled evenly, to rounding: what depends on the step alone is kept.
             if abs(interval / steps - h) > SAME * h:
                 h = interval / steps
-                fade = math.exp(-h * b)
+                fade = exponential(-h * b)
                 mean = (1.0 - fade) * tau / h
                 fresh, pull = power * (1.0 - fade * fade), 0.5 * h * body.stiffness * inverse
                 _expand(h, b, inverse, 2.0 * power * b * h, series)
@@ -200,7 +200,7 @@ def _expand(h: float, b: Any, inverse: Any, grown: Any, series: Any) -> None:
     for node in range(3):
         t, weight = NODES[node] * h, grown * WEIGHTS[node]
         angle, rate = _pushed(t, b, inverse)
-        left = math.exp(-t * b)
+        left = exponential(-t * b)
         for i in range(4):
             _add(series, _N02 + i, weight * angle[i] * left)
             _add(series, _N12 + i, weight * rate[i] * left)
@@ -221,7 +221,12 @@ def _pushed(t: float, b: Any, inverse: Any) -> Any:
     rates = rate * (1.0 - c * b + d * per - e * per * b), rate * (d * b - c - e * per), rate * (d - e * b), rate * -e
     c, d, e = t / 3.0, t * t / 12.0, t * t * t / 60.0
     angle = 0.5 * t * t * inverse
-    angles = angle * (1.0 - c * b + d * per - e * per * b), angle * (d * b - c - e * per), angle * (d - e * b), angle * -e
+    angles = (
+        angle * (1.0 - c * b + d * per - e * per * b),
+        angle * (d * b - c - e * per),
+        angle * (d - e * b),
+        angle * -e,
+    )
     return angles, rates
 
 

@@ -96,7 +96,8 @@ def advance(
     beside
         (3,) what else effects are told of the interval, see `rovid.model.drive.Drive`.
     state, work
-        (m * TERM_STATES, LANES) states of the effects, moved on, the same in all lanes; (3, m * TERM_STATES, LANES) room.
+        (m * TERM_STATES, LANES) states of the effects, moved on, the same in all lanes; (3, m * TERM_STATES + ROOM,
+        LANES) room.
     stiffness
         1/s, as the interval before returned it; 0 at the start.
 

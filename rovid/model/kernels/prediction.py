@@ -13,7 +13,17 @@ from rovid.ground.compiled import compiled, inlined, lean
 from rovid.ground.lanes import LANES, lane, larger, largest, spread, with_lane, within
 from rovid.model.equation import Equation
 from rovid.model.kernels.batch import in_lanes
-from rovid.model.kernels.step import EFFECTS_STEP_SHARE, REACH, bare_step, brakes, copy, move, step, wanted_steps, whole_steps
+from rovid.model.kernels.step import (
+    EFFECTS_STEP_SHARE,
+    REACH,
+    bare_step,
+    brakes,
+    copy,
+    move,
+    step,
+    wanted_steps,
+    whole_steps,
+)
 from rovid.model.kernels.torque import ROOM, jump, torque_at
 
 # So many times the largest rate that was measured is none of the vehicle's.

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from rovid.effects.base import TERM_STATES
-from rovid.ground.compiled import compiled, inlined, lean
+from rovid.ground.compiled import inlined, lean
 from rovid.ground.lanes import larger, largest, read, root, smaller, spread, write
 from rovid.model.kernels.torque import jump, torque_of
 

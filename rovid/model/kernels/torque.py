@@ -11,7 +11,7 @@ from numba.core.dispatcher import Dispatcher
 
 from rovid.effects import TERMS
 from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, Body, Instant
-from rovid.ground.compiled import inlined, lean
+from rovid.ground.compiled import Function, inlined, lean
 from rovid.ground.lanes import LANES, lane, read, spread, with_lane, write
 
 # What a term gives, by how many states it has: its torque and how two states change.
@@ -19,7 +19,9 @@ _GIVES = ("spread({}(at, p)), none, none", "both({}(at, p, x), none)", "{}(at, p
 # Rows behind the rates of change of the states, in which it is kept what terms look at.
 ROOM = 3
 # Compiled into its caller, and making no arrays of its own, as `rovid.ground.compiled.lean`.
-_part = numba.njit(error_model="numpy", nogil=True, _nrt=False, forceinline=True)
+_part: Callable[[Function], Function] = numba.njit(  # type: ignore[call-overload]  # its types leave out _nrt
+    error_model="numpy", nogil=True, _nrt=False, forceinline=True
+)
 
 
 def _any_of(takes: str, gives: Mapping[int, str], names: Mapping[str, Any], otherwise: str) -> Any:
@@ -49,14 +51,14 @@ def _takes_lanes(function: Any) -> bool:
 def _lane_by_lane(function: Callable[..., Any], states: int) -> Any:
     """Compiled; as a ``function`` that takes lanes."""
 
-    @_part  # type: ignore[untyped-decorator]  # numba ships no types
+    @_part
     def without(at: Any, p: Any) -> Any:
         torque = spread(0.0)
         for i in range(LANES):
             torque = with_lane(torque, i, function(_instant(at, i), _four(p, i)))
         return torque
 
-    @_part  # type: ignore[untyped-decorator]
+    @_part
     def with_one(at: Any, p: Any, x: Any) -> Any:
         torque = change = spread(0.0)
         for i in range(LANES):
@@ -64,7 +66,7 @@ def _lane_by_lane(function: Callable[..., Any], states: int) -> Any:
             torque, change = with_lane(torque, i, own), with_lane(change, i, first)
         return torque, change
 
-    @_part  # type: ignore[untyped-decorator]
+    @_part
     def with_two(at: Any, p: Any, x: Any) -> Any:
         torque = change = further = spread(0.0)
         for i in range(LANES):

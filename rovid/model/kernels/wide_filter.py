@@ -10,7 +10,7 @@ import numpy as np
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import compiled, inlined, lean
-from rovid.ground.lanes import LANES, lane, read, root, smaller, spread, write
+from rovid.ground.lanes import LANES, exponential, lane, read, root, smaller, spread, write
 from rovid.model.equation import Equation
 from rovid.model.kernels.batch import beside_of, body_of, each, put
 from rovid.model.kernels.covariance import SIZE, Swing, add_noise, clear, congruence, transition, upper
@@ -89,7 +89,7 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
             steps = filter_steps(interval, r, push, damping, pace, brake)
             if abs(interval / steps - h) > SAME * h:
                 h = interval / steps
-                fade = math.exp(-h * b)
+                fade = exponential(-h * b)
                 mean = (1.0 - fade) * tau / h
             shares = max(math.ceil(h * terms.fastest / FILTER_STEP_SHARE), 1)
             for _ in range(steps):
