@@ -26,9 +26,10 @@ class Keeping:
     def like(self, effects: tuple[Effect, ...]) -> Keeping:
         return Keeping(self.keeps, effects)
 
-    def cost(self, x: FloatArray) -> float:
-        assert len(x) == 1 + sum(len(effect.parameters) for effect in self.effects)
-        return 1000.0 - sum(self.keeps[effect.key] for effect in self.effects)
+    def costs_of(self, points: Sequence[FloatArray]) -> list[float]:
+        count = 1 + sum(len(effect.parameters) for effect in self.effects)
+        assert all(len(x) == count for x in points)
+        return [1000.0 - sum(self.keeps[effect.key] for effect in self.effects)] * len(points)
 
 
 def listed(promised: Mapping[str, float], keeps: Mapping[str, float] | None = None, *, least: float = 0.0) -> list[str]:
@@ -92,6 +93,10 @@ class RunningAway:
         pattern = np.sin(np.arange(200.0))
         error = 3.0 * pattern * (1.0 - x[-1]) if x[-1] >= 0.0 else np.full(200, np.nan)
         return Innovations(error, np.ones(200) if x[-1] >= 0.0 else np.full(200, np.inf))
+
+    @staticmethod
+    def of_each(pairs: Sequence[tuple[RunningAway, FloatArray]]) -> list[Innovations]:
+        return [misfit.innovations(x) for misfit, x in pairs]
 
     def cost_of(self, here: Innovations) -> float:
         return total_cost(here, 1.0)

@@ -32,6 +32,7 @@ from rovid.effects.base import (
 )
 from rovid.effects.series import latched, rotor_lagged, soft_started
 from rovid.ground.arrays import FloatArray
+from rovid.ground.lanes import LANES
 from rovid.model.acting import Acting
 from rovid.model.drive import Drive
 from rovid.model.equation import Equation, terms_of
@@ -135,7 +136,7 @@ def simulated(effect: Effect, values: FloatArray, torque: FloatArray, time: Floa
     equation = Equation(BODY, terms_of([Acting(effect, values)], 0.0), 0.4)
     still = np.zeros(len(time))
     beside = np.column_stack([np.sqrt(np.abs(torque)), still + 0.8, still - 0.2])
-    rest = np.zeros((1, TERM_STATES))
+    rest = np.zeros((TERM_STATES, LANES))
     rate, _ = simulate_effects(time, torque, still, beside, equation, (0.0, 0.0), rest)
     return np.asarray(rate)
 
@@ -556,7 +557,7 @@ def test_water_that_goes_along_leaves_an_inertia_in_slow_motion() -> None:
 
 @pytest.mark.parametrize("key", ["tank_seiche:thrust", "advance_speed_loss:open_water"])
 def test_what_thrusters_set_off_no_disturbance_sets_off(key: str) -> None:
-    from rovid.model.kernels import advance
+    from rovid.model.kernels import ROOM, advance
 
     effect = effect_named(key)
     values = numbers(effect, start=True)
@@ -566,7 +567,8 @@ def test_what_thrusters_set_off_no_disturbance_sets_off(key: str) -> None:
     def rates(push: float, other: float, acting: list[Acting]) -> list[float]:
         equation = Equation(body, terms_of(acting, 1.0), 0.4)
         r, a, stiffness, found = 0.0, 0.0, 0.0, []
-        state, work = np.zeros((len(acting), TERM_STATES)), np.zeros((3, len(acting), TERM_STATES))
+        rows = len(acting) * TERM_STATES
+        state, work = np.zeros((rows, LANES)), np.zeros((3, rows + ROOM, LANES))
         for _ in range(200):
             r, a, stiffness = advance(r, a, push, other, 0.0, beside, 0.1, equation, state, work, stiffness)
             found.append(r)

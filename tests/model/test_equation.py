@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rovid.effects import MOTION, effect_named
+from rovid.effects.base import TERM_PARAMETERS
 from rovid.model.acting import Acting
 from rovid.model.equation import terms_of
 
@@ -19,7 +20,7 @@ def test_what_moves_the_water_stands_before_what_remembers_and_that_before_the_r
     terms = terms_of([drag, memory, delay, swirl], 0.5)
     assert [MOTION[kind].id for kind in terms.kinds] == ["entrained_swirl", "added_mass_memory", "drag_curvature"]
     assert (terms.moving, terms.remembering) == (1, 2)
-    assert terms.parameters[:, 0].tolist() == [0.3, 300.0, 0.2]
+    assert terms.parameters[::TERM_PARAMETERS, 0].tolist() == [0.3, 300.0, 0.2]
 
 
 def test_no_term_is_slower_than_the_motion() -> None:

@@ -10,11 +10,12 @@ from rovid.ground.arrays import FloatArray
 from rovid.model.drive import Drive
 from rovid.model.kernels import innovations, simulate
 from rovid.model.model import Model
+from tests.abreast import Log, filtered
 
 # Drag is linear: what the filter linearises is then the motion itself.
 MODEL = Model(inertia=5057.0, quadratic_drag=0.0, linear_drag=800.0)
 SIGMA, TAU, WHITE, GYRO = 20.0, 3.0, 2e-3, 5e-3  # N m, s, rad, rad/s
-BEGIN = np.array([0.02, 0.01])  # rad/s; the first rate and its standard deviation
+BEGIN = (0.02, 0.01)  # rad/s; the first rate and its standard deviation
 
 
 def in_matrices(time: FloatArray, drive: Drive, readings: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -58,16 +59,8 @@ def test_the_filter_is_that_of_the_textbook(*, has_gyro: bool, is_late: bool) ->
     if not has_gyro:
         readings[:, 1] = np.nan
     wanted, wanted_variance = in_matrices(time, drive, readings)
-    series = (
-        time,
-        drive.torque,
-        drive.beside,
-        drive.moment,
-        drive.scatter,
-        readings[:, 0].copy(),
-        readings[:, 1].copy(),
-    )
-    found, variance = innovations(*series, MODEL.equation(0.0), np.array([SIGMA, TAU, WHITE, GYRO]), BEGIN)
+    log = Log(time=time, angle=readings[:, 0], rate=readings[:, 1], first=BEGIN)
+    found, variance = filtered(innovations, log, drive, MODEL, (SIGMA, TAU, WHITE, GYRO))
     known = np.isfinite(wanted)
     assert (np.isfinite(found) == known).all()
     # The transition is a series of fourth order over steps of 0.3 of the shortest time constant.

@@ -7,9 +7,12 @@ import pytest
 from scipy.linalg import expm
 
 from rovid.campaign.axis import AXES
+from rovid.effects import effect_named
 from rovid.ground.arrays import FloatArray
+from rovid.model.drive import Drive
 from rovid.model.kernels import innovations, innovations_wide
 from rovid.model.model import Model
+from tests.abreast import Log, filtered
 
 # Of a work-class vehicle in pitch; the disturbance's size and memory, the noise of angle and rate.
 INERTIA, DRAG, STIFFNESS = 3500.0, 600.0, 2550.0
@@ -18,28 +21,19 @@ NOISE = (20.0, 4.0, 1e-3, 1.0)
 
 def stiff(angle: FloatArray, time: FloatArray, wave: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     """Innovations of a pitching vehicle's angle by the filter, and their variances."""
-    n = len(time)
-    nothing = np.zeros(n)
     model = Model(
         inertia=INERTIA,
         quadratic_drag=0.0,
         linear_drag=DRAG,
         axis=AXES["pitch"],
         restoring_values=(STIFFNESS, 0.0),
+        effects=() if wave is None else (effect_named("wave_torque"),),
+        effect_values=() if wave is None else tuple(wave),
     )
-    logged = (
-        time,
-        nothing,
-        np.zeros((n, 3)),
-        nothing,
-        nothing,
-        angle,
-        np.full(n, np.nan),
-        model.equation(float(angle[0])),
-        np.array(NOISE),
+    log = Log(time=time, angle=angle, start=float(angle[0]))
+    found = filtered(
+        innovations if wave is None else innovations_wide, log, Drive.held(np.zeros(len(time))), model, NOISE
     )
-    start = np.array([0.0, 0.01])
-    found = innovations(*logged, start) if wave is None else innovations_wide(*logged, wave, start)
     return found[0][:, 0], found[1][:, 0]
 
 

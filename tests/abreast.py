@@ -1,0 +1,70 @@
+"""Filters asked of plain series: of one model, or of several side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rovid.ground.arrays import FloatArray
+from rovid.ground.lanes import LANES
+from rovid.model.batch import Abreast, Driven, Logged
+from rovid.model.drive import Drive
+from rovid.model.model import Model
+
+Filter = Callable[[Logged, Driven, Abreast], tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Log:
+    """What was measured in one trial: (n,) s, rad and rad/s, NaN where not measured; where it began.
+
+    ``first`` is the first rate in rad/s and its standard deviation, ``start`` the position at the start in rad.
+    """
+
+    time: FloatArray
+    angle: FloatArray
+    rate: FloatArray | None = None
+    first: tuple[float, float] = (0.0, 0.01)
+    start: float = 0.0
+    known: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        rate = np.full(len(self.time), np.nan) if self.rate is None else self.rate
+        object.__setattr__(self, "known", np.column_stack((self.angle, rate)))
+
+
+def logged(*logs: Log) -> Logged:
+    """One after the other; every instant has a place for both innovations."""
+    counts = [len(log.time) for log in logs]
+    return Logged(
+        begins=np.cumsum([0, *counts]),
+        time=np.concatenate([log.time for log in logs]),
+        rate=np.concatenate([log.known[:, 1] for log in logs]),
+        start=np.array([log.start for log in logs]),
+        first=np.array([log.first for log in logs]),
+        row=np.arange(2 * sum(counts)).reshape(-1, 2),
+    )
+
+
+def filtered_abreast(
+    kernel: Filter, logs: Sequence[Log], drives: Sequence[Drive], models: Sequence[Model], noises: Sequence[FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """(LANES, n, 2) innovations of angle and rate, and their variances, of a model in each lane; NaN where none."""
+    known = np.concatenate([log.known for log in logs])
+    driven = Driven.of(drives, [known[:, 0].copy()] * LANES)
+    found = kernel(logged(*logs), driven, Abreast.of(models, noises))
+    tables = (np.where(np.isfinite(known), one.reshape(LANES, -1, 2), np.nan) for one in found)
+    innovation, variance = tables
+    return innovation, variance
+
+
+def filtered(
+    kernel: Filter, log: Log, drive: Drive, model: Model, noise: Sequence[float]
+) -> tuple[FloatArray, FloatArray]:
+    """(n, 2) of one model, which is in all lanes."""
+    every = filtered_abreast(kernel, [log], [drive] * LANES, [model] * LANES, [np.array(noise)] * LANES)
+    for table in every:
+        np.testing.assert_array_equal(table, np.broadcast_to(table[0], table.shape))
+    return every[0][0], every[1][0]
