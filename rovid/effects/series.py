@@ -13,7 +13,6 @@ from rovid.effects.actuation import Actuation
 from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import compiled
 
-
 # Intervals that differ by no more than this share are one.
 _SAME = 1e-9
 

@@ -167,9 +167,7 @@ def effects_along(
 
 
 @lean
-def _follow(
-    first: int, runs: Any, measured: Any, equation: Any, room: Any, torque: Any, states: Any
-) -> None:
+def _follow(first: int, runs: Any, measured: Any, equation: Any, room: Any, torque: Any, states: Any) -> None:
     """The courses of the runs behind the ``first``, one in each lane; fills in ``torque`` and ``states`` there."""
     (begins, periods, starts), (course, beside), terms = runs, measured, equation.terms
     period, origin, longest = spread(1.0), spread(0.0), 0
