@@ -47,6 +47,8 @@ app = typer.Typer(
 
 def main() -> None:
     """Entry point: run the command; the user's mistakes end with one message and exit status 2."""
+    # Before numpy is imported: products of matrices are small here, and BLAS's own threads get in each other's way.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if "_ROVID_COMPLETE" in os.environ:
         # typer folds the help that zsh and fish show beside a value; a shell takes each line for a value.
         os.environ["COLUMNS"] = "1000"
