@@ -17,7 +17,7 @@ import pytest
 from rovid.commands import cli
 from tools.trial_day import write_trial_day
 
-# As the command line does, before numpy is imported.
+# As the command line does; the workers that share the tests begin with it.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 ROOT = Path(__file__).parent.parent
