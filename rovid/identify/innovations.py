@@ -102,7 +102,8 @@ class InnovationMisfit(Misfit):
 
     def held_out_costs(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[float]:
         """Cost of each of ``tests`` with the coordinates that were fitted to others."""
-        return [test.cost(x) for test, x in zip(tests, fits, strict=True)]
+        found = self.of_each(list(zip(tests, fits, strict=True)))
+        return [test.cost_of(here) for test, here in zip(tests, found, strict=True)]
 
     def recounted(self, model: Model) -> Self:  # noqa: ARG002 - as every misfit
         """Itself: each innovation is news."""

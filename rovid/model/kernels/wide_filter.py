@@ -57,17 +57,15 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
     inverse = brake[2]
     drive = sigma * root(2.0 * b)
     frequency, leak, power, kicks = spread(terms.fastest), zero, zero, zero
-    third, fourth, fifth = zero, -zero, zero
-    told_rate = zero
     if waves:
         frequency = read(models.wave, 1)
         leak = 2.0 * read(models.wave, 2) * frequency
         power = 0.5 * read(models.wave, 0) * read(models.wave, 0)
         kicks = frequency * root(2.0 * leak * power)
-        third, fourth, fifth = inverse, -frequency * frequency, -leak
-        by_fifth = zero
+        rate_fourth, rate_fifth, fifth_rate = inverse, zero, zero
+        fifth_fourth, fifth_fifth = -frequency * frequency, -leak
     else:
-        third, by_fifth, told_rate, fourth, fifth = _ring(body, terms, inverse, state, work[0])
+        rate_fourth, rate_fifth, fifth_rate, fifth_fourth, fifth_fifth = _ring(body, terms, inverse, state, work[0])
     pace, pull = pace_of(body, b + frequency), -body.stiffness * inverse
     begin, end = logged.begins[run], logged.begins[run + 1]
     equation = Equation(body, terms, spread(logged.start[run]))
@@ -95,9 +93,9 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
             for _ in range(steps):
                 faded, swung, slope, other = d * fade, zero, zero, d * mean
                 if waves:
-                    bend = fourth * w + fifth * v
-                    jerk = fourth * v + fifth * bend
-                    jolt = fourth * bend + fifth * jerk
+                    bend = fifth_fourth * w + fifth_fifth * v
+                    jerk = fifth_fourth * v + fifth_fifth * bend
+                    jolt = fifth_fourth * bend + fifth_fifth * jerk
                     swung = w + h * (v + (h / 2.0) * (bend + (h / 3.0) * (jerk + (h / 4.0) * jolt)))
                     slope = v + h * (bend + (h / 2.0) * (jerk + (h / 3.0) * jolt))
                     # Its mean over the step.
@@ -112,7 +110,17 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
                 r = r - damping * late
                 d, w, v = faded, swung, slope
                 # As in the other filter, no more than the series bear.
-                swing = Swing(pull, -smaller(damping, 1.0 / h), inverse, third, by_fifth, -b, told_rate, fourth, fifth)
+                swing = Swing(
+                    pull,
+                    -smaller(damping, 1.0 / h),
+                    inverse,
+                    rate_fourth,
+                    rate_fifth,
+                    -b,
+                    fifth_rate,
+                    fifth_fourth,
+                    fifth_fifth,
+                )
                 transition(swing, h, fade, f)
                 clear(q)
                 add_noise(swing, 2, drive, h, q)
@@ -158,13 +166,13 @@ def _ring(body: Any, terms: Any, inverse: Any, state: Any, change: Any) -> Any:
     zero, ringing = spread(0.0), TERM_STATES * terms.ringing
     equation, nothing = Equation(body, terms, zero), (zero, zero, zero)
     torque_at(spread(1.0), zero, zero, nothing, equation, state, change)
-    by_rate = read(change, ringing + 1)
+    fifth_rate = read(change, ringing + 1)
     rest = torque_at(zero, zero, zero, nothing, equation, state, change)
     write(state, ringing, 1.0)
-    third = (torque_at(zero, zero, zero, nothing, equation, state, change) - rest) * inverse
-    fourth = read(change, ringing + 1)
+    rate_fourth = (torque_at(zero, zero, zero, nothing, equation, state, change) - rest) * inverse
+    fifth_fourth = read(change, ringing + 1)
     write(state, ringing, 0.0)
     write(state, ringing + 1, 1.0)
-    by_fifth = (torque_at(zero, zero, zero, nothing, equation, state, change) - rest) * inverse
+    rate_fifth = (torque_at(zero, zero, zero, nothing, equation, state, change) - rest) * inverse
     write(state, ringing + 1, 0.0)
-    return third, by_fifth, by_rate, fourth, read(change, ringing + 1)
+    return rate_fourth, rate_fifth, fifth_rate, fifth_fourth, read(change, ringing + 1)
