@@ -22,8 +22,6 @@ from unittest.mock import patch
 
 from rovid import study
 from rovid.diagnose.record import Diagnosis
-from rovid.identify.horizon_misfit import HorizonMisfit
-from rovid.identify.innovations import InnovationMisfit
 from tools.cases import all_cases, truth_of
 from tools.trial_day import write_trial_day
 from tools.truth import VEHICLES
@@ -49,7 +47,11 @@ STAGES = {
     "rovid.diagnose.waves.cross_validate": "cross-validation",
     "rovid.diagnose.diagnosis.concluded": "conclusion",
 }
-MISFITS = (InnovationMisfit, HorizonMisfit)
+# What asks the model, and how often by what it is given: once a set of parameters.
+PASSES: dict[str, Callable[..., int]] = {
+    "rovid.identify.innovations._side_by_side": len,
+    "rovid.identify.horizon_misfit.predictions": lambda *_: 1,
+}
 
 Function = Callable[..., Any]
 # A stage by the stages around it, the outermost first.
@@ -85,7 +87,6 @@ class Profile:
     stages: dict[Place, Stage] = field(default_factory=dict)
     _current: Place = ()
     _lock: Any = field(default_factory=threading.Lock)
-    _thread: Any = field(default_factory=threading.local)
 
     @contextmanager
     def entered(self, name: str) -> Iterator[None]:
@@ -110,18 +111,12 @@ class Profile:
 
         return wrapped
 
-    def counted(self, function: Function, count: Callable[[Any], int]) -> Function:
-        """``function`` of a misfit and what it is asked at, which is ``count`` passes, those within it included."""
+    def counted(self, function: Function, count: Callable[..., int]) -> Function:
+        """``function``, which is as many passes as ``count`` says of what it is asked."""
 
-        def wrapped(misfit: Any, asked: Any, *rest: Any) -> Any:
-            if getattr(self._thread, "counting", False):
-                return function(misfit, asked, *rest)
-            self._thread.counting = True
-            self._pass(count(asked))
-            try:
-                return function(misfit, asked, *rest)
-            finally:
-                self._thread.counting = False
+        def wrapped(*asked: Any) -> Any:
+            self._pass(count(*asked))
+            return function(*asked)
 
         return wrapped
 
@@ -138,11 +133,9 @@ class Profile:
             for where, name in STAGES.items():
                 owner, attribute = _owner(where)
                 stack.enter_context(patch.object(owner, attribute, self.timed(getattr(owner, attribute), name)))
-            for kind in MISFITS:
-                for attribute, count in (("innovations", _one), ("innovations_of", len)):
-                    if attribute in vars(kind):
-                        wrapped = self.counted(getattr(kind, attribute), count)
-                        stack.enter_context(patch.object(kind, attribute, wrapped))
+            for where, count in PASSES.items():
+                owner, attribute = _owner(where)
+                stack.enter_context(patch.object(owner, attribute, self.counted(getattr(owner, attribute), count)))
             yield
 
     def total(self, name: str) -> Stage:
@@ -167,10 +160,6 @@ class Profile:
         lacking = [f"{where} ({name})" for where, name in STAGES.items() if name not in met]
         if lacking:
             raise RuntimeError(f"never called: {', '.join(lacking)}. Say in STAGES what is called in its place.")
-
-
-def _one(_: object) -> int:
-    return 1
 
 
 def _owner(where: str) -> tuple[Any, str]:
