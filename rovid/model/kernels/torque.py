@@ -36,6 +36,11 @@ def _any_of(takes: str, gives: Mapping[int, str], names: Mapping[str, Any], othe
     return numba.njit(error_model="numpy", nogil=True, inline="always")(namespace["any_of"])
 
 
+def taking_lanes(function: Any, states: int) -> Any:
+    """Compiled; a term's ``function`` as one of lanes: itself, or where it branches one that goes lane by lane."""
+    return function if _takes_lanes(function) else _lane_by_lane(function, states)
+
+
 def _takes_lanes(function: Any) -> bool:
     """Whether a compiled ``function`` and all that it calls go on the same way whatever the numbers are."""
     if not isinstance(function, Dispatcher):
@@ -108,10 +113,7 @@ def _both(torque_and_change: Any, none: Any) -> Any:
 _term = _any_of(
     "at, p, x, none",
     {kind: _GIVES[term.states].format(f"term_{kind}") for kind, term in enumerate(TERMS)},
-    {
-        f"term_{kind}": term.torque if _takes_lanes(term.torque) else _lane_by_lane(term.torque, term.states)
-        for kind, term in enumerate(TERMS)
-    }
+    {f"term_{kind}": taking_lanes(term.torque, term.states) for kind, term in enumerate(TERMS)}
     | {"spread": spread, "both": _both},
     "none, none, none",
 )
