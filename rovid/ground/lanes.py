@@ -49,7 +49,7 @@ class _Register(PrimitiveModel):
         super().__init__(manager, lanes, _VECTOR)  # type: ignore[no-untyped-call]  # numba ships no types
 
 
-def spread(x: Any) -> Any:
+def alike(x: Any) -> Any:
     """Lanes that all hold the number ``x``; lanes as they are."""
     return np.full(LANES, x) if np.ndim(x) == 0 else x
 
@@ -107,7 +107,7 @@ def _are_lanes(*every: types.Type) -> bool:
 
 
 @lower_cast(types.Number, LanesType)  # type: ignore[untyped-decorator, no-untyped-call]  # numba ships no types
-def _spread_number(context: Any, builder: Any, kind: Any, _: Any, value: Any) -> Any:
+def _alike_number(context: Any, builder: Any, kind: Any, _: Any, value: Any) -> Any:
     number = context.cast(builder, value, kind, types.float64)
     undefined = ir.Constant(_VECTOR, ir.Undefined)
     first = builder.insert_element(undefined, number, _INDEX(0))
@@ -230,7 +230,7 @@ _teach(larger, _lanes_or_numbers, _selecting(">"), _TWO, _NUMBERS)
 _teach(smaller, _lanes_or_numbers, _selecting("<"), _TWO, _NUMBERS)
 _teach(root, _lanes_or_numbers, _by_llvm("sqrt"), _ONE, _NUMBER)
 _teach(where_positive, _lanes_or_numbers, _where_positive, _THREE, (types.Float,) * 3)
-_teach(spread, lambda _: (_LANES, _LANES), lambda _, __, ___, values: values[0], _ONE)
+_teach(alike, lambda _: (_LANES, _LANES), lambda _, __, ___, values: values[0], _ONE)
 _teach(lane, lambda x, i: (types.float64, x, i), _lane, (LanesType, _AT))
 _teach(with_lane, lambda x, i, _: (_LANES, x, i, types.float64), _with_lane, (LanesType, _AT, types.Float))
 _teach(read, lambda rows, at: (_LANES, rows, at) if _without_gaps(rows) else None, _read, (types.Array, _AT))
@@ -286,7 +286,7 @@ def within(x: Any, size: Any, most: float) -> Any:
 @inlined
 def gathered(numbers: Any) -> Any:
     """Lanes of the (LANES,) ``numbers``, wherever they stand."""
-    x = spread(0.0)
+    x = alike(0.0)
     for i in range(LANES):
         x = with_lane(x, i, numbers[i])
     return x

@@ -13,6 +13,7 @@ import pytest
 from rovid.ground.arrays import FloatArray
 from rovid.ground.lanes import (
     LANES,
+    alike,
     exponential,
     gathered,
     lane,
@@ -21,7 +22,6 @@ from rovid.ground.lanes import (
     read,
     root,
     smaller,
-    spread,
     where_positive,
     with_lane,
     within,
@@ -56,8 +56,8 @@ OPERATORS: dict[str, tuple[Function, FloatArray]] = {
     "where positive, a number": (lambda x, y, z: where_positive(x, 0.0, -y), np.where(X >= 0.0, 0.0, -Y)),
     "root": (lambda x, y, z: root(y), np.sqrt(Y)),
     "exponential": (lambda x, y, z: exponential(x), np.exp(X)),
-    "spread": (lambda x, y, z: spread(2.5), np.full(LANES, 2.5)),
-    "spread of lanes": (lambda x, y, z: spread(x), X),
+    "alike": (lambda x, y, z: alike(2.5), np.full(LANES, 2.5)),
+    "alike of lanes": (lambda x, y, z: alike(x), X),
     "with lane": (lambda x, y, z: with_lane(x, 2, 7.0), np.where(np.arange(LANES) == 2, 7.0, X)),
 }
 FUNCTIONS: dict[str, tuple[Function, FloatArray]] = {
@@ -123,7 +123,7 @@ def test_a_formula_of_lanes_takes_plain_numbers(formula: Function, numbers: tupl
 
 def test_whole_numbers_are_spread_too() -> None:
     np.testing.assert_array_equal(asked(lambda x, y, z: x + 2, ROWS), X + 2.0)
-    np.testing.assert_array_equal(asked(lambda x, y, z: spread(3), ROWS), np.full(LANES, 3.0))
+    np.testing.assert_array_equal(asked(lambda x, y, z: alike(3), ROWS), np.full(LANES, 3.0))
 
 
 @pytest.mark.parametrize("missing", [0, LANES - 1])

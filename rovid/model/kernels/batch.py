@@ -6,7 +6,7 @@ from typing import Any
 
 from rovid.effects.base import Body
 from rovid.ground.compiled import inlined
-from rovid.ground.lanes import LANES, lane, read, spread, with_lane
+from rovid.ground.lanes import LANES, alike, lane, read, with_lane
 from rovid.model.equation import Equation
 
 
@@ -21,19 +21,19 @@ def in_lanes(equation: Any) -> Any:
     """An `rovid.model.equation.Equation` of numbers, the same in all lanes."""
     own = equation.body
     body = Body(
-        spread(own.inertia),
-        spread(own.quadratic_drag),
-        spread(own.linear_drag),
-        spread(own.stiffness),
-        spread(own.trim),
+        alike(own.inertia),
+        alike(own.quadratic_drag),
+        alike(own.linear_drag),
+        alike(own.stiffness),
+        alike(own.trim),
     )
-    return Equation(body, equation.terms, spread(equation.start))
+    return Equation(body, equation.terms, alike(equation.start))
 
 
 @inlined
 def each(rows: Any, of_lane: Any, k: int) -> Any:
     """In lanes, the column ``k`` of each one's own of the ``rows``."""
-    x = spread(0.0)
+    x = alike(0.0)
     for i in range(LANES):
         x = with_lane(x, i, rows[of_lane[i], k])
     return x
@@ -42,7 +42,7 @@ def each(rows: Any, of_lane: Any, k: int) -> Any:
 @inlined
 def beside_of(driven: Any, k: int) -> Any:
     """In lanes, what effects are told of the instant ``k`` beside the torque."""
-    race = surge = sway = spread(0.0)
+    race = surge = sway = alike(0.0)
     for i in range(LANES):
         own = driven.drive[i]
         race = with_lane(race, i, driven.beside[own, k, 0])

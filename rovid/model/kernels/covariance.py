@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from rovid.ground.compiled import inlined, lean
-from rovid.ground.lanes import read, spread, write
+from rovid.ground.lanes import alike, read, write
 from rovid.model.kernels.filter import NODES, WEIGHTS
 
 SIZE = 5
@@ -40,7 +40,7 @@ def transition(swing: Any, h: float, fade: Any, f: Any) -> None:
     Row by row: the derivative of the angle's row is the rate's, and so it is of the two states, the first of which is
     the integral of the other.
     """
-    zero, one = spread(0.0), spread(1.0)
+    zero, one = alike(0.0), alike(1.0)
     write(f, 2 * SIZE + 2, fade)
     for at in (0, 3):
         is_angle = at == 0
@@ -81,7 +81,7 @@ def add_noise(swing: Any, into: int, size: Any, h: float, q: Any) -> None:
 
     By Gauss and Legendre, with its path to each node as a series: no covariance comes out of that negative.
     """
-    zero = spread(0.0)
+    zero = alike(0.0)
     for node in range(3):
         t, weight = NODES[node] * h, WEIGHTS[node] * h
         v0, v1, v2, v3, v4 = zero, zero, size if into == 2 else zero, zero, size if into == 4 else zero

@@ -10,7 +10,7 @@ import numpy as np
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import compiled, inlined, lean
-from rovid.ground.lanes import LANES, exponential, lane, larger, largest, read, root, smaller, spread, write
+from rovid.ground.lanes import LANES, alike, exponential, lane, larger, largest, read, root, smaller, write
 from rovid.model.equation import Equation
 from rovid.model.kernels.batch import beside_of, body_of, each, put
 from rovid.model.kernels.step import MAX_GAP_SUBSTEPS, bare_step, brakes, damping_of, step
@@ -94,13 +94,13 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
     inverse = brake[2]
     # Damping b of the disturbance, in 1/s.
     b = 1.0 / tau
-    pace, zero = pace_of(body, b), spread(0.0)
+    pace, zero = pace_of(body, b), alike(0.0)
     begin, end = logged.begins[run], logged.begins[run + 1]
-    equation = Equation(body, terms, spread(logged.start[run]))
+    equation = Equation(body, terms, alike(logged.start[run]))
     origin, damping = each(driven.angles, driven.angle, begin), brake[1]
-    a, r, d = origin, spread(logged.first[run, 0]), zero
+    a, r, d = origin, alike(logged.first[run, 0]), zero
     p00, p01, p02 = angle_noise, zero, zero
-    p11, p12, p22 = spread(logged.first[run, 1] ** 2), zero, power
+    p11, p12, p22 = alike(logged.first[run, 1] ** 2), zero, power
     h, fade, mean, fresh, pull = 0.0, zero, zero, zero, zero
     for k in range(begin, end):
         if k > begin:
@@ -123,7 +123,7 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
                     r, a, damping = bare_step(r, a, push + d * mean, brake, h)
                 else:
                     for _ in range(shares):
-                        share = spread(h / shares)
+                        share = alike(h / shares)
                         r, a, damping = step(r, a, push, d * mean, beside, equation, state, work, share)
                 # What of it comes early in the step turns the vehicle more.
                 early = (1.0 - fade) * d * inverse * (h**2 / 12.0)

@@ -10,7 +10,7 @@ import numpy as np
 from rovid.effects.base import Body
 from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import compiled, lean
-from rovid.ground.lanes import LANES, lane, larger, spread
+from rovid.ground.lanes import LANES, alike, lane, larger
 from rovid.model.kernels.batch import in_lanes
 from rovid.model.kernels.step import bare_step, brakes, damping_of, step, wanted_steps, whole_steps
 from rovid.model.kernels.torque import ROOM
@@ -107,12 +107,12 @@ def advance(
         At the interval's end.
     """
     abreast, body = in_lanes(equation), equation.body
-    told = spread(beside[0]), spread(beside[1]), spread(beside[2])
-    rate, angle, torque = spread(r), spread(a), spread(push)
-    steps = whole_steps(wanted_steps(rate, torque + other, spread(stiffness), interval, abreast))
-    h, fastest = spread(interval / steps), spread(equation.terms.fastest)
+    told = alike(beside[0]), alike(beside[1]), alike(beside[2])
+    rate, angle, torque = alike(r), alike(a), alike(push)
+    steps = whole_steps(wanted_steps(rate, torque + other, alike(stiffness), interval, abreast))
+    h, fastest = alike(interval / steps), alike(equation.terms.fastest)
     for _ in range(steps):
-        rate, angle, damping = step(rate, angle, torque, spread(other), told, abreast, state, work, h)
+        rate, angle, damping = step(rate, angle, torque, alike(other), told, abreast, state, work, h)
         fastest = larger(fastest, damping)
     r, a = lane(rate, 0), lane(angle, 0)
     # What came late in the interval has turned the vehicle less, and drag has taken less of it.

@@ -10,7 +10,7 @@ import numpy as np
 from rovid.effects.base import TERM_STATES, Body
 from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import compiled, inlined, lean
-from rovid.ground.lanes import LANES, lane, larger, largest, spread, with_lane, within
+from rovid.ground.lanes import LANES, alike, lane, larger, largest, with_lane, within
 from rovid.model.equation import Equation
 from rovid.model.kernels.batch import in_lanes
 from rovid.model.kernels.step import (
@@ -96,7 +96,7 @@ def _predict(
 ) -> None:
     """From the restarts behind the ``first``, one in each lane; fills in their rows of ``turned``."""
     (restarts, reach, period, start), (torque, beside, rate, angle, states) = begun, course
-    r, a, span, origin, longest = spread(0.0), spread(0.0), spread(1.0), spread(0.0), 0
+    r, a, span, origin, longest = alike(0.0), alike(0.0), alike(1.0), alike(0.0), 0
     for i in range(LANES):
         # Lanes beyond the last restart do as that does.
         own = min(first + i, len(restarts) - 1)
@@ -107,7 +107,7 @@ def _predict(
             state[j, i] = states[at, j]
         turned[own, 0] = 0.0
     equation, begin = Equation(in_lanes(Equation(body, terms, 0.0)).body, terms, origin), a
-    brake, stiffness, none = brakes(equation.body), spread(0.0), spread(0.0)
+    brake, stiffness, none = brakes(equation.body), alike(0.0), alike(0.0)
     for k in range(longest):
         push, race, surge, sway = none, none, none, none
         for i in range(LANES):
@@ -170,7 +170,7 @@ def effects_along(
 def _follow(first: int, runs: Any, measured: Any, equation: Any, room: Any, torque: Any, states: Any) -> None:
     """The courses of the runs behind the ``first``, one in each lane; fills in ``torque`` and ``states`` there."""
     (begins, periods, starts), (course, beside), terms = runs, measured, equation.terms
-    period, origin, longest = spread(1.0), spread(0.0), 0
+    period, origin, longest = alike(1.0), alike(0.0), 0
     for i in range(LANES):
         # Lanes beyond the last run do as that does.
         own = min(first + i, len(periods) - 1)
@@ -209,7 +209,7 @@ def _follow(first: int, runs: Any, measured: Any, equation: Any, room: Any, torq
 @inlined
 def _at(table: Any, column: int, begins: Any, first: int, k: int) -> Any:
     """In lanes, the instant ``k`` of each run behind the ``first``, or its last."""
-    x = spread(0.0)
+    x = alike(0.0)
     for i in range(LANES):
         own = min(first + i, len(begins) - 2)
         x = with_lane(x, i, table[min(begins[own] + k, begins[own + 1] - 1), column])

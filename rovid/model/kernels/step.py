@@ -9,7 +9,7 @@ from typing import Any
 
 from rovid.effects.base import TERM_STATES
 from rovid.ground.compiled import inlined, lean
-from rovid.ground.lanes import larger, largest, read, root, smaller, spread, write
+from rovid.ground.lanes import alike, larger, largest, read, root, smaller, write
 from rovid.model.kernels.torque import jump, torque_of
 
 # How far along the step the second to fourth stage stand, and how often each of the four counts in the mean.
@@ -97,7 +97,7 @@ def step(
     rate, angle = r + nudge, a
     jump(rate, equation, state)
     copy(rows, state, there)
-    turned = gained = given = damping = spread(0.0)
+    turned = gained = given = damping = alike(0.0)
     for stage in range(-1, 4):
         extra = torque_of(rate, angle, push, beside, equation, there, change) * brake[2]
         if stage < 0:

@@ -12,10 +12,10 @@ from numba.core.dispatcher import Dispatcher
 from rovid.effects import TERMS
 from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, Body, Instant
 from rovid.ground.compiled import Function, inlined, lean
-from rovid.ground.lanes import LANES, lane, read, spread, with_lane, write
+from rovid.ground.lanes import LANES, alike, lane, read, with_lane, write
 
 # What a term gives, by how many states it has: its torque and how two states change.
-_GIVES = ("spread({}(at, p)), none, none", "both({}(at, p, x), none)", "{}(at, p, x)")
+_GIVES = ("alike({}(at, p)), none, none", "both({}(at, p, x), none)", "{}(at, p, x)")
 # Rows behind the rates of change of the states, in which it is kept what terms look at.
 ROOM = 3
 # Compiled into its caller, and making no arrays of its own, as `rovid.ground.compiled.lean`.
@@ -58,14 +58,14 @@ def _lane_by_lane(function: Callable[..., Any], states: int) -> Any:
 
     @_part
     def without(at: Any, p: Any) -> Any:
-        torque = spread(0.0)
+        torque = alike(0.0)
         for i in range(LANES):
             torque = with_lane(torque, i, function(_instant(at, i), _four(p, i)))
         return torque
 
     @_part
     def with_one(at: Any, p: Any, x: Any) -> Any:
-        torque = change = spread(0.0)
+        torque = change = alike(0.0)
         for i in range(LANES):
             own, first = function(_instant(at, i), _four(p, i), _two(x, i))
             torque, change = with_lane(torque, i, own), with_lane(change, i, first)
@@ -73,7 +73,7 @@ def _lane_by_lane(function: Callable[..., Any], states: int) -> Any:
 
     @_part
     def with_two(at: Any, p: Any, x: Any) -> Any:
-        torque = change = further = spread(0.0)
+        torque = change = further = alike(0.0)
         for i in range(LANES):
             own, first, second = function(_instant(at, i), _four(p, i), _two(x, i))
             torque, change = with_lane(torque, i, own), with_lane(change, i, first)
@@ -106,7 +106,7 @@ def _instant(at: Any, i: int) -> Any:
 
 @inlined
 def _both(torque_and_change: Any, none: Any) -> Any:
-    return spread(torque_and_change[0]), torque_and_change[1], none
+    return alike(torque_and_change[0]), torque_and_change[1], none
 
 
 # The kind of a term is its index in ``rovid.effects.TERMS``.
@@ -114,7 +114,7 @@ _term = _any_of(
     "at, p, x, none",
     {kind: _GIVES[term.states].format(f"term_{kind}") for kind, term in enumerate(TERMS)},
     {f"term_{kind}": taking_lanes(term.torque, term.states) for kind, term in enumerate(TERMS)}
-    | {"spread": spread, "both": _both},
+    | {"alike": alike, "both": _both},
     "none, none, none",
 )
 _MOVING = {kind: term.water for kind, term in enumerate(TERMS) if term.water is not None}
@@ -148,8 +148,8 @@ def torque_of(rate: Any, angle: Any, push: Any, beside: Any, equation: Any, stat
     state, change
         (m * TERM_STATES, LANES); ``change`` has `ROOM` rows more.
     """
-    terms, total, none = equation.terms, spread(0.0), spread(0.0)
-    kinds, parameters, water = terms.kinds, terms.parameters, spread(0.0)
+    terms, total, none = equation.terms, alike(0.0), alike(0.0)
+    kinds, parameters, water = terms.kinds, terms.parameters, alike(0.0)
     for j in range(terms.moving):
         for i in range(LANES):
             moved = _water_of(kinds[j], _four(_parameters(parameters, j), i), _two(_states(state, j), i))

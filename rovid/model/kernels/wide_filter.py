@@ -10,7 +10,7 @@ import numpy as np
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import compiled, inlined, lean
-from rovid.ground.lanes import LANES, exponential, lane, read, root, smaller, spread, write
+from rovid.ground.lanes import LANES, alike, exponential, lane, read, root, smaller, write
 from rovid.model.equation import Equation
 from rovid.model.kernels.batch import beside_of, body_of, each, put
 from rovid.model.kernels.covariance import SIZE, Swing, add_noise, clear, congruence, transition, upper
@@ -53,10 +53,10 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
     time, terms, body, waves = logged.time, models.terms, body_of(models.body), len(models.wave) > 0
     ringing, p, f, q, room = TERM_STATES * terms.ringing, matrices[0], matrices[1], matrices[2], matrices[3]
     sigma, tau = read(models.noise, 0), read(models.noise, 1)
-    brake, b, zero = brakes(body), 1.0 / tau, spread(0.0)
+    brake, b, zero = brakes(body), 1.0 / tau, alike(0.0)
     inverse = brake[2]
     drive = sigma * root(2.0 * b)
-    frequency, leak, power, kicks = spread(terms.fastest), zero, zero, zero
+    frequency, leak, power, kicks = alike(terms.fastest), zero, zero, zero
     if waves:
         frequency = read(models.wave, 1)
         leak = 2.0 * read(models.wave, 2) * frequency
@@ -68,13 +68,13 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
         rate_fourth, rate_fifth, fifth_rate, fifth_fourth, fifth_fifth = _ring(body, terms, inverse, state, work[0])
     pace, pull = pace_of(body, b + frequency), -body.stiffness * inverse
     begin, end = logged.begins[run], logged.begins[run + 1]
-    equation = Equation(body, terms, spread(logged.start[run]))
+    equation = Equation(body, terms, alike(logged.start[run]))
     # Angle, rate, disturbance, and the two.
     origin, damping = each(driven.angles, driven.angle, begin), brake[1]
-    a, r, d, w, v = origin, spread(logged.first[run, 0]), zero, zero, zero
+    a, r, d, w, v = origin, alike(logged.first[run, 0]), zero, zero, zero
     clear(p)
     write(p, 0, read(models.noise, 2) * read(models.noise, 2))
-    write(p, SIZE + 1, spread(logged.first[run, 1] ** 2))
+    write(p, SIZE + 1, alike(logged.first[run, 1] ** 2))
     write(p, 2 * SIZE + 2, sigma * sigma)
     if waves:
         write(p, 3 * SIZE + 3, power)
@@ -103,7 +103,7 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
                     other = other + w + (h / 2.0) * (v + (h / 3.0) * late)
                 a = a - origin
                 for _ in range(shares):
-                    r, a, damping = step(r, a, push, other, beside, equation, state, work, spread(h / shares))
+                    r, a, damping = step(r, a, push, other, beside, equation, state, work, alike(h / shares))
                 # What of it comes late in the step turns the vehicle less.
                 late = (swung - w + faded - d) * inverse * (-(h**2) / 12.0)
                 a = a + origin + late
@@ -135,7 +135,7 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
             write(p, 1, read(p, 1) + kick * (interval / 2.0))
             write(p, SIZE + 1, read(p, SIZE + 1) + kick)
         for m in range(2):
-            reading, known = (each(driven.angles, driven.angle, k), a) if m == 0 else (spread(logged.rate[k]), r)
+            reading, known = (each(driven.angles, driven.angle, k), a) if m == 0 else (alike(logged.rate[k]), r)
             if math.isnan(lane(reading, 0)):
                 continue
             noise = read(models.noise, 2 + m)
@@ -163,9 +163,9 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
 @inlined
 def _ring(body: Any, terms: Any, inverse: Any, state: Any, change: Any) -> Any:
     """How the two states of the term that rings act on the rate, and how the second follows from all three."""
-    zero, ringing = spread(0.0), TERM_STATES * terms.ringing
+    zero, ringing = alike(0.0), TERM_STATES * terms.ringing
     equation, nothing = Equation(body, terms, zero), (zero, zero, zero)
-    torque_at(spread(1.0), zero, zero, nothing, equation, state, change)
+    torque_at(alike(1.0), zero, zero, nothing, equation, state, change)
     fifth_rate = read(change, ringing + 1)
     rest = torque_at(zero, zero, zero, nothing, equation, state, change)
     write(state, ringing, 1.0)
