@@ -114,7 +114,7 @@ class HorizonMisfit(Misfit):
                 error = error[self.counted]
             # Even a model that runs away is to be compared with others.
             error = np.nan_to_num(error, nan=_FAR_OFF, posinf=_FAR_OFF, neginf=-_FAR_OFF)
-            return Innovations(error, np.maximum(self.sizes(error)[self._horizon], 1e-300))
+            return Innovations(error, self._variances(self.sizes(error))[self._horizon])
 
     def held_out_costs(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[float]:
         """Cost of each of ``tests`` with the coordinates that were fitted to others.
@@ -126,8 +126,12 @@ class HorizonMisfit(Misfit):
         sizes = _mean_squares(np.concatenate(horizons), np.concatenate(errors))
         costs = []
         for test, error, horizon in zip(tests, errors, horizons, strict=True):
-            costs.append(test.cost_of(Innovations(error, sizes[horizon])))
+            costs.append(test.cost_of(Innovations(error, self._variances(sizes)[horizon])))
         return costs
+
+    def _variances(self, sizes: FloatArray) -> FloatArray:
+        """(q,) mean squares, and no less than two readings are off by: where few are left, all may be met by chance."""
+        return np.maximum(sizes, 2.0 * self.records.position_noise**2)
 
     def recounted(self, model: Model) -> Self:
         """The same with as many predictions counted as the errors of ``model`` leave."""
