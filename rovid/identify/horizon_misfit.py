@@ -17,6 +17,7 @@ from rovid.identify.coordinates import DISTURBANCE, NOISE, Coordinates
 from rovid.identify.courses import GRID, HORIZONS
 from rovid.identify.horizons import HorizonRecords, predictions
 from rovid.identify.misfit import Misfit
+from rovid.identify.records import ANGLE_NOISE_FLOOR
 from rovid.identify.scoring import Innovations
 from rovid.model.model import Model
 
@@ -129,9 +130,10 @@ class HorizonMisfit(Misfit):
             costs.append(test.cost_of(Innovations(error, self._variances(sizes)[horizon])))
         return costs
 
-    def _variances(self, sizes: FloatArray) -> FloatArray:
-        """(q,) mean squares, and no less than two readings are off by: where few are left, all may be met by chance."""
-        return np.maximum(sizes, 2.0 * self.records.position_noise**2)
+    @staticmethod
+    def _variances(sizes: FloatArray) -> FloatArray:
+        """(q,) mean squares, and no less than two readings are off by at best: a few may all be met by chance."""
+        return np.maximum(sizes, 2.0 * ANGLE_NOISE_FLOOR**2)
 
     def recounted(self, model: Model) -> Self:
         """The same with as many predictions counted as the errors of ``model`` leave."""

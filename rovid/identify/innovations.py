@@ -81,8 +81,8 @@ class InnovationMisfit(Misfit):
         """As `innovations_of`, of misfits of the same records, each at a point of its own; on all cores at once."""
         alike: dict[tuple[int, ...], list[int]] = {}
         for at, (misfit, x) in enumerate(pairs):
-            kinds = misfit.coordinates.model(x).terms.kinds
-            alike.setdefault((misfit.is_wide, *kinds.tolist()), []).append(at)
+            model = misfit.coordinates.model(x)
+            alike.setdefault((misfit.is_wide, len(model.wave), *model.terms.kinds.tolist()), []).append(at)
         groups = [few for places in alike.values() for few in _by(LANES, places)]
         found: dict[int, Innovations] = {}
         every = spread(lambda few: _side_by_side([pairs[at] for at in few]), groups)

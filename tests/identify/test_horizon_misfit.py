@@ -7,6 +7,7 @@ import pytest
 
 from rovid.identify.fitted import climbed
 from rovid.identify.horizon_misfit import HorizonMisfit
+from rovid.identify.records import ANGLE_NOISE_FLOOR
 from tests.predictions import BIAS, biased, records
 
 
@@ -26,7 +27,7 @@ def test_a_prediction_that_is_met_exactly_is_met_by_chance() -> None:
     misfit = HorizonMisfit(ahead, counted=alone)
     best = climbed(misfit, misfit.coordinates.first())
     error, variance = misfit.innovations(best.x)
-    least = 2.0 * ahead.position_noise**2
+    least = 2.0 * ANGLE_NOISE_FLOOR**2
     assert np.abs(error).max() < np.sqrt(least)
     assert variance.tolist() == pytest.approx([least])
     (held_out,) = misfit.held_out_costs([misfit], [best.x])

@@ -5,13 +5,18 @@ from __future__ import annotations
 import secrets
 from pathlib import Path
 
+import numpy as np
+
+from rovid.effects import effect_named
 from rovid.identify.climb import End, climb
 from rovid.identify.free_run import fit_free_run
 from rovid.identify.innovations import InnovationMisfit
 from rovid.identify.likelihood import LIMITS
 from rovid.identify.readings import Readings
 from rovid.study import open_study
+from tests import synthetic
 from tests.identify.test_likelihood import SHORT, advanced_commands
+from tests.predictions import NOISE, TIME, TORQUE
 from tools.trial_day import write_trial_day
 
 
@@ -27,3 +32,17 @@ def test_a_model_that_misses_much_is_fitted_to_the_end(tmp_path: Path) -> None:
     assert soon.cost - late.cost < 1.0
     assert climb(misfit, late.x).end is End.REACHED
     assert climb(misfit, first, iterations=1).end is End.OUT_OF_STEPS
+
+
+def test_misfits_of_any_effects_are_looked_at_together_as_each_alone() -> None:
+    """Of waves, of water that rings, of terms with states and of none, in whatever order."""
+    records = Readings([synthetic.run(TIME, TORQUE, noise=NOISE)], synthetic.LOGGED, synthetic.ROSUB)
+    names = ("wave_torque", "tank_seiche", "bias_torque", "added_mass_memory", "thruster_lag", "wave_torque")
+    misfits = [InnovationMisfit(records, LIMITS[0], (effect_named(name),)) for name in names]
+    pairs = [(misfit, misfit.coordinates.first()) for misfit in misfits]
+    for (misfit, x), together in zip(pairs, InnovationMisfit.of_each(pairs), strict=True):
+        alone = misfit.innovations(x)
+        scatter = np.sqrt(alone.variance)
+        # Side by side all take the steps of the one that needs most.
+        assert np.max(np.abs(together.error - alone.error) / scatter) < 1e-3
+        assert np.max(np.abs(np.sqrt(together.variance) / scatter - 1.0)) < 1e-3
