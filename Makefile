@@ -56,7 +56,6 @@ $(VENV)/compared: $(VENV)/installed
 bench: $(VENV)/compared  ## timings, as ratios measured in one run, and whether standard errors hold
 	$(BIN)/python -m benchmarks.reading
 	$(BIN)/python -m benchmarks.simulation
-	$(BIN)/python -m benchmarks.filter
 	$(BIN)/python -m benchmarks.passes
 	$(BIN)/python -m benchmarks.stages
 	$(BIN)/python -m benchmarks.startup

@@ -144,7 +144,8 @@ def _side_by_side(pairs: Sequence[tuple[InnovationMisfit, FloatArray]]) -> list[
     every = [pairs[min(at, len(pairs) - 1)] for at in range(LANES)]
     models = [misfit.coordinates.model(x) for misfit, x in pairs]
     models += models[-1:] * (LANES - len(pairs))
-    seen = [records.seen(model) for model in models]
+    once = {id(model): records.seen(model) for model in models}
+    seen = [once[id(model)] for model in models]
     drives = [misfit.drives(model) for (misfit, _), model in zip(every, models, strict=True)]
     driven = Driven.of(drives, [angle for angle, _ in seen])
     abreast = Abreast.of(models, [misfit.noise(x) for misfit, x in every])
