@@ -52,7 +52,6 @@ WITHOUT = {
     "report/evidence.py": "a record",
     "diagnose/record.py": "records",
     # What a diagnosis says follows from all of its steps; it is held against truth by `whole/test_causes.py`.
-    "diagnose/conclusion.py": "a step of the diagnosis",
     "diagnose/diagnosis.py": "a step of the diagnosis",
     "diagnose/experiments.py": "a step of the diagnosis",
     "diagnose/search.py": "a step of the diagnosis",

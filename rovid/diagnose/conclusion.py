@@ -39,12 +39,14 @@ _NEARLY = 0.9
 
 def concluded(work: Work, causes: Sequence[Cause], warnings: list[str]) -> Diagnosis:
     """What is said of ``work``, whose final model has these ``causes``."""
-    base, final = work.refined(work.base), work.refined(work.final)
+    base, final, suspected = work.refined(work.base), work.refined(work.final), work.suspects()
     estimate = _across_forms(work, _estimate(final, white=final.is_white))
     base_estimate = _estimate(base, white=base.is_white)
     # What is missing makes one of them uncertain; where both are, the vehicle was not excited.
     require_inertia(min(base_estimate, estimate, key=_uncertainty), CERTAINTY)
-    estimate = estimate.with_scale_doubt(final.scale_doubt)
+    estimate = across_suspects(estimate.with_scale_doubt(final.scale_doubt), suspected)
+    if not final.effects:
+        base_estimate = estimate
     warnings.extend(estimate.warnings)
     named = [cause for cause in causes if not is_signal(cause.effect)]
     findings = [_planned(work, _finding(work, cause, estimate)) for cause in named]
@@ -55,7 +57,7 @@ def concluded(work: Work, causes: Sequence[Cause], warnings: list[str]) -> Diagn
             f"What is left would be a disturbance above {100 * final.misfit.limit:.2g} % of the torque in use: "
             "something is still missing, and it follows no other logged signal."
         )
-    suspects = tuple(_suspect(work, one) for one in work.suspects())
+    suspects = tuple(_suspect(work, one) for one in suspected)
     extended = _side(work, work.final, final, estimate, work.final)
     waves = _possible_waves(work)
     if waves is not None and waves.confidence >= ESTABLISHED:
@@ -145,6 +147,24 @@ def _across_forms(work: Work, estimate: Estimate) -> Estimate:
             moved.append(_moved(estimate, fit))
     off = np.array(moved).reshape(-1, len(estimate.names))
     return replace(estimate, covariance=estimate.covariance + _between(off, np.array(weights)))
+
+
+def across_suspects(estimate: Estimate, suspected: Sequence[Suspected]) -> Estimate:
+    """``estimate`` with what it would be, were a suspect established: by its odds that comes to the variance too.
+
+    As in `_across_forms`, about the model that is kept (Hoeting et al. 1999).
+    """
+    if not suspected:
+        return estimate
+    odds = np.array([one.confidence for one in suspected])
+    off = np.array([_moved(estimate, one.rival.fitted) for one in suspected])
+    share = odds / max(1.0, float(odds.sum()))
+    names = " or ".join(dict.fromkeys(one.rival.effect.title for one in suspected))
+    return replace(
+        estimate,
+        covariance=estimate.covariance + off.T @ (off * share[:, np.newaxis]),
+        warnings=(*estimate.warnings, f"The standard errors include what {names} would change, if it acts."),
+    )
 
 
 def _between(off: FloatArray, weights: FloatArray) -> FloatArray:
