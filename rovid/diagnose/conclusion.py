@@ -145,8 +145,8 @@ def _across_forms(work: Work, estimate: Estimate) -> Estimate:
             likelier = min(worth(fit) - worth(final), 0.0)
             weights.append(1.0 if alike else math.exp(likelier))
             moved.append(_moved(estimate, fit))
-    off = np.array(moved).reshape(-1, len(estimate.names))
-    return replace(estimate, covariance=estimate.covariance + _between(off, np.array(weights)))
+    off, share = np.array(moved).reshape(-1, len(estimate.names)), np.array(weights) / (1.0 + sum(weights))
+    return replace(estimate, covariance=estimate.covariance + _between(off, share))
 
 
 def across_suspects(estimate: Estimate, suspected: Sequence[Suspected]) -> Estimate:
@@ -162,14 +162,13 @@ def across_suspects(estimate: Estimate, suspected: Sequence[Suspected]) -> Estim
     names = " or ".join(dict.fromkeys(one.rival.effect.title for one in suspected))
     return replace(
         estimate,
-        covariance=estimate.covariance + off.T @ (off * share[:, np.newaxis]),
+        covariance=estimate.covariance + _between(off, share),
         warnings=(*estimate.warnings, f"The standard errors include what {names} would change, if it acts."),
     )
 
 
-def _between(off: FloatArray, weights: FloatArray) -> FloatArray:
-    """(p, p) covariance between models that are (m, p) ``off`` the one whose weight is 1."""
-    share = weights / (1.0 + sum(weights))
+def _between(off: FloatArray, share: FloatArray) -> FloatArray:
+    """(p, p) covariance about a model of others that are (m, p) ``off`` it and have such (m,) shares in the odds."""
     return np.asarray(off.T @ (off * share[:, np.newaxis]))
 
 

@@ -53,9 +53,9 @@ class Promise:
 
 def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
     """What each of ``forms`` promises to gain, from the slopes alone."""
-    here = current.misfit.slopes(current.x)
+    known = current.misfit.looked(current.x)
+    here, (centre, _) = current.misfit.slopes(current.x, known), known
     past = _Complement(here)
-    centre = current.misfit.innovations(current.x)
     misfits = [current.misfit.like((*current.effects, form)) for form in forms]
     begins = [misfit.coordinates.starts() for misfit in misfits]
     pairs = [
@@ -90,7 +90,8 @@ def _begun(current: Fitted, promise: Promise) -> Fitted:
     misfit = current.misfit.like((*current.effects, promise.effect))
     scaled = [sized(promise.effect, promise.start, share) for share in _SHARES]
     begins = [np.concatenate((current.x, start)) for start in (promise.unscaled, *scaled)]
-    return quickly_climbed(misfit, misfit.least(begins), _FIRST_ITERATIONS)
+    (nearest,) = misfit.likeliest(begins, 1)
+    return quickly_climbed(misfit, nearest, _FIRST_ITERATIONS)
 
 
 class _Complement:

@@ -333,7 +333,7 @@ class Search:
 def _climbed_from_best(misfit: Misfit, x: FloatArray, starts: Sequence[FloatArray]) -> Fitted:
     """``x`` with that one of ``starts`` for the last effect that is best as it stands, fitted from there."""
     begins = [np.concatenate((x, start)) for start in starts]
-    best = misfit.least(begins)
+    (best,) = misfit.likeliest(begins, 1)
     return quickly_climbed(misfit, best, ITERATIONS)
 
 

@@ -109,9 +109,7 @@ def _without_waves(records: Readings, beside: Fitted) -> Fitted:
 def _with_waves(plain: Fitted, wave: Effect) -> Fitted:
     misfit = plain.misfit.like((*plain.effects, wave))
     begins = [np.concatenate((plain.x, start)) for start in misfit.coordinates.starts()]
-    order = np.argsort(misfit.costs_of(begins), kind="stable")
-    nearest = [begins[at] for at in order[:_BEGUN]]
-    tried = [quickly_climbed(misfit, begin, _FIRST_ITERATIONS) for begin in nearest]
+    tried = [quickly_climbed(misfit, begin, _FIRST_ITERATIONS) for begin in misfit.likeliest(begins, _BEGUN)]
     best = min(tried, key=lambda fitted: fitted.cost)
     return quickly_climbed(misfit, best.x, _ITERATIONS)
 
@@ -120,7 +118,8 @@ def _disturbed(misfit: Misfit, x: FloatArray) -> FloatArray:
     """``x`` with the likeliest of a few disturbances: unlimited, a climb from one far too small goes astray."""
     pairs = itertools.product(_SHARES, _MEMORIES)
     begins = [_with_disturbance(misfit, x, share, memory) for share, memory in pairs]
-    return misfit.least(begins)
+    (likeliest,) = misfit.likeliest(begins, 1)
+    return likeliest
 
 
 def _with_disturbance(misfit: Misfit, x: FloatArray, share: float, memory: float) -> FloatArray:

@@ -183,23 +183,18 @@ def _where_positive(_: Any, builder: Any, __: Any, values: Any) -> Any:
     return builder.select(builder.fcmp_ordered(">=", x, zero), y, otherwise)
 
 
-def _at(context: Any, builder: Any, kind: Any, value: Any, wanted: Any) -> Any:
-    """An index, as ``wanted``."""
-    return context.cast(builder, value, kind, wanted)
-
-
 def _lane(context: Any, builder: Any, kinds: Any, values: Any) -> Any:
-    return builder.extract_element(values[0], _at(context, builder, kinds[1], values[1], types.int32))
+    return builder.extract_element(values[0], context.cast(builder, values[1], kinds[1], types.int32))
 
 
 def _with_lane(context: Any, builder: Any, kinds: Any, values: Any) -> Any:
-    return builder.insert_element(values[0], values[2], _at(context, builder, kinds[1], values[1], types.int32))
+    return builder.insert_element(values[0], values[2], context.cast(builder, values[1], kinds[1], types.int32))
 
 
 def _row(context: Any, builder: Any, kinds: Any, values: Any) -> Any:
     """Where the row of an array begins, as lanes."""
     view = context.make_array(kinds[0])(context, builder, values[0])
-    at = _at(context, builder, kinds[1], values[1], types.intp)
+    at = context.cast(builder, values[1], kinds[1], types.intp)
     return builder.gep(builder.bitcast(view.data, _VECTOR.as_pointer()), [at])
 
 
@@ -280,13 +275,4 @@ def within(x: Any, size: Any, most: float) -> Any:
     for i in range(LANES):
         if not lane(size, i) < most:
             x = with_lane(x, i, math.nan)
-    return x
-
-
-@inlined
-def gathered(numbers: Any) -> Any:
-    """Lanes of the (LANES,) ``numbers``, wherever they stand."""
-    x = alike(0.0)
-    for i in range(LANES):
-        x = with_lane(x, i, numbers[i])
     return x

@@ -65,7 +65,8 @@ class Driving:
 
     @cached_property
     def _held(self) -> Drive:
-        return Drive.joined([Drive.held(run.torque) for run in self.runs])
+        torques = [run.torque for run in self.runs]
+        return Drive.held(np.concatenate(torques), begins=np.cumsum([0, *map(len, torques)]))
 
     @cached_property
     def _held_between(self) -> Drive:

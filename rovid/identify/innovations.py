@@ -66,7 +66,9 @@ class InnovationMisfit(Misfit):
         Filters side by side take the same steps. So each few points have ``x`` beside them, and what they differ from
         it by is free of what a step more or less would make of them.
         """
-        groups = _by(LANES - 1, near) or [[]]
+        if not near:
+            return [self.innovations(x) if centre is None else centre]
+        groups = _by(LANES - 1, near)
         found = spread(lambda few: _side_by_side([(self, point) for point in (x, *few)]), groups)
         first = found[0][0] if centre is None else centre
         sides = []

@@ -142,8 +142,7 @@ def with_effects(bare: Fitted, effects: tuple[Effect, ...]) -> Fitted:
     for count in range(1, len(effects) + 1):
         misfit = bare.misfit.like(effects[:count], bare.misfit.counted)
         begins = [np.concatenate((begin, start)) for begin in better for start in misfit.coordinates.starts()]
-        order = np.argsort(misfit.costs_of(begins), kind="stable")
-        better = [begins[at] for at in order[:_TRIALS]]
+        better = misfit.likeliest(begins, _TRIALS)
     # A few steps tell which of the better starts leads lowest.
     tried = [climbed(misfit, begin, iterations=TRIAL_ITERATIONS) for begin in better]
     nearest = min(tried, key=lambda one: one.cost)

@@ -146,9 +146,10 @@ class Misfit(ABC):
         """Negative log-likelihood at each of the (p,) ``points``."""
         return [self.cost_of(here) for here in self.innovations_of(points)]
 
-    def least(self, points: Sequence[FloatArray]) -> FloatArray:
-        """The likeliest of the ``points``."""
-        return points[int(np.argmin(self.costs_of(points)))]
+    def likeliest(self, points: Sequence[FloatArray], count: int) -> list[FloatArray]:
+        """So many of the ``points``, the likeliest first."""
+        order = np.argsort(self.costs_of(points), kind="stable")
+        return [points[at] for at in order[:count]]
 
     def cost(self, x: FloatArray) -> float:
         """Negative log-likelihood."""

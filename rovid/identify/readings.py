@@ -123,13 +123,12 @@ class Readings(Records):
     def logged(self) -> Logged:
         """All of it, the runs one after the other."""
         runs = self.of_runs
-        starts = [run.trial.position[int(np.argmax(run.trial.measured))] for run in self.runs]
         first = [(rate, _RATE_ERROR * self.rate) for rate in self.initial_rates]
         return Logged(
-            begins=np.cumsum([0, *(len(run.time) for run in runs)]),
+            begins=self._begins,
             time=np.concatenate([run.time for run in runs]),
             rate=np.concatenate([run.gyro_rate for run in runs]),
-            start=np.array(starts, dtype=float),
+            start=np.array([run.trial.start for run in self.runs]),
             first=np.array(first, dtype=float),
             row=self._rows,
         )
@@ -147,6 +146,11 @@ class Readings(Records):
         angles, slopes = zip(*pairs, strict=True)
         return np.concatenate(angles), np.concatenate(slopes)
 
+    @cached_property
+    def _begins(self) -> IntArray:
+        """(r + 1,) the instant with which each run begins, and how many there are in all."""
+        return np.cumsum([0, *(len(run.time) for run in self.of_runs)])
+
     @property
     def _rows(self) -> IntArray:
         """(n, 2) as in `Logged`."""
@@ -157,8 +161,7 @@ class Readings(Records):
     @cached_property
     def told(self) -> IntArray:
         """(N,) of each innovation, twice the instant that it is of, and one more if it is of the rate."""
-        begins = np.cumsum([0, *(len(run.time) for run in self.of_runs)])
-        pairs = zip(self.of_runs, begins, strict=False)
+        pairs = zip(self.of_runs, self._begins[:-1], strict=True)
         of_runs = [(2 * (begin + run.known), 2 * (begin + run.known_rates) + 1) for run, begin in pairs]
         return np.concatenate([series for both in of_runs for series in both])
 

@@ -87,7 +87,7 @@ class Abreast(NamedTuple):
     body
         (5, LANES) the numbers of each `rovid.effects.base.Body`.
     terms
-        `rovid.model.equation.Terms`, its parameters (m, TERM_PARAMETERS * LANES), the lanes of each side by side.
+        `rovid.model.equation.Terms`, a column of the parameters for each.
     noise
         (4, LANES) standard deviation of the disturbance in N m, its correlation time in s, standard deviation of the
         white noise of a measured angle in rad and of a measured rate in rad/s.

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Self
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -160,14 +160,16 @@ class Drive:
         return type(self)(torque, function(self.moment), beside, function(self.scatter), begins)
 
 
-# One for all drives of a length: nobody writes into a drive.
-@functools.lru_cache(maxsize=16)
-def _nothing(count: int) -> FloatArray:
-    """(n,) zeros."""
-    return np.zeros(count)
+# Zeros of each shape, one for all drives as long as there are such: nobody writes into a drive.
+_ZEROS: WeakValueDictionary[tuple[int, ...], FloatArray] = WeakValueDictionary()
 
 
-@functools.lru_cache(maxsize=16)
+def _nothing(*shape: int) -> FloatArray:
+    """Zeros."""
+    zeros = _ZEROS.get(shape)
+    return _ZEROS.setdefault(shape, np.zeros(shape)) if zeros is None else zeros
+
+
 def _untold(count: int) -> FloatArray:
     """(n, 3) what terms are told beside the torque where none of them asks."""
-    return np.zeros((count, 1 + len(SPEEDS)))
+    return _nothing(count, 1 + len(SPEEDS))

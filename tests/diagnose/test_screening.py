@@ -101,9 +101,12 @@ class RunningAway:
     def cost_of(self, here: Innovations) -> float:
         return total_cost(here, 1.0)
 
-    def slopes(self, x: FloatArray) -> Slopes:
-        here = self.innovations(np.zeros(1))
-        return self.slopes_between(here, [here], np.ones(1))
+    def looked(self, x: FloatArray) -> tuple[Innovations, list[Innovations]]:
+        return self.innovations(x), []
+
+    def slopes(self, x: FloatArray, known: tuple[Innovations, list[Innovations]]) -> Slopes:
+        here, _ = known
+        return self.slopes_between(here, [here], np.ones(len(x)))
 
     def slopes_between(self, centre: Innovations, sides: Sequence[Innovations], step: FloatArray) -> Slopes:
         return slopes_between(centre, sides, step, 1.0)

@@ -15,7 +15,6 @@ from rovid.ground.lanes import (
     LANES,
     alike,
     exponential,
-    gathered,
     lane,
     larger,
     largest,
@@ -172,18 +171,6 @@ def test_what_was_read_is_a_copy() -> None:
     np.testing.assert_array_equal(row, X)
     np.testing.assert_array_equal(with_lane(row, 0, 1.0)[1:], X[1:])
     np.testing.assert_array_equal(row, X)
-
-
-def test_numbers_are_gathered_wherever_they_stand() -> None:
-    numbers, out = np.arange(2.0 * LANES), np.empty((1, LANES))
-
-    @numba.njit
-    def run(numbers: Any, out: Any) -> None:
-        write(out, 0, gathered(numbers[::2]))
-
-    run(numbers, out)
-    np.testing.assert_array_equal(out[0], numbers[::2])
-    np.testing.assert_array_equal(gathered.py_func(numbers[::2]), numbers[::2])
 
 
 @pytest.mark.parametrize("rows", [np.zeros((LANES, 2)).T, np.zeros((2, 2 * LANES))[:, ::2], np.zeros(LANES)])

@@ -30,12 +30,12 @@ _F02, _F12, _N02, _N12, _N00, _N01, _N11, _SERIES = 0, 4, 8, 12, 16, 23, 30, 37
 
 
 @inlined
-def filter_steps(interval: float, rate: Any, push: Any, damping: Any, fastest: Any, brake: Any) -> int:
+def filter_steps(interval: float, rate: Any, push: Any, damping: Any, pace: Any, brake: Any) -> int:
     """How many steps filters take through ``interval``; see `pace_of` and `brakes`."""
     # How fast it may turn before the interval is over, or where drag balances the torque.
     size, turning = abs(rate), abs(push) * brake[2]
-    soon = smaller(size + interval * turning, larger(size, root(turning * fastest[1])))
-    wanted = largest(interval * (larger(damping, damping_of(soon, brake)) + fastest[0])) / FILTER_STEP_SHARE
+    soon = smaller(size + interval * turning, larger(size, root(turning * pace[1])))
+    wanted = largest(interval * (larger(damping, damping_of(soon, brake)) + pace[0])) / FILTER_STEP_SHARE
     return 1 if not wanted > 1.0 else min(int(wanted) + 1, MAX_GAP_SUBSTEPS)
 
 

@@ -46,7 +46,8 @@ def damping_of(rate: Any, brake: Any) -> Any:
 def bare_step(r: Any, a: Any, torque: Any, brake: Any, h: Any) -> Any:
     """One step of rate and angle without effects; also the damping half way, in 1/s.
 
-    As `step` without terms, which takes twice as long: this is the innermost of all loops. Of numbers or of lanes.
+    As `step` without terms, which takes twice as long: this is the innermost of all loops. Of numbers or of lanes;
+    ``brake`` is what `brakes` gives.
     """
     push, half = torque * brake[2], 0.5 * h
     k1 = _accelerated(r, push, brake)
