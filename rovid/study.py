@@ -12,7 +12,7 @@ import numpy as np
 from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.config import find_config, load_config, vehicle_of_tables
 from rovid.campaign.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_table
-from rovid.campaign.trial import Campaign
+from rovid.campaign.trial import Campaign, said_once
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes, explain
 from rovid.diagnose.diagnosis import diagnose
@@ -57,14 +57,10 @@ class Study:
     sine: Path | None = None
 
     def remarks(self) -> list[str]:
-        """What was noticed in the logs, one text a log, so that nothing is dropped silently."""
+        """What was noticed in the logs, so that nothing is dropped silently."""
         if self.campaign is None or self.runs is None:
             return []
-        logs = [
-            f"{trial.name}: {' '.join(remark.text for remark in trial.remarks)}"
-            for trial in self.campaign.trials
-            if trial.remarks
-        ]
+        logs = said_once(self.campaign.trials)
         return [*logs, *(remark.text for remark in (*self.campaign.remarks, *self.runs.remarks))]
 
     def drag(self) -> DragFit:

@@ -20,6 +20,9 @@ from tools.trial_day import write_trial_day
 # As the command line does; the workers that share the tests begin with it.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# As wide as a pipe is taken to be; the workers that share the tests are told that of a terminal.
+os.environ["COLUMNS"] = "160"
+
 ROOT = Path(__file__).parent.parent
 SAMPLES = ROOT / "sample_logs"
 

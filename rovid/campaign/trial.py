@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -187,3 +188,26 @@ class Campaign:
     def samples(self) -> int:
         """Number of measured positions."""
         return int(sum(trial.measured.sum() for trial in self.trials))
+
+
+# A number by itself, which two remarks on the same thing may differ in.
+_NUMBER = re.compile(r"(?<![\w.])\d+(?:[.,:]\d+)*(?!\w)")
+
+
+def said_once(trials: Sequence[Trial], most: int = 5) -> list[str]:
+    """What was noticed in ``trials``, the same in several of them once, with the log where there is most of it."""
+    same: dict[tuple[str, str], list[tuple[Remark, str]]] = {}
+    for trial in trials:
+        for remark in trial.remarks:
+            same.setdefault((remark.kind, _NUMBER.sub("", remark.text)), []).append((remark, trial.name))
+    return [_with_others(sorted(each, key=lambda one: -one[0].count), most) for each in same.values()]
+
+
+def _with_others(noticed: Sequence[tuple[Remark, str]], most: int) -> str:
+    (first, name), *others = noticed
+    text = f"{name}: {first.text}"
+    if not others:
+        return text
+    listed = ", ".join(f"{where} ({remark.count})" for remark, where in others[:most])
+    more = f" and {len(others) - most} more" if len(others) > most else ""
+    return f"{text} Likewise in {listed}{more}."

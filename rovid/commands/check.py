@@ -14,17 +14,17 @@ if TYPE_CHECKING:
 
 PAGE = Page(
     text="""
-    Reads rovid.toml and every log. Prints each log's length, sampling rate, noise, gaps, held commands and sines;
-    what is wrong with it; whether an autopilot was on or a drive at its end; and which runs are missing for a
-    fit. Writes nothing.
+    Reads rovid.toml and every log. Says first whether to go: go, go with care, no go; then the three things to do
+    first, what each log holds, and whatever else there is to say: runs that are missing for a fit, feedback by an
+    autopilot or a hand, clocks that differ, a drive at its end, gaps. Writes nothing.
 
     Use it before a fit, best while the vehicle is still in the water. A log that cannot be used ends it with exit
     status 2, after all logs have been looked at.
     """,
     examples=(
-        ("All logs of a folder", "rovid check sample_logs/rosub_tank"),
-        ("For motion along surge instead of yaw", "rovid check sample_logs/surge_tank --axis surge"),
-        ("One log, as JSON for a program", "rovid check sample_logs/rosub_tank/steps.mcap --json"),
+        ("All logs of a folder", "rovid check my_logs"),
+        ("For motion along surge instead of yaw", "rovid check surge_logs --axis surge"),
+        ("One log, as JSON for a program", "rovid check my_logs/steps.mcap --json"),
     ),
     see=("rovid init", "rovid fit-drag", "rovid plan"),
 )
@@ -36,18 +36,15 @@ def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
     from rovid.campaign.config import find_config, load_config
     from rovid.inspect.check import check_logs
     from rovid.show.documents import check_document
-    from rovid.show.terminal import show_advice, show_check, show_warnings
+    from rovid.show.readiness import show_check
 
     announce_compilation()
     config = load_config(find_config(logs), axis_named(axis) if axis else YAW)
     checked = check_logs(logs, config)
     if json:
-        print_json(check_document(config.axis, checked.rows, checked.problems, checked.remarks, checked.advice))
+        print_json(check_document(checked, config.axis))
     else:
-        show_check(console(), checked.rows, checked.problems)
-        show_warnings(console(), [remark.text for remark in checked.remarks])
-        if checked.rows:
-            show_advice(console(), checked.advice)
+        show_check(console(), checked)
     if checked.problems:
         raise DataError(_first_problem(checked))
 

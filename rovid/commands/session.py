@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,6 +14,9 @@ import typer
 
 from rovid.commands import completion
 from rovid.ground.errors import ConfigError
+
+# Columns where nobody says how many there are.
+_WIDE = 160
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -165,5 +169,6 @@ def console() -> Console:
     """What tables are printed on."""
     from rovid.ground.screen import Screen
 
-    # A pipe has no width; rich would fold tables at 80 columns.
-    return Screen(width=None if sys.stdout.isatty() else 160)
+    # rich goes by COLUMNS, or by the terminal that any of the three is on; where there is neither, nothing gives way.
+    told = "COLUMNS" in os.environ or any(map(os.isatty, range(3)))
+    return Screen(width=None if told else _WIDE)

@@ -33,17 +33,29 @@ def plus_minus(value: float, error: float) -> str:
     """Value and standard error, rounded to two digits of the error, three where it begins with 1 to 3."""
     if not math.isfinite(error) or error <= 0.0:
         return f"{value:.4g}"
-    decimals = _decimals(error)
-    return f"{rounded(value, decimals)} ± {rounded(error, decimals)}"
+    return f"{to_error(value, error)} ± {to_error(error, error)}"
 
 
-def _decimals(error: float) -> int:
-    """Decimals to print; negative to round before the point."""
+def to_error(value: float, error: float) -> str:
+    """``value`` as `plus_minus` rounds it; four digits where the standard error is not known."""
+    if not math.isfinite(error) or error <= 0.0:
+        return significant(value, 4)
     exponent = math.floor(math.log10(error))
     digits = 3 if error / 10.0**exponent < 4.0 else 2
-    return digits - 1 - exponent
+    return rounded(value, digits - 1 - exponent)
+
+
+def significant(value: float, digits: int) -> str:
+    """``value`` with so many digits that count, without exponent from a millionth to a million."""
+    if value == 0.0 or not math.isfinite(value):
+        return f"{value:g}"
+    # Of what it is rounded to: 0.0996 is 0.10.
+    exponent = int(f"{value:.{digits - 1}e}".partition("e")[2])
+    if not -6 <= exponent < 7:
+        return f"{value:.{digits}g}"
+    return rounded(value, digits - 1 - exponent)
 
 
 def rounded(value: float, decimals: int) -> str:
-    """``value`` with that many decimals, without exponent."""
-    return f"{round(value, decimals):.{max(decimals, 0)}f}"
+    """``value`` with that many decimals, or negative ones before the point, without exponent; never minus zero."""
+    return f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -16,26 +17,27 @@ from rovid.effects.actuation import neutral_commands
 from rovid.effects.restoring import columns
 from rovid.ground.arrays import FloatArray, IntArray
 from rovid.ground.errors import RovidError
+from rovid.ground.numbers import plus_minus, significant
 from rovid.identify.estimate import Estimate
 from rovid.identify.regression import fit_regression
+from rovid.inspect.feedback import LEVEL, Feedback
 from rovid.motion.rates import Rates
 from rovid.motion.runs import Run, Runs, prepare
 from rovid.motion.segments import Hold, SineRun, find_holds, find_sines
 
+Weight = Literal["grave", "care", "aside"]
+
 # Of a good campaign.
 _LEVELS, _SINES, _CYCLES, _ALONE_SECONDS, _COAST_SECONDS = 4, 2, 5, 20.0, 20.0
 _SETTLING, _TEN = "five time constants plus a minute", "ten vehicle time constants long"
-_NO_COAST = "no coast-down: stop the thrusters under way"
+_COAST, _NO_COAST = "Stop the thrusters under way", "there is no coast-down"
 # The same along an axis that rights itself.
 _SWINGS, _OWN_SWING = "some swings", "that of its own swing"
-_NO_RELEASE = "no release: tilt the vehicle, let go of it"
+_RELEASE, _NO_RELEASE = "Tilt the vehicle, let go of it", "there is no release"
 # Levels that differ by less than this share of the largest are one.
 _SAME_LEVEL = 0.1
 # A command within this share of its bench range from the end is at it; for this share of a trial that matters.
 _AT_END, _MUCH = 1e-3, 0.02
-# A command that goes with heading and rate so well is an autopilot's.
-_FEEDBACK_R2 = 0.5
-_FEEDBACK_SECONDS = 10.0
 # Clocks are compared over so many s, and an offset beyond this is said.
 _LONGEST_OFFSET, _OFFSET = 3.0, 0.15
 # Steps of that, and how many readings are enough to compare by.
@@ -46,30 +48,42 @@ _VAGUE = 0.25
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """One thing to know before a fit; ``kind`` is a stable word, ``text`` full sentences."""
+    """One thing to know before a fit.
+
+    Attributes
+    ----------
+    kind
+        A stable word.
+    text
+        Full sentences; the first says what to do, where there is anything to do.
+    weight
+        "grave" where no fit is worth its name until it is mended, "care" where it limits one, "aside" otherwise.
+    """
 
     kind: str
     text: str
+    weight: Weight = "care"
 
 
-def advise(trials: Sequence[Trial], vehicle: Vehicle) -> list[Advice]:
-    """What to mind, and what to run besides; nothing where the campaign has all that a fit wants."""
+def advise(trials: Sequence[Trial], vehicle: Vehicle, feedback: Sequence[Feedback] = ()) -> list[Advice]:
+    """What to mind, and what to run besides, the gravest first; nothing where there is all that a fit wants."""
     if not trials:
         return []
     try:
         runs = prepare(Campaign(trials=tuple(trials), sources=()), vehicle)
     except RovidError as error:
-        return [Advice(kind="filter", text=str(error))]
+        return [Advice(kind="filter", text=str(error), weight="grave")]
     if not runs.items[0].trial.driven:
         # Of releases no commands are wanted.
         return []
-    return [
-        *_saturated(runs.items, vehicle),
-        *_driven_back(runs.items),
+    found = [
         *_clocks(runs),
+        *_saturated(runs.items, vehicle),
+        *_fed_back(feedback, vehicle.axis),
         *_missing(runs.items, vehicle),
         *_determined(runs.items),
     ]
+    return sorted(found, key=lambda one: ("grave", "care", "aside").index(one.weight))
 
 
 def _saturated(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
@@ -83,8 +97,8 @@ def _saturated(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
                 shares.append(f"{run.trial.name} {100.0 * share:.0f} %")
         if shares:
             text = (
-                f"{thruster.name} is at the end of its bench curve for part of the time ({', '.join(shares)}). "
-                "What was asked for beyond it is not known: log the command that the drive gets, or lower it."
+                f"Log the command that the drive of {thruster.name} gets, or lower it: it is at the end of its bench "
+                f"curve for part of the time ({listed(shares)}), and what was asked for beyond is not known."
             )
             yield Advice(kind="saturation", text=text)
 
@@ -96,44 +110,56 @@ def _share_at_end(curve: ThrustCurve, command: FloatArray) -> float:
     return float(np.mean(at_end))
 
 
-def _driven_back(runs: Sequence[Run]) -> Iterator[Advice]:
-    """Whether commands follow heading and rate, as an autopilot's do."""
-    following = [run for run in runs if _follows(run) > _FEEDBACK_R2]
-    # In a sine everything goes with everything.
-    names = [run.trial.name for run in following if not find_sines(run.trial, run.torque)]
-    if names:
+def _fed_back(feedback: Sequence[Feedback], axis: Axis) -> Iterator[Advice]:
+    """What commands answer to, and reversals that may be called by the clock as well."""
+    sure = [one for one in feedback if one.chance < LEVEL]
+    if sure:
         text = (
-            f"{_listed(names)}: the commands follow {runs[0].trial.axis.position_words} and rate, so that an autopilot "
-            "was on. `rovid fit` and `rovid diagnose` are right under feedback, `fit-drag` and `fit-inertia` biased."
+            "Take `rovid fit` and `rovid diagnose`, which are right under feedback; `fit-drag` and `fit-inertia` are "
+            f"biased by it. There is feedback, by an autopilot or a hand: {'; '.join(_seen(sure, axis))}. Chance does "
+            f"as much in {_seldom(max(one.chance for one in sure))}."
         )
         yield Advice(kind="feedback", text=text)
+    open_ = [one for one in feedback if one.chance >= LEVEL]
+    if open_:
+        names = listed([f"{one.name} (within {_far(one.scatter, axis)})" for one in open_])
+        text = (
+            f"Reversed at the same {axis.position_words} each time: {names}. Called by that, as in a zigzag test, this "
+            "is feedback at the reversals; called by the clock it is none. So few reversals do not tell which."
+        )
+        yield Advice(kind="reversals", text=text, weight="aside")
 
 
-def _follows(run: Run) -> float:
-    """R^2 of how the drive changes on how position and rate change, over short stretches."""
-    rates = run.rates
-    step = max(round(0.5 / rates.kernel.period), 1)
-    known = np.flatnonzero(run.valid & np.isfinite(rates.position))[::step]
-    if len(known) < 30 or np.median(np.diff(known)) > 2 * step:
-        return 0.0
-    course = max(round(_FEEDBACK_SECONDS / (step * rates.kernel.period)), 3)
-    # The set point moves, but slowly: what is left of each after a running mean.
-    drive, *motion = (_less_mean(one[known], course) for one in (run.drive, rates.position, rates.rate))
-    x = np.column_stack(motion)
-    values, *_ = np.linalg.lstsq(x, drive, rcond=None)
-    total = float(drive @ drive)
-    # A vehicle's own answer to a command has the other sign: only what pushes back is feedback.
-    if total <= 0.0 or values[0] >= 0.0:
-        return 0.0
-    left = drive - x @ values
-    return 1.0 - float(left @ left) / total
+def _seen(feedback: Sequence[Feedback], axis: Axis) -> Iterator[str]:
+    """In which logs, and how, each way of it once."""
+    told = {
+        "flow": "{} of the commands' own changes answer to motion that they had not caused",
+        "steps": f"{{}} of the new commands' size goes against the turn before them and the {axis.rate_words}",
+    }
+    for kind, words in told.items():
+        if logs := [one for one in feedback if one.seen_in == kind]:
+            yield f"in {listed([one.name for one in logs])} {words.format(_shares(logs))}"
+    if logs := [one for one in feedback if one.seen_in == "reversals"]:
+        widest = max(logs, key=lambda one: one.scatter)
+        yield (
+            f"{listed([one.name for one in logs])} reversed at a {axis.position_words}, as in a zigzag test (within "
+            f"{_far(widest.scatter, axis)}; by the clock it would be {_far(widest.by_duration, axis)})"
+        )
 
 
-def _less_mean(values: FloatArray, width: int) -> FloatArray:
-    kernel = np.ones(width) / width
-    mean = np.convolve(values, kernel, mode="same")
-    # At the ends the mean takes in zeros from beyond.
-    return np.asarray((values - mean)[width:-width])
+def _shares(logs: Sequence[Feedback]) -> str:
+    least, most = (f"{100.0 * end([one.share for one in logs]):.0f}" for end in (min, max))
+    return f"{least} %" if least == most else f"{least} to {most} %"
+
+
+def _seldom(chance: float) -> str:
+    if chance < 1e-6:
+        return "fewer than one log in a million"
+    return f"one log in {10 ** math.floor(-math.log10(chance))}"
+
+
+def _far(distance: float, axis: Axis) -> str:
+    return f"{significant(axis.in_shown(distance) or 0.0, 2)} {axis.shown[0]}"
 
 
 def _clocks(runs: Runs) -> Iterator[Advice]:
@@ -151,10 +177,10 @@ def _clocks(runs: Runs) -> Iterator[Advice]:
     inside = 0 < best < len(steps) - 1
     if inside and offset > max(_OFFSET, 2.0 * period):
         text = (
-            f"The vehicle moves {offset:.2g} s before its commands change: the clocks of the command and of the "
-            f"{runs.axis.position_words} differ. Put them on one clock, or shift one of them, before the fit."
+            f"Put commands and {runs.axis.position_words} on one clock, or shift one of them: the vehicle moves "
+            f"{offset:.2g} s before its commands change."
         )
-        yield Advice(kind="clock_offset", text=text)
+        yield Advice(kind="clock_offset", text=text, weight="grave")
 
 
 def _misfit(runs: Runs, shift: int) -> float:
@@ -199,25 +225,25 @@ def _missing(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
         holds += find_holds(run.trial, vehicle, run.torque)
     yield from _missing_holds(holds, vehicle.axis)
     yield from _missing_sines(runs, vehicle.axis)
+    yield from _missing_coast(holds, vehicle.axis)
     if len(vehicle.thrusters) > 1 and not _alone(runs, vehicle):
         text = (
-            "no thruster runs alone for a while: an imbalance between them cannot be told. Run each by itself, "
-            "both ways."
+            "Run each thruster by itself, both ways: none runs alone for a while, so that an imbalance between them "
+            "cannot be told."
         )
         yield Advice(kind="one_thruster", text=text)
-    yield from _missing_coast(holds, vehicle.axis)
 
 
 def _missing_holds(holds: Sequence[Hold], axis: Axis) -> Iterator[Advice]:
     settling, drag = (_SWINGS, "Stiffness") if axis.rights else (_SETTLING, "Drag")
-    for way, name in ((1.0, "growing"), (-1.0, "falling")):
-        levels = _levels([hold.torque for hold in holds if hold.torque * way > 0.0])
-        if levels < _LEVELS:
-            text = (
-                f"{_counted(levels, 'level')} of held command with the {axis.position_words} {name}: run at least "
-                f"{_LEVELS}, each for {settling}. {drag} and what differs between the directions rest on them."
-            )
-            yield Advice(kind="holds", text=text)
+    up, down = (_levels([hold.torque for hold in holds if hold.torque * way > 0.0]) for way in (1.0, -1.0))
+    if min(up, down) < _LEVELS:
+        text = (
+            f"Hold the command at {_LEVELS} levels or more each way, each for {settling}: there are {up} with the "
+            f"{axis.position_words} growing and {down} with it falling. {drag} and what differs between the directions "
+            "rest on them."
+        )
+        yield Advice(kind="holds", text=text)
 
 
 def _missing_sines(runs: Sequence[Run], axis: Axis) -> Iterator[Advice]:
@@ -227,25 +253,21 @@ def _missing_sines(runs: Sequence[Run], axis: Axis) -> Iterator[Advice]:
     periods = _levels([sine.period for sine in sines if sine.cycles >= _CYCLES])
     if periods < _SINES:
         longest = _OWN_SWING if axis.rights else _TEN
+        there = "there is one" if periods else "there is none"
         text = (
-            f"{_counted(periods, 'period')} of sine with {_CYCLES} cycles or more: run sines of at least {_SINES} "
-            f"periods, about {longest} and shorter. Inertia, lag and memory of the water rest on them."
+            f"Run sines of {_SINES} periods or more, about {longest} and shorter, each for {_CYCLES} cycles: {there}. "
+            "Inertia, lag and memory of the water rest on them."
         )
         yield Advice(kind="sines", text=text)
 
 
 def _missing_coast(holds: Sequence[Hold], axis: Axis) -> Iterator[Advice]:
     # Along an axis that rights itself a run may begin with the vehicle let go of.
-    what, early = (_NO_RELEASE, 0.0) if axis.rights else (_NO_COAST, 1.0)
+    do, why, early = (_RELEASE, _NO_RELEASE, 0.0) if axis.rights else (_COAST, _NO_COAST, 1.0)
     for hold in holds:
         if hold.torque == 0.0 and hold.duration >= _COAST_SECONDS and hold.start >= early:
             return
-    yield Advice(kind="coast", text=f"{what} and wait {_COAST_SECONDS:.0f} s or more.")
-
-
-def _counted(number: int, what: str) -> str:
-    plural = "" if number == 1 else "s"
-    return f"{number or 'no'} {what}{plural}"
+    yield Advice(kind="coast", text=f"{do} and wait {_COAST_SECONDS:.0f} s or more: {why}.")
 
 
 def _levels(values: Sequence[float]) -> int:
@@ -277,15 +299,16 @@ def _determined(runs: Sequence[Run]) -> Iterator[Advice]:
     try:
         estimate = fit_regression(runs).estimate
     except RovidError as error:
-        yield Advice(kind="undetermined", text=str(error))
+        yield Advice(kind="undetermined", text=str(error), weight="grave")
         return
     for name, size in _sizes(runs, estimate).items():
         value = estimate.value(name)
         spread = estimate.standard_error(name)
         if spread > _VAGUE * max(abs(value), size):
             text = (
-                f"{name.replace('_', ' ')} is hardly determined by these logs: {value:.3g} ± {spread:.2g} "
-                f"{estimate.unit(name)} by a first regression."
+                f"Let `rovid plan --narrow {name}` write a run, once there is a parameter file: these logs hardly "
+                f"determine the {name.replace('_', ' ')}, {plus_minus(value, spread)} {estimate.unit(name)} by a first "
+                "regression."
             )
             yield Advice(kind="undetermined", text=text)
 
@@ -304,7 +327,8 @@ def _sizes(runs: Sequence[Run], estimate: Estimate) -> dict[str, float]:
     return {name: known.get(name, 0.0) for name in estimate.names if name != "trim"}
 
 
-def _listed(names: Sequence[str], most: int = 5) -> str:
+def listed(names: Sequence[str], most: int = 5) -> str:
+    """The first of ``names``, and how many more there are."""
     shown = ", ".join(names[:most])
     if len(names) <= most:
         return shown

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from rovid.campaign.config import Config
 from rovid.campaign.trial import Remark, Trial
 from rovid.ground.errors import RovidError
 from rovid.inspect.advice import Advice, advise
+from rovid.inspect.feedback import Feedback, find_feedback
 from rovid.motion.rates import white_noise
 from rovid.motion.segments import find_holds, find_sines
 from rovid.readers import find_logs, read_log
@@ -23,13 +24,22 @@ from rovid.readers.twins import without_twins
 class Check:
     """A row of facts for each readable log, a problem for each other one, and what holds for the folder.
 
-    ``advice`` is what to mind before a fit.
+    ``advice`` is what to mind before a fit, the gravest first; ``feedback`` what it says of feedback rests on.
     """
 
     rows: tuple[tuple[Trial, dict[str, Any]], ...]
     problems: dict[str, str]
     remarks: tuple[Remark, ...]
     advice: tuple[Advice, ...]
+    feedback: tuple[Feedback, ...] = ()
+
+    @property
+    def verdict(self) -> Literal["go", "care", "no_go"]:
+        """Whether these logs are ready for a fit."""
+        weights = {one.weight for one in self.advice}
+        if self.problems or not self.rows or "grave" in weights:
+            return "no_go"
+        return "care" if "care" in weights else "go"
 
 
 def check_logs(paths: Sequence[Path], config: Config) -> Check:
@@ -43,9 +53,15 @@ def check_logs(paths: Sequence[Path], config: Config) -> Check:
         except RovidError as error:
             problems[name] = str(error)
     # One recording in two formats is one run.
-    trials = [trial for trial, _ in rows]
-    advice = advise(without_twins(trials, remarks), config.vehicle)
-    return Check(rows=tuple(rows), problems=problems, remarks=tuple(remarks), advice=tuple(advice))
+    trials = without_twins([trial for trial, _ in rows], remarks)
+    feedback = find_feedback(trials, config.vehicle)
+    return Check(
+        rows=tuple(rows),
+        problems=problems,
+        remarks=tuple(remarks),
+        advice=tuple(advise(trials, config.vehicle, feedback)),
+        feedback=tuple(feedback),
+    )
 
 
 def _facts(trial: Trial, config: Config) -> dict[str, Any]:

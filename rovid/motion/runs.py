@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,21 +111,24 @@ def _free(trials: Sequence[Trial]) -> tuple[Sequence[Trial], list[Remark]]:
     """The trials; of those that nothing drives the stretches in which the vehicle swings after it was let go of."""
     if all(trial.driven for trial in trials):
         return trials, []
-    found, remarks = [], []
+    found, kept, gone = [], [], []
     for trial in trials:
         parts = releases(trial)
         spans = [_span(trial.time[part]) for part in parts]
         for part, span in zip(parts, spans, strict=True):
             name = trial.name if len(parts) == 1 else f"{trial.name}, {span}"
             found.append(trial.part(part, name))
-        remarks.append(_release_remark(trial, spans))
+        if spans:
+            kept.append(f"{trial.name} ({', '.join(spans)})")
+        else:
+            gone.append(trial.name)
     if not found:
         axis = trials[0].axis
         raise DataError(
             f"nothing drives these logs in {axis.name}, and they hold no swings that die out.",
             mend=f"Give logs of releases, or map what drives the vehicle: [[thrusters]] with {axis.arm}.",
         )
-    return found, remarks
+    return found, list(_release_remarks(kept, gone))
 
 
 def _gyro_is_off(rates: Rates) -> bool:
@@ -154,11 +157,14 @@ def _span(time: FloatArray) -> str:
     return f"{time[0]:.1f} to {time[-1]:.1f} s"
 
 
-def _release_remark(trial: Trial, spans: Sequence[str]) -> Remark:
-    kind, told = "left out", "was left out: it holds no swings that die out"
-    if spans:
-        kind, told = "released", f"swings freely from {', from '.join(spans)}: the rest was left out"
-    return Remark(kind=kind, count=len(trial.time), text=f"{trial.name} {told}.")
+def _release_remarks(kept: Sequence[str], gone: Sequence[str]) -> Iterator[Remark]:
+    """Which stretches of which trials are free swings, and the trials that hold none."""
+    if kept:
+        text = f"Free swings, all that is used of these logs: {'; '.join(kept)}."
+        yield Remark(kind="released", count=len(kept), text=text)
+    if gone:
+        text = f"Left out, for they hold no swings that die out: {', '.join(gone)}."
+        yield Remark(kind="left out", count=len(gone), text=text)
 
 
 def channels(runs: Sequence[Run]) -> set[str]:

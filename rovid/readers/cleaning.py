@@ -388,7 +388,7 @@ def _rates(time: FloatArray, angle: FloatArray, first: IntArray, last: IntArray)
 
 
 def _gap_remark(name: str, seconds: float, count: int, doubtful: int) -> Remark:
-    text = f"The {name} has {count} gaps of {seconds:.1f} s together; nothing was put in them."
+    text = f"The {name} has gaps ({count}, of {seconds:.1f} s in all); nothing was put in them."
     if doubtful:
         text += f" How many whole turns the vehicle made in {doubtful} of them is not certain."
     return Remark(kind="gap", count=count, text=text)

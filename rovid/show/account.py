@@ -7,7 +7,6 @@ import shlex
 from collections.abc import Iterator
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from rovid.campaign.axis import Axis
@@ -23,7 +22,8 @@ from rovid.ground.screen import led
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS
 from rovid.model.names import unit_of
-from rovid.show.terminal import number, say, show_parameters, table
+from rovid.show.table import Columns, table
+from rovid.show.terminal import number, say, show_parameters
 
 _VERDICTS = {
     "found": "The simulation misses something, and it has a name.",
@@ -86,22 +86,24 @@ def _show_amplitudes(console: Console, amplitudes: Amplitudes) -> None:
 def _show_predictions(console: Console, amplitudes: Amplitudes) -> None:
     """Peak rates as measured, and as the model without effects has them."""
     title = "Peak yaw rate of the sine trials, rad/s"
-    rows = table(title, "trial", "inertia by", "kg m²", "measured", "predicted", "%", left=2)
+    rows = table(title, "trial", "inertia by", "measured", "predicted", "%", "kg m²", left=2)
     for each in amplitudes.predictions:
         change = 100.0 * (each.predicted / each.measured - 1.0)
         rows.add_row(
             each.trial,
             METHODS[each.method],
-            number(each.inertia, ".0f"),
-            number(each.measured, ".3g"),
-            number(each.predicted, ".3f"),
+            number(each.measured),
+            number(each.predicted),
             number(change, "+.0f"),
+            number(each.inertia, 4),
         )
     console.print(rows)
 
 
 def _show_explanations(console: Console, amplitudes: Amplitudes) -> None:
-    rows = table("Each would explain it alone", "effect", "with", "run that would tell", "inertia kg m²", left=3)
+    rows = table(
+        "Each would explain it alone", "effect", "with", "inertia kg m²", "run that would tell", left=2, prose=True
+    )
     for cause in amplitudes.causes:
         rows.add_row(*_explanation_cells(cause))
     console.print(rows)
@@ -109,8 +111,7 @@ def _show_explanations(console: Console, amplitudes: Amplitudes) -> None:
 
 def _explanation_cells(cause: Explanation) -> tuple[str, str, str, str]:
     effect = cause.model.effects[0]
-    inertia = number(cause.model.inertia, ".0f")
-    return effect.title, ", ".join(_sizes(cause)), effect.experiment, inertia
+    return effect.title, ", ".join(_sizes(cause)), number(cause.model.inertia, 4), effect.experiment
 
 
 def _sizes(cause: Explanation) -> Iterator[str]:
@@ -168,7 +169,7 @@ def _show_gain(console: Console, base: Side, extended: Side, floor: float, axis:
     one, other = base.held_out, extended.held_out
     rows.add_row(f"{axis.rate_words} R²", number(one.rate_r2, ".4f"), number(other.rate_r2, ".4f"), "")
     rmse = f"{axis.rate_words} RMSE, {axis.rate_unit}"
-    rows.add_row(rmse, number(one.rate_rmse), number(other.rate_rmse), number(floor, ".2g"))
+    rows.add_row(rmse, number(one.rate_rmse), number(other.rate_rmse), number(floor, 2))
     for horizon in one.position_errors:
         before = axis.in_shown(one.position_errors[horizon])
         after = axis.in_shown(other.position_errors[horizon])
@@ -187,7 +188,7 @@ def _show_detectable(console: Console, diagnosis: Diagnosis, axis: Axis) -> None
 
 def _detectable_cells(effect: Effect, size: float, axis: Axis) -> tuple[str, str, str, str]:
     name = effect.parameters[0].name
-    seen = number(size, ".2g") if math.isfinite(size) else "not visible"
+    seen = number(size, 2) if math.isfinite(size) else "not visible"
     return axis.words(effect.title), name, seen, unit_of(f"{effect.key}.{name}", axis)
 
 
@@ -215,7 +216,7 @@ def _control_lines(result: Control) -> Iterator[str | Text]:
     if spread is not None:
         yield _spread(spread)
     if result.allocation.limited:
-        yield f"torque from {law.lowest:.0f} to {law.highest:.0f} N m"
+        yield f"torque from {number(law.lowest)} to {number(law.highest)} N m"
     else:
         yield "no thrusters are known: the torque itself is commanded, without limit"
 
@@ -238,12 +239,12 @@ def _margins(margins: Margins) -> str | Text:
     )
 
 
-def _closed_loop_runs(result: Control) -> Table:
+def _closed_loop_runs(result: Control) -> Columns:
     """A row for each run of the design."""
     rows = table(
         "Closed-loop runs, with 2 % of the torque in use as disturbance",
-        *("run", "effects", "model aid", "63 % s", "rise s", "settled s", "overshoot deg", "steady deg", "effort N m"),
-        "limit cycle",
+        *("run", "effects", "model aid", "settled s", "overshoot deg", "steady deg", "limit cycle", "63 % s", "rise s"),
+        "effort N m",
         left=3,
     )
     # Runs of one name follow one another; it is said with the first of them.
@@ -263,13 +264,13 @@ def _run_cells(run: RunResult) -> list[str]:
     return [
         "all" if run.effects else "none",
         _aid(run),
-        number(found.time_constant, ".1f"),
-        number(found.rise_time, ".1f"),
         number(found.settling_time, ".1f"),
         number(found.overshoot_deg, ".1f"),
-        number(found.steady_error_deg, ".2f"),
-        number(found.effort, ".1f"),
+        number(found.steady_error_deg, 2),
         cycle_words(run, none="–"),
+        number(found.time_constant, ".1f"),
+        number(found.rise_time, ".1f"),
+        number(found.effort),
     ]
 
 

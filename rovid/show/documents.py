@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from rovid.campaign.axis import Axis
-from rovid.campaign.trial import Remark, Trial
 from rovid.control.loop_design import Control, RunResult
 from rovid.export.exporting import Exported, Loss
 from rovid.export.manoeuvre import Mismatch
-from rovid.inspect.advice import Advice
-from rovid.inspect.check import remark_document
+from rovid.inspect.check import Check, remark_document
 from rovid.inspect.first_config import Survey
 from rovid.inspect.signals import Guesses
 from rovid.model.simulation import TrialSimulation, overall
@@ -180,19 +177,15 @@ def _guessed_commands(guesses: Guesses) -> list[Document]:
     return document
 
 
-def check_document(
-    axis: Axis,
-    trials: Sequence[tuple[Trial, Mapping[str, Any]]],
-    problems: Mapping[str, str],
-    remarks: Sequence[Remark],
-    advice: Sequence[Advice],
-) -> Document:
-    """What `rovid check --json` prints."""
+def check_document(checked: Check, axis: Axis) -> Document:
+    """What `rovid check --json` prints; places in rad or m."""
     return {
         "schema": "rovid-check/1",
         **axis_document(axis),
-        "logs": [{"name": trial.name} | dict(facts) for trial, facts in trials],
-        "unreadable": [{"name": name, "problem": problem} for name, problem in problems.items()],
-        "remarks": [remark_document(remark) for remark in remarks],
-        "advice": [{"kind": one.kind, "text": one.text} for one in advice],
+        "verdict": checked.verdict,
+        "logs": [{"name": trial.name} | dict(facts) for trial, facts in checked.rows],
+        "unreadable": [{"name": name, "problem": problem} for name, problem in checked.problems.items()],
+        "remarks": [remark_document(remark) for remark in checked.remarks],
+        "advice": [vars(one) for one in checked.advice],
+        "feedback": [vars(one) for one in checked.feedback],
     }

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
-from rich import box
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
-from rovid.campaign.axis import YAW
-from rovid.campaign.trial import Trial
 from rovid.export.exporting import Exported
-from rovid.ground.numbers import plus_minus
+from rovid.ground.numbers import plus_minus, rounded, significant, to_error
 from rovid.ground.screen import led
 from rovid.identify.bench import BenchFit
 from rovid.identify.decay import Decay, Reading, read_decay
@@ -24,33 +20,24 @@ from rovid.identify.estimate import PER_INERTIA, Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.identify.likelihood import LikelihoodFit
 from rovid.identify.steady import DragFit
-from rovid.identify.steady_points import SteadyPoint
-from rovid.inspect.advice import Advice
 from rovid.inspect.first_config import Survey, logs_in_words
 from rovid.model.simulation import Fit, TrialSimulation, overall
 from rovid.motion.runs import Runs
 from rovid.parameters.parameters import Parameters
 from rovid.plan.run_design import Plan
 from rovid.plan.worth import DECIDES
+from rovid.show.table import Columns, table
 from rovid.study import Study
 
 _RUNS_SHOWN = 8
 _Fit = TypeVar("_Fit", DragFit, InertiaFit, LikelihoodFit)
 
 
-def table(title: str, *columns: str, left: int = 1) -> Table:
-    """A table whose first ``left`` columns are text and the rest numbers."""
-    made = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
-    for column in columns[:left]:
-        made.add_column(column, justify="left", overflow="fold")
-    for column in columns[left:]:
-        made.add_column(column, justify="right", overflow="fold")
-    return made
-
-
-def number(value: float | None, form: str = ".3g") -> str:
-    """A number as text, a dash where there is none."""
-    return "–" if value is None or not math.isfinite(value) else format(value, form)
+def number(value: float | None, form: str | int = 3) -> str:
+    """A number as text, in a format or in so many digits that count; a dash where there is none."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    return significant(value, form) if isinstance(form, int) else format(value, form)
 
 
 def say(console: Console, text: str | Text) -> None:
@@ -69,13 +56,16 @@ def show_export(console: Console, path: Path, made: Exported) -> None:
     console.print(str(path), highlight=False, soft_wrap=True)
     say(
         console,
-        f"re-simulated in the target's equation: yaw rate off by {made.mismatch.percent_of_range:.2g} % of its range, "
-        f"{made.mismatch.rms:.2g} rad/s rms",
+        f"re-simulated in the target's equation: yaw rate off by {number(made.mismatch.percent_of_range, 2)} % of its "
+        f"range, {number(made.mismatch.rms, 2)} rad/s rms",
     )
     if made.losses:
-        say(console, f"of what it holds: {made.held.percent_of_range:.2g} %, {made.held.rms:.2g} rad/s rms")
+        say(
+            console,
+            f"of what it holds: {number(made.held.percent_of_range, 2)} %, {number(made.held.rms, 2)} rad/s rms",
+        )
     for loss in made.losses:
-        size = number(loss.percent_of_range, ".2g")
+        size = number(loss.percent_of_range, 2)
         say(console, led("Not held:", f"{loss.what}, {size} % of range: {loss.why}.", "red"))
     show_warnings(console, made.warnings)
 
@@ -89,22 +79,22 @@ def show_filter(console: Console, runs: Runs) -> None:
     say(
         console,
         f"low pass {runs.cutoff:.3g} Hz, {origin}; noise: "
-        f"{name} {noise * factor:.2g} {shown}, rate {rate:.2g} {unit}, acceleration {acceleration:.2g} {unit}²",
+        f"{name} {number(noise * factor, 2)} {shown}, rate {number(rate, 2)} {unit}, acceleration "
+        f"{number(acceleration, 2)} {unit}²",
     )
 
 
 def show_parameters(console: Console, estimate: Estimate) -> None:
     """Print value ± standard error with the 95 % interval."""
     rows = table("", "parameter", "value ± standard error", "unit", "95 % interval")
-    rows.title = None
     for name in estimate.names:
         if name in estimate.refused:
             rows.add_row(name, "not determined", estimate.unit(name), "–")
             continue
-        low, high = estimate.interval(name)
-        interval = f"{low:.4g} … {high:.4g}" if math.isfinite(low) else "–"
-        value = plus_minus(estimate.value(name), estimate.standard_error(name))
-        rows.add_row(name, value, estimate.unit(name), interval)
+        error = estimate.standard_error(name)
+        low, high = (to_error(end, error) for end in estimate.interval(name))
+        interval = f"{low} … {high}" if math.isfinite(error) else "–"
+        rows.add_row(name, plus_minus(estimate.value(name), error), estimate.unit(name), interval)
     console.print(rows)
 
 
@@ -129,43 +119,47 @@ def show_drag(console: Console, fit: DragFit) -> None:
         say(console, f"{way}: DQ {quadratic}, DL {linear}")
 
 
-def _steady_states(fit: DragFit) -> Table:
+def _steady_states(fit: DragFit) -> Columns:
     axis = fit.estimate.axis
     rows = table(
         "Steady states",
         "log",
-        "from s",
-        "to s",
         "command",
         f"{axis.push} {axis.push_unit}",
         f"rate {axis.rate_unit}",
         f"± {axis.rate_unit}",
         f"residual {axis.push_unit}",
+        "from s",
+        "to s",
         "without it DQ",
         "DL",
     )
-    for point, residual, left_out in zip(fit.points, fit.residuals, fit.left_out, strict=True):
-        quadratic, linear, _ = left_out
-        rows.add_row(*_point_cells(point), number(residual, ".2f"), number(quadratic, ".5g"), number(linear))
+    errors = fit.torque_error if fit.torque_error_known else np.full(len(fit.points), math.nan)
+    each = zip(fit.points, errors.tolist(), fit.residuals.tolist(), fit.left_out.tolist(), strict=True)
+    for point, error, residual, (quadratic, linear, _) in each:
+        rows.add_row(
+            point.source,
+            " ".join(f"{value:.4g}" for value in point.command),
+            _known(point.torque, error),
+            _known(point.rate, point.rate_error),
+            number(point.rate_error, 2),
+            _known(residual, error),
+            number(point.start, ".0f"),
+            number(point.stop, ".0f"),
+            number(quadratic, 5),
+            number(linear),
+        )
     return rows
 
 
-def _point_cells(point: SteadyPoint) -> list[str]:
-    return [
-        point.source,
-        number(point.start, ".0f"),
-        number(point.stop, ".0f"),
-        " ".join(f"{value:.4g}" for value in point.command),
-        number(point.torque, ".1f"),
-        number(point.rate, ".4f"),
-        number(point.rate_error, ".4f"),
-    ]
+def _known(value: float, error: float) -> str:
+    return to_error(value, error) if math.isfinite(value) else "–"
 
 
 def show_inertia(console: Console, fit: InertiaFit) -> None:
     """Print what `rovid fit-inertia` found."""
     unit = fit.estimate.unit("inertia").replace("^2", "²")
-    rows = table(f"Inertia, {unit}", "method", "value ± standard error", "note")
+    rows = table(f"Inertia, {unit}", "method", "value ± standard error", "note", prose=True)
     for name, inertia in fit.methods.items():
         rows.add_row(METHODS[name], plus_minus(inertia.value, inertia.standard_error), _note(fit, name))
         if len(inertia.runs) > 1 or name == "peak":
@@ -210,8 +204,8 @@ def _noises(fit: LikelihoodFit) -> str:
     name, unit, factor = axis.measured(integrated=fit.integrated)
     per_inertia = PER_INERTIA if fit.estimate.per_inertia else ""
     return (
-        f"disturbance {axis.push} {fit.disturbance:.3g} {axis.push_unit}{per_inertia} with a memory of "
-        f"{fit.correlation_time:.2g} s; {name} noise {factor * fit.position_noise:.2g} {unit}"
+        f"disturbance {axis.push} {number(fit.disturbance)} {axis.push_unit}{per_inertia} with a memory of "
+        f"{number(fit.correlation_time, 2)} s; {name} noise {number(factor * fit.position_noise, 2)} {unit}"
     )
 
 
@@ -229,9 +223,9 @@ def show_decay(console: Console, decay: Decay) -> None:
     say(
         console,
         f"natural frequency {_reading(frequency)} {frequency.unit}; damping ratio "
-        f"{linear} of the linear drag, and {quadratic} for each rad of amplitude of the quadratic\n"
-        f"over the inertia: {ratios}",
+        f"{linear} of the linear drag, and {quadratic} for each rad of amplitude of the quadratic",
     )
+    say(console, f"over the inertia: {ratios}")
 
 
 def _reading(reading: Reading) -> str:
@@ -244,27 +238,28 @@ def show_simulation(console: Console, simulations: Sequence[TrialSimulation]) ->
     rows = table(
         f"Free-running simulation against measurement, {axis.rate_words}",
         "trial",
-        "samples",
         "R²",
-        "fit %",
+        f"{axis.position_words} after 60 s, {axis.shown[0]}",
+        f"after 10 s, {axis.shown[0]}",
         f"RMSE {axis.rate_unit}",
-        f"{axis.position_words} after 10 s, {axis.shown[0]}",
-        f"after 60 s, {axis.shown[0]}",
+        "fit %",
+        "samples",
     )
     for item in simulations:
-        ahead = [number(axis.in_shown(item.position_errors[seconds]), ".2g") for seconds in (10.0, 60.0)]
-        rows.add_row(item.run.trial.name, *_quality_cells(item.fit), *ahead)
+        ahead = [number(axis.in_shown(item.position_errors[seconds]), 2) for seconds in (60.0, 10.0)]
+        rows.add_row(item.run.trial.name, *_quality_cells(item.fit, *ahead))
     rows.add_section()
-    rows.add_row("all", *_quality_cells(overall(simulations)))
+    rows.add_row("all", *_quality_cells(overall(simulations), "", ""))
     console.print(rows)
 
 
-def _quality_cells(fit: Fit) -> list[str]:
+def _quality_cells(fit: Fit, *ahead: str) -> list[str]:
     return [
-        str(fit.samples),
         number(fit.r2, ".4f"),
+        *ahead,
+        number(fit.rmse, 2),
         number(fit.fit_percent, ".1f"),
-        number(fit.rmse, ".2g"),
+        str(fit.samples),
     ]
 
 
@@ -273,15 +268,18 @@ def show_bench(console: Console, fit: BenchFit, output: Path) -> None:
     rows = table("Bench readings against the curve", "command", "thrust N", "curve N", "residual N", left=0)
     step = max(len(fit.command) // 40, 1)
     shown = zip(fit.command[::step], fit.thrust[::step], fit.residuals[::step], strict=True)
+    # What a bench reads is good to a thousandth of its largest reading at best.
+    decimals = 3 - math.ceil(math.log10(float(np.max(np.abs(fit.thrust)))))
     for command, thrust, residual in shown:
-        rows.add_row(f"{command:.5g}", f"{thrust:.2f}", f"{thrust - residual:.2f}", f"{residual:.2f}")
+        rows.add_row(f"{command:.5g}", *(rounded(each, decimals) for each in (thrust, thrust - residual, residual)))
     console.print(rows)
     if step > 1:
         say(console, f"every {step}th of {len(fit.command)} readings shown")
     say(
         console,
-        f"dead zone {_dead_zone(fit)}; thrust {fit.curve.thrust.min():.1f} to {fit.curve.thrust.max():.1f} N; residual "
-        f"{fit.rms:.2g} N rms, {np.max(np.abs(fit.residuals)):.2g} N at most",
+        f"dead zone {_dead_zone(fit)}; thrust {rounded(fit.curve.thrust.min(), decimals)} to "
+        f"{rounded(fit.curve.thrust.max(), decimals)} N; residual {number(fit.rms, 2)} N rms, "
+        f"{number(float(np.max(np.abs(fit.residuals))), 2)} N at most",
     )
     say(console, f"written to {output}")
 
@@ -306,7 +304,7 @@ def show_plan(console: Console, plan: Plan, written: Sequence[Path]) -> None:
         console.print(f"written: {path}", highlight=False, soft_wrap=True)
 
 
-def _planned_runs(plan: Plan) -> Table:
+def _planned_runs(plan: Plan) -> Columns:
     """The runs, the best first, and what each would tell."""
     rivals = len(plan.beliefs) > 1
     if rivals:
@@ -315,13 +313,13 @@ def _planned_runs(plan: Plan) -> Table:
     else:
         gain = "variance over"
         purpose = f"Runs that make {plan.narrow.replace('_', ' ')} surer"
-    rows = table(purpose, "run", "minutes", gain, f"{gain} a minute")
+    rows = table(purpose, "run", "minutes", f"{gain} a minute", gain)
     for one in plan.runs[:_RUNS_SHOWN]:
         whole, a_minute = one.gain, one.per_minute
         if not rivals:
             # The gain is the logarithm of what the variance is divided by.
             whole, a_minute = math.exp(whole), math.exp(a_minute)
-        rows.add_row(one.run.name, number(one.run.seconds / 60.0, ".1f"), number(whole), number(a_minute))
+        rows.add_row(one.run.name, number(one.run.seconds / 60.0, ".1f"), number(a_minute), number(whole))
     return rows
 
 
@@ -337,54 +335,9 @@ def show_survey(console: Console, survey: Survey, written: Sequence[Path]) -> No
     show_warnings(console, survey.lacking)
     for path in written:
         console.print(f"written: {path}", highlight=False, soft_wrap=True)
-    then = f"read {written[0].name}, then rovid check {survey.folder} and rovid report {survey.folder}"
-    console.print(led("Next:", then), highlight=False, soft_wrap=True)
-
-
-def show_check(console: Console, rows: Sequence[tuple[Trial, Mapping[str, Any]]], problems: Mapping[str, str]) -> None:
-    """Print what each log holds and what is wrong with it."""
-    axis, integrated = YAW, False
-    if rows:
-        first, _ = rows[0]
-        axis, integrated = first.axis, first.integrated
-    _, unit, factor = axis.measured(integrated=integrated)
-    way, far = axis.shown
-    went = f"{'turned' if axis.angular else 'went'} {way}"
-    shown = table("Logs", "log", "s", "samples", "Hz", f"noise {unit}", went, "held", "sines", "remarks")
-    for trial, facts in rows:
-        shown.add_row(
-            trial.name,
-            f"{trial.duration:.0f}",
-            str(facts["samples"]),
-            f"{1.0 / trial.period:.3g}",
-            f"{factor * facts['noise']:.2g}",
-            f"{far * facts['travel']:.0f}",
-            str(facts["held_commands"]),
-            str(facts["sine_runs"]),
-            ", ".join(f"{remark.count} {remark.kind}" for remark in trial.remarks) or "none",
-        )
-    for name, problem in problems.items():
-        shown.add_row(name, *["–"] * 7, led(problem, style="red"))
-    console.print(shown)
-    for trial, _ in rows:
-        for remark in trial.remarks:
-            say(console, f"{trial.name}: {remark.text}")
-
-
-def show_advice(console: Console, advice: Sequence[Advice]) -> None:
-    """Print what to mind before a fit."""
-    for one in advice:
-        say(console, led("Before a fit:", _capitalised(one.text)))
-    if not advice:
-        say(console, "These logs have what a fit wants.")
-
-
-def _capitalised(text: str) -> str:
-    first, _, _ = text.partition(" ")
-    # A file's name keeps its case.
-    if not first.isalpha():
-        return text
-    return text[:1].upper() + text[1:]
+    say(console, led("Next:", f"read {written[0].name}, then"))
+    for name in ("check", "report"):
+        console.print(f"  rovid {name} {survey.folder}", highlight=False, soft_wrap=True)
 
 
 def show_fit(

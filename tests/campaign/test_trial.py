@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from rovid.campaign.trial import Remark, said_once
 from tests.campaign.test_vehicle import CURVE
 from tests.synthetic import clock, trial
 
@@ -21,3 +24,25 @@ def test_arrays_are_read_only() -> None:
     for array in (record.time, record.position, record.commands, CURVE.thrust):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
+
+
+def test_what_was_noticed_in_many_trials_is_said_once() -> None:
+    """The same but for numbers by themselves is the same; a column's own number is not."""
+    texts = {
+        "a": ("gap", 2, "The heading has gaps (2, of 3.5 s in all)."),
+        "b": ("gap", 5, "The heading has gaps (5, of 9.0 s in all)."),
+        "c": ("missing", 1, "pwm1 is missing in 1 samples."),
+        "d": ("missing", 1, "pwm2 is missing in 1 samples."),
+    }
+    plain = trial(clock(1.0), np.zeros(21))
+    trials = [
+        replace(plain, name=name, remarks=(Remark(kind=kind, count=count, text=text),))
+        for name, (kind, count, text) in texts.items()
+    ]
+    assert said_once(trials) == [
+        "b: The heading has gaps (5, of 9.0 s in all). Likewise in a (2).",
+        "c: pwm1 is missing in 1 samples.",
+        "d: pwm2 is missing in 1 samples.",
+    ]
+    three = [trials[0], *(replace(trials[1], name=name) for name in "xy")]
+    assert said_once(three, most=1)[0].endswith("Likewise in y (5) and 1 more.")

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rovid.ground.numbers import plus_minus
+from rovid.ground.numbers import plus_minus, significant, to_error
 
 
 @pytest.mark.parametrize(
@@ -22,3 +22,36 @@ from rovid.ground.numbers import plus_minus
 )
 def test_values_are_rounded_to_their_uncertainty(value: float, error: float, expected: str) -> None:
     assert plus_minus(value, error) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "expected"),
+    [
+        (-0.0312, 0.004, "-0.0312"),
+        (-0.0312, 0.04, "-0.031"),
+        (-0.0004, 0.2, "0.000"),
+        (212.53, 0.9, "212.53"),
+        (212.53, 45.0, "213"),
+        (0.031, math.nan, "0.03100"),
+    ],
+)
+def test_what_is_small_is_rounded_to_its_uncertainty_too(value: float, error: float, expected: str) -> None:
+    assert to_error(value, error) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "expected"),
+    [
+        (0.002, 2, "0.0020"),
+        (0.0996, 2, "0.10"),
+        (12.34, 2, "12"),
+        (1234.0, 2, "1200"),
+        (-0.03, 1, "-0.03"),
+        (0.0, 3, "0"),
+        (1.234e-9, 2, "1.2e-09"),
+        (12345678.0, 3, "1.23e+07"),
+        (math.inf, 3, "inf"),
+    ],
+)
+def test_digits_that_count_are_all_there(value: float, digits: int, expected: str) -> None:
+    assert significant(value, digits) == expected

@@ -34,10 +34,10 @@ def test_a_good_day_wants_nothing(csv_day: Path, rovid: Rovid) -> None:
 @pytest.mark.parametrize(
     ("gone", "kind", "said"),
     [
-        ("hold_*.csv", "holds", "run at least 4"),
-        ("sine_*.csv", "sines", "run sines of at least 2 periods"),
-        ("*_only.csv", "one_thruster", "Run each by itself"),
-        ("coast_*.csv", "coast", "stop the thrusters under way"),
+        ("hold_*.csv", "holds", "Hold the command at 4 levels or more each way"),
+        ("sine_*.csv", "sines", "Run sines of 2 periods or more"),
+        ("*_only.csv", "one_thruster", "Run each thruster by itself"),
+        ("coast_*.csv", "coast", "Stop the thrusters under way"),
     ],
 )
 def test_runs_that_are_missing_are_asked_for(
@@ -76,7 +76,7 @@ def test_clocks_that_differ_are_told_from_a_lag(csv_day: Path, tmp_path: Path, r
         return change
 
     late = kinds(rovid, spoilt(csv_day, tmp_path / "late", shifted(0.6)))
-    assert "The vehicle moves 0." in late["clock_offset"]
+    assert "the vehicle moves 0." in late["clock_offset"]
     assert "clock_offset" not in kinds(rovid, spoilt(csv_day, tmp_path / "early", shifted(-0.6)))
 
 
@@ -102,7 +102,7 @@ def test_a_tilting_vehicle_is_asked_for_a_release(tmp_path: Path, rovid: Rovid) 
     found = {a["kind"]: a["text"] for a in rovid("check", day, "--axis", "pitch", "--json").document["advice"]}
     assert "let go of it" in found["coast"]
     assert "Stiffness" in found["holds"]
-    assert "The vehicle moves 0." in found["clock_offset"]
+    assert "the vehicle moves 0." in found["clock_offset"]
 
 
 def test_logs_that_cannot_be_read_have_not_what_a_fit_wants(tmp_path: Path, rovid: Rovid) -> None:
@@ -124,7 +124,7 @@ def test_a_drive_at_its_end_is_said(csv_day: Path, tmp_path: Path, rovid: Rovid)
     assert "at the end of its bench curve" in kinds(rovid, tmp_path / "day")["saturation"]
 
 
-def test_a_real_dive_was_steered_by_an_autopilot(rovid: Rovid) -> None:
+def test_a_real_dive_was_steered_by_feedback(rovid: Rovid) -> None:
     found = kinds(rovid, SAMPLES / "bluerov2_pier59" / "dive.csv")
-    assert "autopilot was on" in found["feedback"]
+    assert "by an autopilot or a hand: in dive.csv" in found["feedback"]
     assert {"holds", "sines", "one_thruster"} <= set(found)

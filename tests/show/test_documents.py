@@ -12,6 +12,8 @@ from rovid.campaign.trial import Remark
 from rovid.export.exporting import Exported, Loss
 from rovid.export.manoeuvre import Mismatch
 from rovid.inspect.advice import Advice
+from rovid.inspect.check import Check
+from rovid.inspect.feedback import Feedback
 from rovid.model.simulation import simulate_runs
 from rovid.parameters.parameters import Entry, Parameters
 from rovid.plan.programme import Planned
@@ -65,9 +67,17 @@ def test_what_a_format_does_not_hold_has_its_size() -> None:
 def test_a_check_keeps_facts_problems_and_advice_apart() -> None:
     trial = replace(synthetic.trial(synthetic.clock(1.0), np.zeros(21)), name="a.csv")
     remark = Remark(kind="gap", count=2, text="A gap.")
-    advice = Advice(kind="coast", text="Coast.")
-    document = check_document(YAW, [(trial, {"samples": 21})], {"b.csv": "bad"}, [remark], [advice])
+    checked = Check(
+        rows=((trial, {"samples": 21}),),
+        problems={"b.csv": "bad"},
+        remarks=(remark,),
+        advice=(Advice(kind="coast", text="Coast."),),
+        feedback=(Feedback(name="a.csv", seen_in="flow", chance=1e-9, share=0.3),),
+    )
+    document = check_document(checked, YAW)
     assert document["logs"] == [{"name": "a.csv", "samples": 21}]
     assert document["unreadable"] == [{"name": "b.csv", "problem": "bad"}]
     assert document["remarks"] == [{"kind": "gap", "count": 2, "text": "A gap."}]
-    assert document["advice"] == [{"kind": "coast", "text": "Coast."}]
+    assert document["advice"] == [{"kind": "coast", "text": "Coast.", "weight": "care"}]
+    assert document["verdict"] == "no_go"
+    assert document["feedback"][0]["seen_in"] == "flow"

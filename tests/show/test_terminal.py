@@ -15,7 +15,8 @@ from tests.hostile import NAMES, STEERING
 
 @pytest.mark.parametrize("name", [*NAMES, os.fsdecode(b"\xff"), "y" * 100_000])
 def test_nothing_that_is_printed_steers_a_terminal(name: str) -> None:
-    from rovid.show.terminal import show_warnings, table
+    from rovid.show.table import table
+    from rovid.show.terminal import show_warnings
 
     out = io.StringIO()
     screen = Screen(file=out, force_terminal=True, color_system=None, width=4000, legacy_windows=False)

@@ -1,0 +1,85 @@
+"""What `rovid check` says: whether to go, what to do first, what each log holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from rovid.campaign.trial import said_once
+from rovid.ground.errors import LINE_LENGTH, shown
+from rovid.ground.screen import led
+from rovid.inspect.advice import listed
+from rovid.inspect.check import Check
+from rovid.show.table import table
+from rovid.show.terminal import number, say, show_warnings
+
+_FIRST = 3
+_VERDICTS = {
+    "go": ("Go:", "These logs have what a fit wants.", "bold green"),
+    "care": ("Go with care:", "These logs can be fitted; mind this first.", "bold yellow"),
+    "no_go": ("No go:", "A fit would fail, or be wrong. First of all:", "bold red"),
+}
+
+
+def show_check(console: Console, checked: Check) -> None:
+    """Print the verdict, the first three things to do, the logs, and whatever else there is to say."""
+    say(console, led(*_VERDICTS[checked.verdict]))
+    tasks = list(_tasks(checked))
+    _show_tasks(console, tasks[:_FIRST], 1)
+    console.print()
+    if checked.rows:
+        _show_logs(console, checked)
+    if len(checked.problems) > 1:
+        show_warnings(console, [_problem(name, problem) for name, problem in checked.problems.items()])
+    _show_tasks(console, tasks[_FIRST:], _FIRST + 1)
+    asides = [one.text for one in checked.advice if one.weight == "aside"]
+    noticed = said_once([trial for trial, _ in checked.rows])
+    show_warnings(console, [*asides, *noticed, *(remark.text for remark in checked.remarks)])
+
+
+def _tasks(checked: Check) -> Iterator[str]:
+    """What to do, the gravest first."""
+    problems = list(checked.problems.items())
+    if len(problems) == 1:
+        yield _problem(*problems[0])
+    elif problems:
+        logs = len(problems) + len(checked.rows)
+        yield f"{len(problems)} of {logs} logs cannot be used, for the reasons below: {listed(list(checked.problems))}."
+    yield from (one.text for one in checked.advice if one.weight != "aside")
+
+
+def _problem(name: str, problem: str) -> str:
+    return problem if name in problem else f"{name}: {problem}"
+
+
+def _show_tasks(console: Console, tasks: Sequence[str], first: int) -> None:
+    rows = Table.grid(padding=(0, 1, 0, 0))
+    for number_, task in enumerate(tasks, first):
+        rows.add_row(f"{number_}.", Text(shown(task, LINE_LENGTH)))
+    if tasks:
+        console.print(rows, highlight=False)
+
+
+def _show_logs(console: Console, checked: Check) -> None:
+    first, _ = checked.rows[0]
+    axis = first.axis
+    _, unit, factor = axis.measured(integrated=first.integrated)
+    way, far = axis.shown
+    went = f"{'turned' if axis.angular else 'went'} {way}"
+    rows = table("Logs", "log", "s", "held", "sines", "Hz", f"noise {unit}", went, "samples", "remarks", prose=True)
+    for trial, facts in checked.rows:
+        rows.add_row(
+            trial.name,
+            f"{trial.duration:.0f}",
+            str(facts["held_commands"]),
+            str(facts["sine_runs"]),
+            number(1.0 / trial.period),
+            number(factor * facts["noise"], 2),
+            f"{far * facts['travel']:.0f}",
+            str(facts["samples"]),
+            ", ".join(f"{remark.count} {remark.kind}" for remark in trial.remarks) or "none",
+        )
+    console.print(rows)
