@@ -30,6 +30,7 @@ COMMANDS = (
     "control",
     "export",
     "report",
+    "help",
 )
 _MODULES = {name.replace("_", "-"): import_module(f"rovid.commands.{name}") for name in COMMANDS}
 MANUAL: dict[str, Page] = {name: module.PAGE for name, module in _MODULES.items()}

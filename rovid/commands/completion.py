@@ -29,6 +29,13 @@ def formats() -> list[str]:
     return list(FORMATS)
 
 
+def topics() -> list[str]:
+    """Pages of `rovid help`."""
+    from rovid.show.topics import names
+
+    return names()
+
+
 def thrust_units() -> list[str]:
     """Units for --unit."""
     return list(THRUST_UNITS)

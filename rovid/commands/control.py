@@ -26,7 +26,7 @@ PAGE = Page(
         ("For a controller at 5 Hz behind 0.3 s of delay", "rovid control --period 0.2 --delay 0.3"),
         ("As source", "rovid control --c heading.c --python heading.py"),
     ),
-    see=("rovid fit", "rovid export", "docs/control.md"),
+    see=("rovid fit", "rovid export", "rovid help control"),
 )
 
 

@@ -22,16 +22,18 @@ PAGE = Page(
     Use it to look at a log with other tools, or to pass a trial on without its recorder's format.
     """,
     examples=(
-        ("An ArduPilot log as CSV", "rovid convert sample_logs/bluerov2_dataflash/dive.BIN -o dive.csv"),
-        ("An MCAP recording as CSV", "rovid convert sample_logs/rosub_tank/steps.mcap -o steps.csv"),
-        ("A CSV log as MCAP, for Foxglove", "rovid convert sample_logs/rosub_tank/hold_01.csv -o hold_01.mcap"),
+        ("An ArduPilot log as CSV", "rovid convert ardupilot_logs/dive.BIN -o dive.csv"),
+        ("An MCAP recording as CSV", "rovid convert my_logs/steps.mcap -o steps.csv"),
+        ("A CSV log as MCAP, for Foxglove", "rovid convert my_logs/hold_01.csv -o hold_01.mcap"),
     ),
-    see=("rovid init", "rovid simulate --mcap", "docs/logs.md"),
+    see=("rovid init", "rovid simulate --mcap", "rovid help logs"),
 )
 
 
 def convert(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="A log of any format that rovid reads; see docs/logs.md.")],
+    log: Annotated[
+        Path, typer.Argument(metavar="LOG", help="A log of any format that rovid reads; see rovid help logs.")
+    ],
     *,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE", help="Where it goes: a .csv, .mcap or .parquet file.")

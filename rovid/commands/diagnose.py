@@ -20,11 +20,11 @@ PAGE = Page(
     """,
     examples=(
         ("What the model misses, with the logs that fit-drag remembered", "rovid diagnose"),
-        ("At once, on a folder of logs, into another file", "rovid diagnose sample_logs/rosub_tank -p tank.toml"),
-        ("Along surge", "rovid diagnose sample_logs/surge_tank --axis surge"),
-        ("What the published tables contradict", "rovid diagnose sample_logs/rosub_paper -p paper.toml"),
+        ("At once, on a folder of logs, into another file", "rovid diagnose my_logs -p tank.toml"),
+        ("Along surge", "rovid diagnose surge_logs --axis surge"),
+        ("What the published tables contradict", "rovid diagnose my_tables -p tables.toml"),
     ),
-    see=("rovid fit --effect", "rovid plan", "rovid report", "docs/confusion.md"),
+    see=("rovid fit --effect", "rovid plan", "rovid report", "rovid help confusion"),
 )
 
 

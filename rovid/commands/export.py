@@ -25,9 +25,9 @@ PAGE = Page(
     examples=(
         ("For Gazebo", "rovid export gz-sim -o model.sdf"),
         ("For uuv_simulator, as YAML", "rovid export uuv -o uuv.yaml"),
-        ("As JSON, from another parameter file", "rovid export json -p paper.toml -o paper.json"),
+        ("As JSON, from another parameter file", "rovid export json -p tables.toml -o tables.json"),
     ),
-    see=("rovid fit", "rovid control", "docs/export.md"),
+    see=("rovid fit", "rovid control", "rovid help export"),
 )
 
 

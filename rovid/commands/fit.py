@@ -29,9 +29,9 @@ PAGE = Page(
             "With one form of an effect, and one more effect",
             "rovid fit --effect thruster_lag:rotor --effect bias_torque",
         ),
-        ("A real dive with its autopilot on", "rovid fit sample_logs/bluerov2_pier59/dive.csv -p dive.toml"),
+        ("A real dive with its autopilot on", "rovid fit rov_logs/dive.csv -p dive.toml"),
     ),
-    see=("rovid diagnose", "rovid simulate", "docs/effects (all effects)"),
+    see=("rovid diagnose", "rovid simulate", "rovid help effects"),
 )
 
 

@@ -19,12 +19,12 @@ PAGE = Page(
     minute. Roll and pitch have no steady turns; there it finds inertia and drag together.
     """,
     examples=(
-        ("Drag in yaw, into parameters.toml", "rovid fit-drag sample_logs/rosub_tank"),
+        ("Drag in yaw, into parameters.toml", "rovid fit-drag my_logs"),
         (
             "From a table of steady turns, into another file",
-            "rovid fit-drag sample_logs/rosub_paper/table3.csv -p paper.toml",
+            "rovid fit-drag my_tables/steady_turns.csv -p tables.toml",
         ),
-        ("Drag in surge, into parameters_surge.toml", "rovid fit-drag sample_logs/surge_tank --axis surge"),
+        ("Drag in surge, into parameters_surge.toml", "rovid fit-drag surge_logs --axis surge"),
     ),
     see=("rovid check", "rovid fit-inertia", "rovid fit"),
 )

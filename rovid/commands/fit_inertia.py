@@ -28,8 +28,8 @@ PAGE = Page(
     examples=(
         ("With the logs that fit-drag remembered", "rovid fit-inertia"),
         (
-            "From a table of sine trials, with the drag in paper.toml",
-            "rovid fit-inertia sample_logs/rosub_paper/sine_trials.csv -p paper.toml",
+            "From a table of sine trials, with the drag in tables.toml",
+            "rovid fit-inertia my_tables/sine_trials.csv -p tables.toml",
         ),
         ("With a filter of 1 Hz in place of the one chosen", "rovid fit-inertia --cutoff 1"),
     ),

@@ -23,7 +23,7 @@ PAGE = Page(
         ("A first my_logs/rovid.toml", "rovid init my_logs"),
         ("Once more, from one log alone, over the one that is there", "rovid init my_logs/hold_01.csv --force"),
     ),
-    see=("rovid check", "docs/logs.md (formats)", "docs/axes.md (rovid.toml)"),
+    see=("rovid check", "rovid help logs (formats)", "rovid help files (rovid.toml)"),
 )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import textwrap
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,8 +12,7 @@ from typer.core import TyperCommand, TyperGroup
 _EXIT = """\
 Exit status:
   0  Done.
-  2  The input cannot be used. One message says where, what was found, what
-     was wanted and how to mend it."""
+  2  The input cannot be used. One message says where, what was found, what was wanted and how to mend it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +41,7 @@ class Page:
 
 
 class ManualCommand(TyperCommand):
-    """A command whose help looks like a page of a manual: `LOGS...` for names, the epilog printed as it stands."""
+    """A command whose help looks like a page of a manual: `LOGS...` for names, the epilog in its own lines."""
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: D102 - typer's
         # Some versions of typer put names that are required into braces.
@@ -56,14 +57,42 @@ class ManualCommand(TyperCommand):
                     formatter.write_dl([row for row in rows if row])
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002, D102 - typer's
-        formatter.write(f"\n{self.epilog}\n")
+        formatter.write(f"\n{_set(self.epilog or '', formatter.width)}\n")
 
 
 class ManualGroup(TyperGroup):
-    """All commands; the epilog printed as it stands."""
+    """All commands, each with all of its line; the epilog in its own lines."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002, D102 - typer's
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, (one.help or "").partition("\n")[0]) for name, one in self.commands.items()])
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002, D102 - typer's
-        formatter.write(f"\n{self.epilog}\n")
+        formatter.write(f"\n{_set(self.epilog or '', formatter.width)}\n")
+
+
+def _set(text: str, width: int) -> str:
+    """``text`` in its own lines, those that are longer than ``width`` folded below their beginning."""
+    return "\n".join(_fold(line, width) for line in text.splitlines())
+
+
+def _fold(line: str, width: int) -> str:
+    if len(line) <= width:
+        return line
+    # Below the words, not below a sign or a number ahead of them.
+    begins = re.match(r"\s*(?:[#\d]\s+)?", line)
+    indent = " " * (begins.end() if begins else 0)
+    # A shell goes on behind a backslash.
+    command = line.startswith("  rovid ") and "," not in line
+    end = " \\" if command else ""
+    folded = textwrap.wrap(
+        line,
+        width - len(end),
+        subsequent_indent=indent + "  " if command else indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return f"{end}\n".join(folded)
 
 
 def _is_argument(parameter: Any) -> bool:
@@ -72,13 +101,15 @@ def _is_argument(parameter: Any) -> bool:
 
 
 FIRST_SESSION = """\
-A first session, with the sample logs of the source folder:
-  rovid check sample_logs/rosub_tank
-  rovid fit-drag sample_logs/rosub_tank
+A first session, with a folder of logs of yours:
+  rovid init my_logs
+  # now read my_logs/rovid.toml, and put your numbers in
+  rovid check my_logs
+  rovid fit-drag my_logs
   rovid fit-inertia
   rovid diagnose
   rovid report
 
-Your own logs begin with `rovid init LOGS`. `rovid COMMAND --help` explains a
-command, with examples. `rovid --install-completion` makes the Tab key complete
-commands, options, effects, axes and formats."""
+`rovid COMMAND --help` explains a command, with examples; `rovid help` lists pages that tell how a thing is done, what \
+a file holds, what each effect does. `rovid --install-completion` makes the Tab key complete commands, options, \
+effects, axes and formats."""

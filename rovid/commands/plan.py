@@ -30,7 +30,7 @@ PAGE = Page(
         ),
         ("At 60 % of the commands, no faster than 10 deg/s", "rovid plan --share 0.6 --max-rate 10 -o next.csv"),
     ),
-    see=("rovid diagnose", "rovid check", "docs/plan.md"),
+    see=("rovid diagnose", "rovid check", "rovid help plan"),
 )
 
 

@@ -22,7 +22,7 @@ PAGE = Page(
     """,
     examples=(
         ("With the logs that fit-drag remembered, into report/", "rovid report"),
-        ("At once, on a folder of logs", "rovid report sample_logs/rosub_tank -p tank.toml -o tank_report"),
+        ("At once, on a folder of logs", "rovid report my_logs -p tank.toml -o tank_report"),
         ("Quickly: fits and simulation alone", "rovid report --no-diagnosis --no-control --no-export"),
     ),
     see=("rovid diagnose", "rovid control", "rovid export"),

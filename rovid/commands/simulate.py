@@ -24,11 +24,11 @@ PAGE = Page(
         ("Against the logs that the parameters came from", "rovid simulate"),
         (
             "Against one log, with a recording of it",
-            "rovid simulate sample_logs/rosub_tank/steps.mcap --mcap simulated.mcap",
+            "rovid simulate my_logs/steps.mcap --mcap simulated.mcap",
         ),
         ("With recordings of all runs, in a folder", "rovid simulate --mcap simulated"),
     ),
-    see=("rovid diagnose", "rovid report", "docs/logs.md"),
+    see=("rovid diagnose", "rovid report", "rovid help logs"),
 )
 
 

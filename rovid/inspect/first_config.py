@@ -244,8 +244,8 @@ def _not_recognised(
     return DataError(
         f"no {missing} was recognised among {', '.join(there[:20])}.{unread}",
         where=folder,
-        mend=f"Write {FILE_NAME} by hand: see the README, sample_logs for examples, and docs/axes.md where the runs "
-        "are along another axis than yaw, which alone is guessed.",
+        mend=f"Write {FILE_NAME} by hand: `rovid help files` has an example, and `rovid help axes` those of other axes "
+        "than yaw, which alone is guessed.",
     )
 
 

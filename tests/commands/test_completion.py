@@ -61,6 +61,8 @@ def test_commands_and_options(offered: Offered) -> None:
         *(([name, "--axis", ""], list(AXES)) for name in MANUAL if "--axis AXIS" in run_rovid(name, "--help").out),
         (["fit", "--axis", "s"], ["surge", "sway"]),
         (["export", ""], list(FORMATS)),
+        (["help", "thruster_l"], ["thruster_lag"]),
+        (["help", "l"], ["logs"]),
         (["export", "m"], ["mujoco", "matlab"]),
         (["fit-thruster", "--unit", ""], list(THRUST_UNITS)),
         (["plan", "--narrow", ""], list(base_names(YAW))),

@@ -16,7 +16,8 @@ from rovid.commands import cli
 from rovid.commands.cli import MANUAL
 from rovid.effects import effect_named
 from rovid.export import FORMATS
-from tests.conftest import ROOT, SAMPLES, Rovid, run_rovid
+from rovid.show.topics import names
+from tests.conftest import SAMPLES, Rovid, run_rovid
 
 GROUP = typer.main.get_command(cli.app)
 EXAMPLES = [(command, line) for command, page in MANUAL.items() for _, line in page.examples]
@@ -24,8 +25,20 @@ EXAMPLES = [(command, line) for command, page in MANUAL.items() for _, line in p
 QUICK = [
     line
     for command, line in EXAMPLES
-    if command in {"init", "convert", "fit-thruster"} or ("paper.toml" in line and command != "diagnose")
+    if command in {"convert", "fit-thruster", "help"} or ("tables.toml" in line and command != "diagnose")
 ]
+# What stands in for a reader's own files.
+STAND_INS = {
+    "my_logs": "rosub_tank",
+    "surge_logs": "surge_tank",
+    "rov_logs": "bluerov2_pier59",
+    "ardupilot_logs": "bluerov2_dataflash",
+    "my_tables/steady_turns.csv": "rosub_paper/table3.csv",
+    "my_tables/sine_trials.csv": "rosub_paper/sine_trials.csv",
+    "my_tables/rovid.toml": "rosub_paper/rovid.toml",
+    "bench.csv": "thruster_bench/kaxan_540.csv",
+    "t200_bench.csv": "bluerov2_pier59/t200_16V_bench.csv",
+}
 
 
 def test_every_command_has_a_page() -> None:
@@ -33,7 +46,7 @@ def test_every_command_has_a_page() -> None:
     assert list(GROUP.commands) == list(MANUAL)
 
 
-@pytest.mark.parametrize("width", [80, 120])
+@pytest.mark.parametrize("width", [60, 80, 120])
 @pytest.mark.parametrize("command", MANUAL)
 def test_a_page_is_whole_and_fits(command: str, width: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", str(width))
@@ -45,8 +58,10 @@ def test_a_page_is_whole_and_fits(command: str, width: int, monkeypatch: pytest.
     at = [lines.index(f"{heading}:") for heading in ("Options", "Examples", "Exit status", "See also")]
     assert at == sorted(at)
     assert 2 <= len(MANUAL[command].examples) <= 4
+    # A line that is too long for the terminal goes on behind a backslash.
+    whole = " ".join(text.replace(" \\\n", " ").split())
     for what, line in MANUAL[command].examples:
-        assert f"  # {what}\n  {line}\n" in text
+        assert f"# {what} {line} " in whole
     for code in (0, 2):
         assert any(line.startswith(f"  {code}  ") for line in lines)
 
@@ -68,8 +83,17 @@ def test_the_list_of_commands_says_what_each_does_in_full(monkeypatch: pytest.Mo
 def test_what_is_to_be_seen_also_is_there() -> None:
     for page in MANUAL.values():
         for other in page.see:
-            kind, _, name = other.partition(" ")
-            assert name.split()[0] in MANUAL if kind == "rovid" else (ROOT / kind).exists(), other
+            rovid, name, *more = other.split()
+            assert rovid == "rovid"
+            assert name in {*MANUAL, "COMMAND"}, other
+            if name == "help":
+                assert more[0] in names(), other
+
+
+def test_nothing_is_cited_that_an_installed_rovid_lacks() -> None:
+    texts = [run_rovid(command, "--help").out for command in MANUAL] + [run_rovid("--help").out]
+    for text in texts:
+        assert not re.search(r"docs/|sample_logs|README|\.md\b", text), text
 
 
 @pytest.mark.parametrize(("command", "line"), EXAMPLES)
@@ -78,8 +102,8 @@ def test_an_example_is_a_command_line(command: str, line: str) -> None:
     program, own, *words = shlex.split(line)
     assert (program, own) == ("rovid", command)
     given = GROUP.commands[command].make_context(command, words).params
-    for word in words:
-        assert (ROOT / word).exists() or not word.startswith("sample_logs")
+    for path in (*(given.get("logs") or ()), *filter(None, (given.get("log"), given.get("bench")))):
+        assert stood_in(path).exists(), path
     for effect in (*(given.get("effect") or ()), *(given.get("between") or ())):
         effect_named(effect)
     if given.get("axis"):
@@ -87,12 +111,30 @@ def test_an_example_is_a_command_line(command: str, line: str) -> None:
     assert given.get("format", "json") in FORMATS
 
 
+def stood_in(path: Path) -> Path:
+    """The sample for a reader's own file, or for one in a folder of hers."""
+    for part in (path, *path.parents):
+        if str(part) in STAND_INS:
+            return SAMPLES / STAND_INS[str(part)] / path.relative_to(part)
+    # A folder of which files are stood in.
+    assert any(name.startswith(f"{path}/") for name in STAND_INS), path
+    return SAMPLES
+
+
 def test_quick_examples_run(rovid: Rovid, tmp_path: Path) -> None:
-    (tmp_path / "sample_logs").symlink_to(SAMPLES, target_is_directory=True)
-    (tmp_path / "my_logs").mkdir()
-    for name in ("hold_01.csv", "hold_02.csv", "thrust_curve.csv"):
-        shutil.copy(SAMPLES / "rosub_tank" / name, tmp_path / "my_logs")
+    for name, sample in STAND_INS.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).symlink_to(SAMPLES / sample)
     for line in QUICK:
         done = rovid(*shlex.split(line)[1:])
         assert (line, done.code, done.err) == (line, 0, "")
     assert len(QUICK) >= 10
+
+
+def test_examples_of_init_run(rovid: Rovid, tmp_path: Path) -> None:
+    (tmp_path / "my_logs").mkdir()
+    for name in ("hold_01.csv", "hold_02.csv", "thrust_curve.csv"):
+        shutil.copy(SAMPLES / "rosub_tank" / name, tmp_path / "my_logs")
+    for line in (line for command, line in EXAMPLES if command == "init"):
+        done = rovid(*shlex.split(line)[1:])
+        assert (line, done.code, done.err) == (line, 0, "")
