@@ -149,6 +149,10 @@ AXES: Mapping[str, Axis] = {
 }
 
 
+# What people call them besides -> axis.
+_ALSO = {"heading": "yaw", "ahead": "surge", "sideways": "sway", "depth": "heave", "heel": "roll", "trim": "pitch"}
+
+
 def axis_named(name: str) -> Axis:
     """The axis of this name.
 
@@ -159,7 +163,7 @@ def axis_named(name: str) -> Axis:
     """
     if name not in AXES:
         raise ConfigError(
-            f"is {name!r}; one of {', '.join(AXES)} was expected.", where="--axis", mend=nearest(name, AXES)
+            f"is {name!r}; one of {', '.join(AXES)} was expected.", where="--axis", mend=nearest(name, AXES, _ALSO)
         )
     return AXES[name]
 

@@ -11,7 +11,7 @@ from rovid.commands import completion
 from rovid.commands.manual import Page
 from rovid.commands.options import Force, Json
 from rovid.commands.session import console, print_json
-from rovid.ground.errors import ConfigError
+from rovid.ground.errors import ConfigError, nearest
 
 PAGE = Page(
     text="""
@@ -24,11 +24,11 @@ PAGE = Page(
     examples=(
         (
             "Readings without a header, in newtons",
-            "rovid fit-thruster sample_logs/thruster_bench/kaxan_540.csv --unit N",
+            "rovid fit-thruster bench.csv --unit N",
         ),
         (
             "A maker's table, into a named file",
-            "rovid fit-thruster sample_logs/bluerov2_pier59/t200_16V_bench.csv -o t200.csv",
+            "rovid fit-thruster t200_bench.csv -o t200.csv",
         ),
     ),
     see=("rovid init", "rovid check"),
@@ -81,7 +81,8 @@ def fit_thruster(
     from rovid.show.terminal import show_bench
 
     if unit is not None and unit not in THRUST_UNITS:
-        raise ConfigError(f"is {unit!r}; one of {', '.join(THRUST_UNITS)} was expected.", where="--unit")
+        also = {"newton": "N", "kilonewton": "kN", "kg": "kgf", "g": "gf", "lb": "lbf", "pound": "lbf"}
+        raise ConfigError(f"is {unit!r}. {nearest(unit, THRUST_UNITS, also)}", where="--unit")
     target = output or Path(f"{bench.stem}_curve.csv")
     curve = Output(target, CURVE)
     claim = Claim([curve], force=force, protected=[bench])

@@ -40,11 +40,50 @@ EFFECTS = (
     "sideslip_moment",
     "restoring_curve",
 )
+# What people call them besides -> effect.
+ALSO = {
+    "deadzone": "thruster_deadband",
+    "dead_zone": "thruster_deadband",
+    "reverse": "thrust_asymmetry",
+    "weak_thruster": "thruster_imbalance",
+    "fault": "thruster_imbalance",
+    "exponent": "thrust_curve_shape",
+    "saturation": "thrust_curve_shape",
+    "battery": "supply_sag",
+    "voltage": "supply_sag",
+    "spin_up": "thruster_lag",
+    "latency": "command_delay",
+    "dead_time": "command_delay",
+    "ramp": "slew_limit",
+    "rate_limit": "slew_limit",
+    "backlash": "command_hysteresis",
+    "play": "command_hysteresis",
+    "inflow": "advance_speed_loss",
+    "offset": "bias_torque",
+    "trim": "bias_torque",
+    "cubic": "drag_curvature",
+    "friction": "coulomb_resistance",
+    "stiction": "coulomb_resistance",
+    "keulegan": "oscillatory_drag",
+    "radiation": "added_mass_memory",
+    "cable": "tether_torsion",
+    "umbilical": "tether_torsion",
+    "current": "heading_dependent_torque",
+    "swell": "wave_torque",
+    "waves": "wave_torque",
+    "sloshing": "tank_seiche",
+    "compass": "heading_deviation",
+    "magnetic": "heading_deviation",
+    "munk": "sideslip_moment",
+    "drift_angle": "sideslip_moment",
+    "metacentre": "restoring_curve",
+}
 # Every form of every effect, the plain one of each first.
 FORMS: tuple[Effect, ...] = tuple(form for name in EFFECTS for form in import_module(f"rovid.effects.{name}").FORMS)
 CATALOGUE: tuple[Effect, ...] = tuple(effect for effect in FORMS if not effect.form)
 # What weight and buoyancy do; part of the base model of these axes.
 _RESTORING = {"heave": restoring.LIFT, "roll": restoring.RIGHTING, "pitch": restoring.RIGHTING}
+_ALL = "`rovid help effects` tells what each does."
 # Compiled terms of the equation of motion, in the order in which their parameters stand in the kernels' arrays.
 MOTION: tuple[Effect, ...] = (
     *(effect for effect in FORMS if isinstance(effect.acts, Term)),
@@ -121,4 +160,6 @@ def effect_named(name: str) -> Effect:
         raise ConfigError(f"{key} needs the name of the thruster, as in {key}:fore.")
     if key == supply_sag.EFFECT.id and thruster.startswith(supply_sag.TRIAL):
         return supply_sag.of_trial(thruster.removeprefix(supply_sag.TRIAL))
-    raise ConfigError(f"there is no effect {name!r}. {nearest(name, [effect.key for effect in FORMS])}")
+    # Forms only where one was asked for: of one effect they are much alike.
+    offered = [effect.key for effect in (FORMS if ":" in name else CATALOGUE)]
+    raise ConfigError(f"there is no effect {name!r}. {nearest(name, offered, ALSO)}", mend=_ALL)

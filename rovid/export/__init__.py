@@ -17,3 +17,19 @@ FORMATS: Mapping[str, str] = {
     "json": "rovid.json",
     "python-vehicle-simulator": "rovid_vehicle.py",
 }
+# What they are called besides -> format.
+ALSO: Mapping[str, str] = {
+    "gazebo": "gz-sim",
+    "ignition": "gz-sim",
+    "sdf": "gz-sim",
+    "uuv_simulator": "uuv",
+    "xacro": "uuv",
+    "virtual_robotx": "vrx",
+    "mjcf": "mujoco",
+    "yaml": "ros2",
+    "simulink": "matlab",
+    "octave": "matlab",
+    "mat": "matlab",
+    "fossen": "python-vehicle-simulator",
+    "python": "python-vehicle-simulator",
+}

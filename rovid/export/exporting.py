@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import cast
 
 from rovid.effects import Effect
-from rovid.export import FORMATS, uuv
+from rovid.export import ALSO, FORMATS, uuv
 from rovid.export.manoeuvre import PERIOD, Mismatch, compare, manoeuvre, rovid_rate
 from rovid.export.subject import Subject
 from rovid.export.target import Target
@@ -65,7 +65,7 @@ def exporter(name: str, path: Path | None) -> tuple[Exporter, Output]:
         There is no such format.
     """
     if name not in FORMATS:
-        raise ConfigError(f"is {name!r}. {nearest(name, FORMATS)}", where="FORMAT")
+        raise ConfigError(f"is {name!r}. {nearest(name, FORMATS, ALSO)}", where="FORMAT")
     target = path or Path(FORMATS[name])
     if name == "uuv" and target.suffix in {".yaml", ".yml"}:
         return uuv.export_yaml, Output(target, export_form("uuv as yaml"))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import difflib
+import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import islice
+from types import MappingProxyType
 
 # Characters that a message gives to its place, to what was found and wanted, and to how to mend it: 2000 in all.
 _PLACE, _FOUND, _MEND = 490, 1000, 500
@@ -91,18 +93,33 @@ class OutputError(RovidError):
     """A result cannot be written."""
 
 
-def nearest(wanted: str, present: Iterable[str]) -> str:
-    """Sentence that offers the names nearest to ``wanted``, or all of them when none is near."""
-    # Names are compared by their beginnings: what one thing costs must not depend on a file's longest name.
-    names = {str(name)[:NAME_LENGTH].lower(): str(name) for name in islice(present, _LOOKED_THROUGH)}
-    close = difflib.get_close_matches(wanted[:NAME_LENGTH].lower(), names, n=3, cutoff=0.5)
-    if close:
-        return f"Nearest: {_listed(names[name] for name in close)}."
+def nearest(wanted: str, present: Iterable[str], also: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Sentence that offers the names `near` to ``wanted``, or all of them when none is."""
+    names = [str(name) for name in islice(present, _LOOKED_THROUGH)]
+    if close := near(wanted, names, also):
+        return f"Nearest: {listed(close)}."
     if not names:
         return "There are none."
     more = ", …" if len(names) > _OFFERED else ""
-    return f"There are: {_listed(islice(names.values(), _OFFERED))}{more}."
+    return f"There are: {listed(names[:_OFFERED])}{more}."
 
 
-def _listed(names: Iterable[str]) -> str:
+def near(wanted: str, present: Iterable[str], also: Mapping[str, str] = MappingProxyType({})) -> list[str]:
+    """The three names at most that may be meant by ``wanted``.
+
+    Near is what is spelt nearly so, what has ``wanted`` as a part, as `lag` is of `thruster_lag`, and what goes by
+    another word in ``also``: word -> name.
+    """
+    # Names are compared by their beginnings: what one thing costs must not depend on a file's longest name.
+    names = {str(name)[:NAME_LENGTH].lower(): str(name) for name in islice(present, _LOOKED_THROUGH)}
+    asked = wanted[:NAME_LENGTH].lower()
+    parts = [name for name in names if asked in re.split(r"[\W_]+", name)]
+    other = [also[word].lower() for word in difflib.get_close_matches(asked, also, n=1, cutoff=0.8)]
+    spelt = difflib.get_close_matches(asked, names, n=3, cutoff=0.5)
+    close = dict.fromkeys(name for name in (*parts, *other, *spelt) if name in names)
+    return [names[name] for name in close][:3]
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names from elsewhere, each in quotes."""
     return ", ".join(f"'{shown(name, NAME_LENGTH // 3)}'" for name in names)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from rovid.ground.errors import ConfigError, RovidError
+from rovid.ground.errors import ConfigError, RovidError, listed, near
 
 _LOOP = "a link in a loop"
 _ABOVE = "a link to a folder that it lies in"
@@ -78,9 +78,17 @@ def require(path: Path, error: type[RovidError] = ConfigError) -> None:
     except OSError as reason:
         if reason.errno not in _ABSENT:
             raise error(f"cannot be read ({reason.strerror}).", where=path) from reason
-        raise error(
-            "there is no such file or folder.", where=path, mend="Give a log or the folder that holds the logs."
-        ) from reason
+        mend = f"{_beside(path)}Give a log or the folder that holds the logs."
+        raise error("there is no such file or folder.", where=path, mend=mend) from reason
+
+
+def _beside(path: Path) -> str:
+    """What is called nearly as ``path`` in its folder, as a sentence; empty where nothing is."""
+    try:
+        close = near(path.name, sorted(other.name for other in path.parent.iterdir()))
+    except (OSError, ValueError):
+        return ""
+    return f"Nearest: {listed(close)}. " if close else ""
 
 
 def search(path: Path, unreadable: Callable[[OSError], None]) -> Folder:

@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from rovid import effects, export
 from rovid.effects import effect_named
 from rovid.ground.errors import ConfigError, RovidError, nearest, shown
 from tests.hostile import STEERING
@@ -34,3 +35,28 @@ def test_an_unknown_key_costs_no_more_for_being_long() -> None:
     with pytest.raises(ConfigError):
         effect_named("e" * 1_000_000)
     assert math.isfinite(len(nearest("e" * 1_000_000, ["e" * 1_000_000 + str(k) for k in range(50)])))
+
+
+@pytest.mark.parametrize(
+    ("wanted", "found"),
+    [
+        ("lag", "'thruster_lag'"),
+        ("delay", "'command_delay'"),
+        ("tether", "'tether_torsion'"),
+        ("deadzone", "'thruster_deadband'"),
+        ("friction", "'coulomb_resistance'"),
+        ("thruster_lagg", "'thruster_lag'"),
+        ("thruster_lag:roter", "'thruster_lag:rotor'"),
+    ],
+)
+def test_a_near_miss_of_an_effect_is_answered_with_it(wanted: str, found: str) -> None:
+    with pytest.raises(ConfigError, match=f"there is no effect '{wanted}'. Nearest: {found}"):
+        effect_named(wanted)
+
+
+def test_other_words_lead_to_names_that_there_are() -> None:
+    assert set(effects.ALSO.values()) <= {effect.id for effect in effects.CATALOGUE}
+    assert set(export.ALSO.values()) <= set(export.FORMATS)
+    assert nearest("gazebo", export.FORMATS, export.ALSO) == "Nearest: 'gz-sim'."
+    assert nearest("simulink", export.FORMATS, export.ALSO) == "Nearest: 'matlab'."
+    assert nearest("zzz", ["a", "b"], {"other": "a"}) == "There are: 'a', 'b'."

@@ -32,6 +32,9 @@ def test_what_is_not_there_is_refused(tmp_path: Path) -> None:
     require(tmp_path)
     with pytest.raises(ConfigError, match="no such file or folder"):
         require(tmp_path / "gone")
+    (tmp_path / "rosub_tank").mkdir()
+    with pytest.raises(ConfigError, match=r"Nearest: 'rosub_tank'\. Give a log or the folder"):
+        require(tmp_path / "rosub_tnk")
     with pytest.raises(ConfigError, match=r"cannot be read \("):
         require(tmp_path / ("x" * 5000))
 
