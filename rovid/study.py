@@ -17,7 +17,8 @@ from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes, explain
 from rovid.diagnose.diagnosis import diagnose
 from rovid.diagnose.record import Diagnosis
-from rovid.effects import Effect, forms_for, supply_sag
+from rovid.effects import Effect, forms_for
+from rovid.effects.by_trial import trials_of
 from rovid.ground.errors import ConfigError, DataError, nearest
 from rovid.ground.files.form import PLAN
 from rovid.ground.toml import read_toml
@@ -110,10 +111,10 @@ class Study:
             There is such an effect; those of this vehicle are offered.
         """
         known = [form.key for form in forms_for(self.vehicle) if form.each_thruster]
-        trials = [supply_sag.of_trial(run.trial.name).key for run in (self.runs.items if self.runs else ())]
+        trials = [run.trial.name for run in (self.runs.items if self.runs else ())]
         for effect in effects:
-            if effect.form.startswith(supply_sag.TRIAL) and effect.key not in trials:
-                raise ConfigError(f"names none of these trials. {nearest(effect.key, trials)}", where=effect.key)
+            for name in set(trials_of(effect.form)).difference(trials):
+                raise ConfigError(f"there is no trial {name!r} among these. {nearest(name, trials)}", where=effect.key)
             if effect.axes and self.vehicle.axis.name not in effect.axes:
                 raise ConfigError(f"is nothing that acts in {self.vehicle.axis.name}.", where=effect.key)
             if effect.each_thruster and effect.key not in known:
