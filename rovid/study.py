@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.config import find_config, load_config, vehicle_of_tables
+from rovid.campaign.settings import Settings
 from rovid.campaign.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_table
 from rovid.campaign.trial import Campaign
 from rovid.campaign.vehicle import Vehicle
@@ -29,6 +31,7 @@ from rovid.identify.likelihood import LikelihoodFit, fit_likelihood
 from rovid.identify.steady import DragFit, fit_drag
 from rovid.identify.steady_points import points_from_table, steady_points
 from rovid.motion.runs import Runs, channels, prepare
+from rovid.parameters.parameters import Origin, Source, absolute, source_of
 from rovid.plan.programme import Limits
 from rovid.plan.run_design import Plan, belief_of, plan, require_drive
 from rovid.plan.worth import Belief
@@ -48,6 +51,8 @@ class Study:
         None where there are tables.
     steady, sine
         Tables of steady states and of sine trials; None where there are logs, or no such table.
+    settings
+        What of rovid.toml the logs were read by.
     """
 
     paths: tuple[Path, ...]
@@ -56,6 +61,21 @@ class Study:
     runs: Runs | None = None
     steady: Path | None = None
     sine: Path | None = None
+    settings: Settings = field(default_factory=Settings)
+
+    @property
+    def origin(self) -> Origin:
+        """What an estimate of this study comes of; every log is read for its digest."""
+        return Origin(
+            logs=absolute(self.paths), vehicle=self.vehicle.name, sources=self._sources, settings=self.settings
+        )
+
+    @cached_property
+    def _sources(self) -> tuple[Source, ...]:
+        trials = () if self.campaign is None else self.campaign.trials
+        logs = [source_of(trial.name, trial.path, int(trial.measured.sum())) for trial in trials]
+        tables = [table for table in (self.steady, self.sine) if table is not None]
+        return (*logs, *(source_of(table.name, table, len(read_table(table).rows)) for table in dict.fromkeys(tables)))
 
     def remarks(self) -> list[str]:
         """What was noticed in the logs, one text a log, so that nothing is dropped silently."""
@@ -266,4 +286,4 @@ def open_study(paths: Sequence[Path], *, cutoff: float | None = None, axis: Axis
     campaign = read_campaign(paths, config)
     vehicle = config.vehicle.used(campaign.trials)
     runs = prepare(campaign, vehicle, cutoff=cutoff)
-    return Study(paths=tuple(paths), vehicle=vehicle, campaign=campaign, runs=runs)
+    return Study(paths=tuple(paths), vehicle=vehicle, campaign=campaign, runs=runs, settings=config.settings)

@@ -10,6 +10,7 @@ from typing import Any
 
 from rovid.campaign.axis import AXES, YAW, Axis, described
 from rovid.campaign.formats import KINDS
+from rovid.campaign.settings import Settings, settings_of
 from rovid.campaign.tables import read_curve
 from rovid.campaign.vehicle import Thruster, Vehicle
 from rovid.ground.errors import NAME_LENGTH, ConfigError, nearest
@@ -50,7 +51,10 @@ _DEFAULT_UNIT = {name: list(units)[-1 if units is ANGULAR_RATE else 0] for name,
 _VEHICLE_NUMBERS = ("mass", "length", "width", "height", "rigid_body_inertia")
 _VEHICLE_KEYS = ("name", *_VEHICLE_NUMBERS)
 _ARMS = tuple(axis.arm for axis in AXES.values())
-_THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside")
+# Behind a key's name: whether its value is a guess of `rovid init`.
+GUESSED = "_guessed"
+_MARKS = tuple(f"{key}{GUESSED}" for key in (*_ARMS, "curve"))
+_THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside", *_MARKS)
 _NOT_SOURCES = ("unit", "sign")
 
 _ATTITUDE = {"heading": "yaw", "roll": "roll", "pitch": "pitch"}
@@ -89,6 +93,11 @@ class Signal:
     factor: float = 1.0
     optional: bool = False
 
+    def __str__(self) -> str:
+        """Where it stands, in what unit, of what sense."""
+        places = [f"{kind} {source}" for kind, source in self.sources.items()]
+        return ", ".join([*places, *filter(None, [self.unit]), *["turned around"] * (self.factor < 0.0)])
+
     def of(self, kind: str) -> Signal:
         """With a source for the format ``kind`` where one for its like is named."""
         other = SHARED.get(kind, kind)
@@ -124,6 +133,12 @@ class Config:
     def needed(self) -> tuple[str, ...]:
         """Names of the signals without which a log says nothing."""
         return (*self._placing, *(signal.name for signal in self.commands))
+
+    @property
+    def settings(self) -> Settings:
+        """What results rest on that come of it."""
+        every = (self.time, *self.signals.values(), *self.commands)
+        return settings_of(self.vehicle, {signal.name: str(signal) for signal in every})
 
     @property
     def _placing(self) -> tuple[str, ...]:
@@ -331,6 +346,8 @@ class _Reader:
             arm=self.number(block[self.axis.arm], f"{place} {self.axis.arm}"),
             curve=read_curve(self.path.parent / str(block["curve"])),
             ahead=self.number(block.get("surge", 0.0), f"{place} surge"),
+            arm_guessed=self._guessed(block, self.axis.arm, place),
+            curve_guessed=self._guessed(block, "curve", place),
         )
         return thruster, self.signal(f"command.{name}", block["command"], f"{place} command")
 
@@ -342,6 +359,12 @@ class _Reader:
         for key, example in examples.items():
             if key not in block:
                 raise self.complain(place, f"has no {key}.", f"Add {key} = {example}.")
+
+    def _guessed(self, block: Mapping[str, Any], key: str, place: str) -> bool:
+        guessed = block.get(key + GUESSED, False)
+        if not isinstance(guessed, bool):
+            raise self.complain(f"{place} {key}{GUESSED}", f"is {guessed!r}; true or false was expected.")
+        return guessed
 
     def _clamps(self, block: Mapping[str, Any], place: str) -> bool:
         outside = block.get("outside", "refuse")

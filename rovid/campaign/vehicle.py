@@ -67,7 +67,7 @@ class Thruster:
     ``ahead`` is the share of its thrust that drives the vehicle ahead, 0 where that is not told.
 
     ``clamp`` allows commands outside the curve, at the curve's end values; ``most`` is the largest size of a logged
-    torque.
+    torque; ``arm_guessed`` and ``curve_guessed`` say what of it `rovid init` made up, and nobody put right since.
     """
 
     name: str
@@ -76,6 +76,8 @@ class Thruster:
     clamp: bool = False
     most: float = 1.0
     ahead: float = 0.0
+    arm_guessed: bool = False
+    curve_guessed: bool = False
 
     @property
     def full_thrust(self) -> float:

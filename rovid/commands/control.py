@@ -9,7 +9,17 @@ import typer
 
 from rovid.commands.manual import Page
 from rovid.commands.options import Force, Json, OptionalLogs, ParameterFile
-from rovid.commands.session import busy, claim_of, console, known_at, of_yaw, opened, print_json, remembered
+from rovid.commands.session import (
+    busy,
+    claim_of,
+    console,
+    known_at,
+    of_yaw,
+    opened,
+    print_json,
+    remembered,
+    require_holding,
+)
 
 PAGE = Page(
     text="""
@@ -115,13 +125,14 @@ def control(
     }
     claim = claim_of(list(makers), paths, stored.path, force=force)
     study = opened(paths, None, stored.axis)
+    remarks = require_holding(stored, study)
     study.require(model.effects)
     setting = setting_of(options, model, study.position_noise(), study.torque_in_use())
     with busy("Closing the loop …"):
         result = control_of(stored, study.vehicle, setting, options)
     if makers:
         claim.write({output: source(result.law) for output, source in makers.items()})
-    warnings = [*study.remarks(), *(stored.changed_sources(study.campaign) if study.campaign else ())]
+    warnings = [*study.remarks(), *remarks]
     if json:
         print_json(control_document(result, warnings))
     else:

@@ -6,7 +6,17 @@ from dataclasses import replace
 
 from rovid.commands.manual import Page
 from rovid.commands.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
-from rovid.commands.session import claim_of, console, opened, print_json, put, remembered, stored_at, working
+from rovid.commands.session import (
+    claim_of,
+    console,
+    opened,
+    print_json,
+    put,
+    remembered,
+    standing_now,
+    stored_at,
+    working,
+)
 
 PAGE = Page(
     text="""
@@ -47,12 +57,13 @@ def diagnose(
     paths = logs or remembered(stored)
     claim = claim_of([stored.output], paths, force=force)
     study = opened(paths, cutoff, stored.axis)
+    stored, notes = standing_now(stored, study)
     with working("Diagnosing …") as report:
         diagnosis = study.diagnosis(report, drag=stored.drag())
     if (side := diagnosis.extended) is not None:
         apart = disagreement(stored.entries_of(study.paths), side.estimate)
-        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *apart))
-        put(stored, claim, study, side.estimate, new_logs=bool(logs))
+        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *notes, *apart))
+        put(stored, claim, study, side.estimate)
     if json:
         print_json(diagnosis_document(diagnosis, study))
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +11,7 @@ import typer
 from rovid.commands import completion
 from rovid.commands.manual import Page
 from rovid.commands.options import Force, Json, ParameterFile
-from rovid.commands.session import busy, claim_of, console, known_at, of_yaw, opened, print_json
+from rovid.commands.session import busy, claim_of, console, known_at, of_yaw, opened, print_json, require_holding
 from rovid.export import FORMATS
 
 PAGE = Page(
@@ -68,8 +69,10 @@ def export(
     claim = claim_of([target], stored.logs, stored.path, force=force)
     there = bool(stored.logs) and all(path.exists() for path in stored.logs)
     study = opened(stored.logs, None, stored.axis) if there else None
+    remarks = require_holding(stored, study)
     with busy("Simulating …"):
         made = make(function, subject_of(stored, study))
+    made = replace(made, warnings=(*made.warnings, *remarks))
     claim.write({target: made.content})
     if json:
         print_json(export_document(format, str(target.path), made))

@@ -13,12 +13,13 @@ from rovid.commands.session import console, opened, print_json, remembered, stor
 
 PAGE = Page(
     text="""
-    Reads the logs and the parameter file; drag and inertia that the file does not hold yet are fitted and written
-    to it. Writes a folder with index.html, which needs no other file and no network, and the plots as PNG and SVG:
-    verdict, parameters, every trial to zoom in, diagnosis, controller and exports. Prints where the page is.
+    Reads the logs, fits and diagnoses them, and writes the model that it ends with to the parameter file, as rovid
+    diagnose does. Everything on the page is of that one model: parameters, trials, controller and exports; the model
+    without what was found stands beside it as the one before. Writes a folder with index.html, which needs no other
+    file and no network, and the plots as PNG and SVG. Prints where the page is.
 
-    Use it last, or at once on a new folder of logs. The diagnosis takes most of the time; unlike that of rovid
-    diagnose, it leaves the parameter file as it is.
+    Use it last, or at once on a new folder of logs. The diagnosis takes most of the time. With --no-diagnosis the
+    parameters of the file are kept where they still hold, and what it lacks is fitted.
     """,
     examples=(
         ("With the logs that fit-drag remembered, into report/", "rovid report"),
@@ -61,12 +62,13 @@ def report(
     from rovid.campaign.axis import YAW
     from rovid.report.build import build_report
     from rovid.show.fit_documents import axis_document
+    from rovid.show.terminal import show_warnings
 
     stored = stored_at(parameters, axis, force=force)
     study = opened(logs or remembered(stored), cutoff, stored.axis)
     folder = output or Path("report" if stored.axis is YAW else f"report_{stored.axis.name}")
     with working("Fitting drag and inertia …") as progress:
-        page = build_report(
+        page, evidence = build_report(
             stored,
             study,
             folder,
@@ -78,6 +80,9 @@ def report(
         )
     if json:
         written = {"page": str(page), "parameters": str(stored.path)}
-        print_json({"schema": "rovid-report/1", **axis_document(stored.axis), **written})
+        print_json(
+            {"schema": "rovid-report/1", **axis_document(stored.axis), **written, "warnings": list(evidence.notes)}
+        )
     else:
+        show_warnings(console(), evidence.notes)
         console().print(str(page), highlight=False, soft_wrap=True)

@@ -32,22 +32,49 @@ def claim_of(outputs: Sequence[Output], logs: Sequence[Path], *read: Path, force
     return Claim(outputs, force=force, protected=[*files_at_hand(logs), *read])
 
 
-def compared(stored: Parameters, study: Study, estimate: Estimate) -> Estimate:
-    """``estimate``, with a warning where another method said another thing of the same logs."""
+def standing_now(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
+    """``stored`` for a new fit, without what no longer holds, and the word that has to be said of that."""
+    from rovid.parameters.standing import standing
+
+    found = standing(stored, study.origin)
+    if not found.changed:
+        return stored, []
+    names = ", ".join(stored.entries)
+    return stored.emptied(), [f"{stored.path.name} no longer held, and was begun anew without {names}: {found.why}."]
+
+
+def require_holding(stored: Parameters, study: Study | None) -> list[str]:
+    """Refuse a parameter file that no longer holds; what cannot be told of one that does.
+
+    Raises
+    ------
+    ConfigError
+        What it rests on has changed.
+    """
+    from rovid.parameters.standing import standing
+
+    found = standing(stored, None if study is None else study.origin)
+    if found.changed:
+        mend = "Fit again: `rovid report`, `rovid diagnose` or `rovid fit`."
+        raise ConfigError(f"no longer holds: {found.why}.", where=stored.path, mend=mend)
+    return list(found.remarks)
+
+
+def compared(stored: Parameters, study: Study, estimate: Estimate, notes: Sequence[str] = ()) -> Estimate:
+    """``estimate``, with ``notes`` and a warning where another method said another thing of the same logs."""
     from rovid.parameters.agreement import disagreement
 
     apart = disagreement(stored.entries_of(study.paths), estimate)
-    return replace(estimate, warnings=(*estimate.warnings, *apart))
+    return replace(estimate, warnings=(*estimate.warnings, *notes, *apart))
 
 
-def put(stored: Parameters, claim: Claim, study: Study, estimate: Estimate, *, new_logs: bool) -> Parameters:
-    """Put an estimate into the parameter file, and the logs that it is of where they are new to the file."""
+def put(stored: Parameters, claim: Claim, study: Study, estimate: Estimate) -> Parameters:
+    """Put an estimate into the parameter file, with what it comes of, and take out what no longer holds beside it."""
     from rovid.parameters.update import update
 
     def change(now: Parameters) -> Parameters:
-        if new_logs:
-            now = now.with_logs(study.paths, study.vehicle.name, study.campaign)
-        return now.with_estimate(estimate)
+        held, _ = standing_now(now, study)
+        return held.with_estimate(estimate, study.origin)
 
     return update(stored, claim, change)
 

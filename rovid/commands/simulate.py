@@ -9,7 +9,7 @@ import typer
 
 from rovid.commands.manual import Page
 from rovid.commands.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
-from rovid.commands.session import busy, claim_of, console, known_at, opened, print_json, remembered
+from rovid.commands.session import busy, claim_of, console, known_at, opened, print_json, remembered, require_holding
 from rovid.ground.errors import DataError
 
 PAGE = Page(
@@ -60,6 +60,7 @@ def simulate(
     study = opened(logs or remembered(stored), cutoff, stored.axis)
     if study.campaign is None or study.runs is None:
         raise DataError("are tables; only logs can be simulated.", where="LOGS", mend="Give LOGS.")
+    remarks = require_holding(stored, study)
     study.require(model.effects)
     outputs = recording_outputs(mcap, [run.trial for run in study.runs.items]) if mcap else []
     claim = claim_of(outputs, study.paths, stored.path, force=force)
@@ -68,7 +69,7 @@ def simulate(
         if outputs:
             write_recordings(claim, outputs, simulations, study.runs, model, study.vehicle)
     recordings = [output.path for output in outputs]
-    warnings = [*study.remarks(), *stored.changed_sources(study.campaign)]
+    warnings = [*study.remarks(), *remarks]
     if json:
         print_json(simulation_document(stored, simulations, warnings) | {"recordings": list(map(str, recordings))})
     else:

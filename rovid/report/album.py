@@ -34,7 +34,7 @@ from rovid.report.plots import (
     steady,
     thrust,
 )
-from rovid.report.residual import Residual, left_by_all, residuals_of, sizes
+from rovid.report.residual import Residual, left_by_all, sizes
 from rovid.report.text import number, steady_state, unit
 
 # A page with more large trial plots than this is slow to open on a tablet; the overview shows all trials.
@@ -149,17 +149,16 @@ def _error(item: TrialSimulation) -> float:
 
 def _steady_drag(evidence: Evidence) -> Model | None:
     """Model of what balances the push in a steady state; None where the drag is not known."""
-    drag = evidence.parameters.drag()
-    if drag is None:
+    entries = evidence.parameters.entries
+    if "quadratic_drag" not in entries or evidence.parameters.per_inertia:
         return None
-    buoyancy = evidence.parameters.entries.get("net_buoyancy")
-    restoring_values = () if buoyancy is None else (buoyancy.value,)
+    quadratic, linear, buoyancy = map(entries.get, ("quadratic_drag", "linear_drag", "net_buoyancy"))
     return Model(
         inertia=math.nan,
-        quadratic_drag=drag.value("quadratic_drag"),
-        linear_drag=drag.value("linear_drag"),
+        quadratic_drag=quadratic.value if quadratic else 0.0,
+        linear_drag=linear.value if linear else 0.0,
         axis=evidence.axis,
-        restoring_values=restoring_values,
+        restoring_values=(buoyancy.value,) if buoyancy else (),
     )
 
 
@@ -275,7 +274,7 @@ def _residuals(evidence: Evidence) -> Iterator[Picture]:
     if evidence.runs is None or not evidence.simulations:
         return
     axis = evidence.axis
-    items = residuals_of(evidence.runs.items, evidence.parameters.model(), evidence.vehicle)
+    items = left_by_all(evidence.runs, evidence.parameters.model(), evidence.vehicle)
     yield _picture(
         "residuals",
         residuals.residuals(items, evidence.runs.cutoff),

@@ -12,7 +12,6 @@ from rovid.control.loop_design import Control, control_of
 from rovid.control.setting import Options, setting_of
 from rovid.diagnose.parts import parts_of
 from rovid.diagnose.record import Diagnosis
-from rovid.diagnose.signals import is_signal
 from rovid.export import FORMATS
 from rovid.export.exporting import Exported, export, exporter_of
 from rovid.export.subject import subject_of
@@ -21,8 +20,8 @@ from rovid.ground.files import Claim
 from rovid.identify.estimate import Estimate
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation, simulate_runs
-from rovid.parameters.agreement import disagreement
 from rovid.parameters.parameters import Parameters
+from rovid.parameters.standing import standing
 from rovid.parameters.update import update
 from rovid.report.evidence import Evidence
 from rovid.report.page import claim_report, write_report
@@ -42,10 +41,11 @@ def build_report(
     exported: bool = True,
     force: bool = False,
     report: Callable[[str], None] = lambda _: None,
-) -> Path:
-    """Work the evidence out anew from the logs and write the page.
+) -> tuple[Path, Evidence]:
+    """Work the evidence out anew from the logs and write the page, all of it of one model; the page, and what it shows.
 
-    Parameters that the file does not hold yet are fitted and written to it. Those of the diagnosis are not.
+    That is the model of the diagnosis, which goes into the parameter file in the place of what that held. Without one
+    the file's own is kept where it holds for these logs, and what it lacks is fitted and written to it.
 
     Parameters
     ----------
@@ -66,14 +66,22 @@ def build_report(
     at_hand = files_at_hand(study.paths)
     parameters = Claim([stored.output], force=force, protected=at_hand)
     page = claim_report(folder, force=force, protected=[*at_hand, stored.path])
+    stored, notes = _holding(stored, study)
     drag, drag_refusal = _or_refusal(study.drag)
     estimates = {"quadratic_drag": None if drag is None else drag.estimate}
     # A drag that was found together with the inertia cannot judge it; the steady turns of these logs can.
     judge = _completed(stored, study, estimates).drag() or estimates["quadratic_drag"]
     inertia, inertia_refusal = _or_refusal(lambda: study.inertia(judge))
     estimates["inertia"] = None if inertia is None else inertia.estimate
-    if _completed(stored, study, estimates) is not stored or not stored.path.exists():
-        stored = update(stored, parameters, lambda now: _completed(now, study, estimates))
+    diagnosis, refusal = _diagnosis(study, judge, report) if diagnosed else (None, "")
+    found = None if diagnosis is None or diagnosis.extended is None else diagnosis.extended.estimate
+
+    def change(now: Parameters) -> Parameters:
+        held, _ = _holding(now, study)
+        return _completed(held, study, estimates) if found is None else held.with_estimate(found, study.origin)
+
+    if found is not None or change(stored) is not stored or not stored.path.exists():
+        stored = update(stored, parameters, change)
     evidence = Evidence(
         vehicle=study.vehicle,
         parameters=stored,
@@ -84,11 +92,11 @@ def build_report(
         inertia=inertia,
         inertia_refusal=inertia_refusal,
         simulations=(),
+        diagnosis=diagnosis,
+        diagnosis_refusal=refusal,
+        notes=tuple(notes),
     )
     yaw = study.vehicle.axis is YAW
-    if diagnosed:
-        diagnosis, refusal = _diagnosis(study, stored, report)
-        evidence = replace(evidence, diagnosis=diagnosis, diagnosis_refusal=refusal)
     if controlled and yaw:
         control, refusal = designed_control(study, stored, report)
         evidence = replace(evidence, control=control, control_refusal=refusal)
@@ -96,25 +104,39 @@ def build_report(
         exports, refusal = every_export(study, stored, report)
         evidence = replace(evidence, exports=exports, export_refusal=refusal)
     report("Drawing and writing the page …")
-    return write_report(folder, _simulated(evidence, study), claim=page)
+    evidence = _simulated(evidence, study)
+    return write_report(folder, evidence, claim=page), evidence
 
 
 def _simulated(evidence: Evidence, study: Study) -> Evidence:
-    """With every trial simulated, by the parameter file's model and with what the diagnosis found."""
+    """With every trial simulated by the model, and without what was found."""
     evidence = replace(evidence, simulations=_simulations(study, evidence.parameters))
     diagnosis = evidence.diagnosis
     if diagnosis is None:
         return evidence
-    return replace(evidence, extended=_extended(study, diagnosis), compared=most_improved(study, diagnosis))
+    return replace(
+        evidence, before=_before(study, evidence.parameters, diagnosis), compared=most_improved(study, diagnosis)
+    )
+
+
+def _holding(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
+    """``stored`` without what does not hold for exactly these logs, and what is to be said of that."""
+    if not stored.entries:
+        return stored, []
+    origin, found = study.origin, standing(stored, study.origin)
+    known = {source.name for source in stored.sources}
+    other = stored.logs and (stored.logs != origin.logs or any(source.name not in known for source in origin.sources))
+    if not found.changed and not other:
+        return stored, list(found.remarks)
+    why = found.why or "these are other logs than those that it was fitted to"
+    return stored.emptied(), [f"{stored.path.name} no longer held, and was fitted again: {why}."]
 
 
 def _completed(stored: Parameters, study: Study, estimates: Mapping[str, Estimate | None]) -> Parameters:
-    """With the logs and those of the estimates by name that it lacks; itself where it lacks none."""
-    if not stored.logs:
-        stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
+    """With those of the estimates by name that it lacks; itself where it lacks none."""
     for name, estimate in estimates.items():
         if estimate is not None and name not in stored.entries:
-            stored = stored.with_estimate(estimate)
+            stored = stored.with_estimate(estimate, study.origin)
     return stored
 
 
@@ -169,17 +191,13 @@ def every_export(
     return _or_refusal(every)
 
 
-def _diagnosis(study: Study, stored: Parameters, report: Callable[[str], None]) -> tuple[Diagnosis | None, str]:
+def _diagnosis(study: Study, drag: Estimate | None, report: Callable[[str], None]) -> tuple[Diagnosis | None, str]:
     report(_PATIENCE)
 
     def patiently(text: str) -> None:
         report(f"{_PATIENCE} {text}")
 
-    diagnosis, refusal = _or_refusal(lambda: study.diagnosis(patiently, drag=stored.drag()))
-    if diagnosis is None or diagnosis.extended is None:
-        return diagnosis, refusal
-    apart = disagreement(stored.entries_of(study.paths), diagnosis.extended.estimate)
-    return replace(diagnosis, warnings=(*diagnosis.warnings, *apart)), refusal
+    return _or_refusal(lambda: study.diagnosis(patiently, drag=drag))
 
 
 def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...]:
@@ -188,14 +206,11 @@ def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...
     return tuple(simulate_runs(study.runs.items, _model_of(study, stored), study.vehicle))
 
 
-def _extended(study: Study, diagnosis: Diagnosis) -> tuple[TrialSimulation, ...]:
-    """Every trial simulated with what was found; none where nothing was, or it follows a signal of trials in parts."""
-    side = diagnosis.extended
-    if study.runs is None or side is None or not side.model.effects:
+def _before(study: Study, stored: Parameters, diagnosis: Diagnosis) -> tuple[TrialSimulation, ...]:
+    """Every trial simulated without what was found; none where nothing was."""
+    if study.runs is None or diagnosis.base is None or not stored.effects:
         return ()
-    if any(map(is_signal, side.model.effects)) and parts_of(study.runs.items, study.vehicle, study.runs.cutoff):
-        return ()
-    return tuple(simulate_runs(study.runs.items, side.model, study.vehicle))
+    return tuple(simulate_runs(study.runs.items, diagnosis.base.model, study.vehicle))
 
 
 def _whole(stored: Parameters) -> bool:

@@ -22,11 +22,12 @@ from rovid.parameters.parameters import Parameters
 class Evidence:
     """What the logs gave; where something is missing its refusal says why.
 
-    ``campaign`` and ``runs`` are None where tables stood in place of logs. ``diagnosis`` is None where there was none:
-    with a refusal it was not possible, without one it was not wanted. ``extended`` is in step with ``simulations``, the
-    same trials simulated with what it found, and empty where it found nothing; ``compared`` is one trial, simulated
-    without and with it. ``control`` and ``exports``, by the format's name, are None as ``diagnosis`` is, and along
-    other axes than yaw.
+    ``parameters`` are the one model's, and ``simulations`` its. ``campaign`` and ``runs`` are None where tables stood
+    in place of logs. ``diagnosis`` is None where there was none: with a refusal it was not possible, without one it was
+    not wanted. ``before`` is in step with ``simulations``, the same trials simulated by the plain model, without what
+    was found, and empty where nothing was; ``compared`` is one trial, simulated without and with it. ``control`` and
+    ``exports``, by the format's name, are None as ``diagnosis`` is, and along other axes than yaw. ``notes`` tell how
+    the parameter file stood.
     """
 
     vehicle: Vehicle
@@ -38,7 +39,7 @@ class Evidence:
     inertia: InertiaFit | None
     inertia_refusal: str
     simulations: tuple[TrialSimulation, ...]
-    extended: tuple[TrialSimulation, ...] = ()
+    before: tuple[TrialSimulation, ...] = ()
     diagnosis: Diagnosis | None = None
     diagnosis_refusal: str = ""
     compared: tuple[TrialSimulation, TrialSimulation] | None = None
@@ -46,6 +47,7 @@ class Evidence:
     control_refusal: str = ""
     exports: Mapping[str, Exported] | None = None
     export_refusal: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def axis(self) -> Axis:

@@ -10,6 +10,7 @@ import numpy as np
 
 from rovid.campaign.trial import Campaign, Trial
 from rovid.campaign.vehicle import Vehicle
+from rovid.effects import effect_named
 from rovid.ground.arrays import FloatArray
 from rovid.ground.numbers import plus_minus
 from rovid.identify.estimate import Estimate
@@ -68,6 +69,26 @@ def estimate_behind(evidence: Evidence, name: str) -> Estimate | None:
         if fit is not None and name in fit.estimate.names and math.isclose(fit.estimate.value(name), value):
             return fit.estimate
     return None
+
+
+def beside(evidence: Evidence, estimate: Estimate) -> list[str]:
+    """What ``estimate`` says of parameters of the model that come of another method, a sentence each."""
+    entries = evidence.parameters.entries
+    known = [name for name in estimate.names if name in entries and name not in estimate.refused]
+    return [_beside(evidence, estimate, name) for name in known if estimate_behind(evidence, name) is None]
+
+
+def _beside(evidence: Evidence, estimate: Estimate, name: str) -> str:
+    axis, entry = evidence.axis, evidence.parameters.entries[name]
+    value, error = estimate.value(name), estimate.standard_error(name)
+    model = plus_minus(entry.value, entry.standard_error)
+    says = f"By {estimate.method} the {axis.words(title(name))} is {plus_minus(value, error)} {unit(entry.unit)}"
+    if abs(value - entry.value) <= _NORMAL * math.hypot(error, entry.standard_error) or entry.value == 0.0:
+        return f"{says}; the model of this page, by {entry.method}, has {model}."
+    share = 100.0 * (value / entry.value - 1.0)
+    effects = [axis.words(effect_named(key).title) for key in evidence.parameters.effects]
+    why = f", for it knows nothing of {' and '.join(effects)}" if effects else ""
+    return f"{says}, {abs(share):.2g} % {'above' if share > 0.0 else 'below'} the model's {model}{why}."
 
 
 def thrusters_grid(vehicle: Vehicle) -> Grid:

@@ -26,15 +26,13 @@ from rovid.report import controller, correlations, drag_grids, exports, findings
 from rovid.report.album import Album, make_album, plots_in
 from rovid.report.assets import read_assets
 from rovid.report.evidence import Evidence
-from rovid.report.residual import residuals_of, sizes
+from rovid.report.residual import left_by_all, sizes
 from rovid.report.text import arm, column, number, positions, prose, steady_state, title, unit
 from rovid.report.viewer import viewer_document
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-# Two methods that use the same data are this far apart by chance alone less than once in three hundred.
-_DISAGREE_SIGMAS = 3.0
 # Which side of a box lies along the axis that it turns about.
 _ALONG = {"roll": "long", "pitch": "wide", "yaw": "high"}
 
@@ -136,6 +134,7 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "simulations": simulations,
         "overall": overall(simulations) if simulations else None,
         "position_errors": list(_position_errors(evidence)),
+        "added": _added(evidence),
         "left": _left(evidence),
         "effects": [effect_named(name) for name in evidence.parameters.effects],
         "missing": list(_missing(evidence)),
@@ -206,36 +205,13 @@ def _warnings(evidence: Evidence) -> Iterator[str]:
 def _noticed(evidence: Evidence) -> Iterator[str]:
     """As `_warnings`, some more than once."""
     campaign = evidence.campaign
-    yield from _departures(evidence)
-    if campaign is not None:
-        yield from evidence.parameters.changed_sources(campaign)
+    yield from evidence.notes
     for fit in (evidence.drag, evidence.inertia):
         if fit is not None:
             yield from fit.estimate.warnings
     for remarked in (campaign, evidence.runs):
         if remarked is not None:
             yield from (remark.text for remark in remarked.remarks)
-
-
-def _departures(evidence: Evidence) -> Iterator[str]:
-    """Where the parameter file holds something else than the logs give now.
-
-    Another method may give another value, within what both are uncertain by.
-    """
-    fits = [fit.estimate for fit in (evidence.drag, evidence.inertia) if fit is not None]
-    for name, entry in evidence.parameters.entries.items():
-        found = [estimate for estimate in fits if name in estimate.names and name not in estimate.refused]
-        if not found or grids.estimate_behind(evidence, name) is not None:
-            continue
-        now = found[0]
-        value, error = now.value(name), now.standard_error(name)
-        gap = abs(value - entry.value) / math.hypot(error, entry.standard_error)
-        if entry.method == now.method or gap > _DISAGREE_SIGMAS:
-            yield (
-                f"{title(name)}: the parameter file holds {plus_minus(entry.value, entry.standard_error)} "
-                f"({entry.method}), these logs now give {plus_minus(value, error)} "
-                f"({now.method}). Summary and simulation use the file's."
-            )
 
 
 def _refused(evidence: Evidence) -> Iterator[tuple[str, str]]:
@@ -292,7 +268,15 @@ def _left(evidence: Evidence) -> tuple[float, float, float] | None:
     """Root mean square in N m or N of residual torque, torque, and sensor noise; None where nothing was simulated."""
     if evidence.runs is None or not evidence.simulations:
         return None
-    return sizes(residuals_of(evidence.runs.items, evidence.parameters.model(), evidence.vehicle))
+    return sizes(left_by_all(evidence.runs, evidence.parameters.model(), evidence.vehicle))
+
+
+def _added(evidence: Evidence) -> str:
+    """What the water adds to the rigid body's inertia, by the model; nothing where one of the two is not known."""
+    entry, rigid = evidence.parameters.entries.get("inertia"), evidence.vehicle.rigid_body_inertia
+    if entry is None or rigid is None:
+        return ""
+    return f"{plus_minus(entry.value - rigid, entry.standard_error)} {unit(entry.unit)}"
 
 
 def _box(vehicle: Vehicle) -> list[tuple[str, float]]:

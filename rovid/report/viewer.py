@@ -43,9 +43,10 @@ class Series:
 
 def viewer_document(evidence: Evidence) -> dict[str, Any]:
     """What the viewer's script reads."""
+    sides = (evidence.before, evidence.simulations) if evidence.before else (evidence.simulations,)
     return {
-        "panels": _panels(evidence.axis, found=bool(evidence.extended)),
-        "trials": [_trial(each) for each in series_of(evidence.simulations, evidence.extended)],
+        "panels": _panels(evidence.axis, found=bool(evidence.before)),
+        "trials": [_trial(each) for each in series_of(*sides)],
     }
 
 

@@ -57,8 +57,8 @@ def shown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build, "write_report", write)
         stored = Parameters(path=folder / "parameters.toml", axis=axis)
-        page = build.build_report(stored, open_study([logs], axis=axis), folder, diagnosed=False).read_text()
-    body = re.sub(r"<(style|script)\b.*?</\1>", "", page, flags=re.DOTALL)
+        page, _ = build.build_report(stored, open_study([logs], axis=axis), folder, diagnosed=False)
+    body = re.sub(r"<(style|script)\b.*?</\1>", "", page.read_text(), flags=re.DOTALL)
     text = " ".join([*re.findall(r'alt="([^"]*)"', body), re.sub(r"<[^>]+>", " ", body)])
     return kept[0], re.sub(r"\s+", " ", html.unescape(text))
 

@@ -40,7 +40,7 @@ def plain_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("plain")
     evidence: Evidence = make_evidence(folder, {"hold_1.csv": NASTY, "hold_2.csv": "b.csv", "sine_a.csv": "c.csv"})
     page = folder / "index.html"
-    text = render_page(replace(evidence, extended=evidence.simulations), Album(), today=date(2026, 3, 7))
+    text = render_page(replace(evidence, before=evidence.simulations), Album(), today=date(2026, 3, 7))
     page.write_text(text, encoding="utf-8")
     return page
 

@@ -109,12 +109,16 @@ def test_the_page_has_the_section_and_its_plots(lagged: Evidence, folder: Path) 
     assert [alt.split(" ")[0] for alt in alts] == ["Log-likelihood", "multilevel.csv:", "Five"]
 
 
-def test_the_diagnosis_leaves_the_parameters_alone(lagged: Evidence, folder: Path) -> None:
+def test_the_page_and_the_parameter_file_are_of_the_diagnosed_model(lagged: Evidence, folder: Path) -> None:
     written = read_parameters(folder / "parameters.toml")
-    assert set(written.entries) == {"inertia", "quadratic_drag", "linear_drag"}
-    assert not any("likelihood" in entry.method for entry in written.entries.values())
-    assert all(not item.run.trial.name.endswith("part 1") for item in lagged.simulations)
+    assert lagged.diagnosis is not None
+    assert lagged.diagnosis.extended is not None
+    found = lagged.diagnosis.extended.estimate
+    assert {name: entry.value for name, entry in written.entries.items()} == dict(
+        zip(found.names, found.values.tolist(), strict=True)
+    )
     assert lagged.parameters.entries == written.entries
+    assert all(not item.run.trial.name.endswith("part 1") for item in lagged.simulations)
 
 
 def test_the_trial_that_gains_most_is_shown(lagged: Evidence) -> None:
@@ -177,7 +181,7 @@ def test_the_summary_has_verdict_and_gain(lagged: Evidence) -> None:
 
 
 def test_every_trial_is_simulated_with_what_was_found(lagged: Evidence) -> None:
-    pairs = list(zip(lagged.simulations, lagged.extended, strict=True))
+    pairs = list(zip(lagged.before, lagged.simulations, strict=True))
     assert all(one.run is other.run for one, other in pairs)
     assert sum(other.fit.rmse for _, other in pairs) < 0.5 * sum(one.fit.rmse for one, _ in pairs)
 
@@ -188,7 +192,7 @@ def test_nothing_found_says_what_would_have_been_seen(lagged: Evidence) -> None:
     quiet = with_diagnosis(
         lagged, verdict="nothing_found", findings=(), extended=lagged.diagnosis.base, detectable=sizes
     )
-    shown = text(section(replace(quiet, compared=None, extended=())))
+    shown = text(section(replace(quiet, compared=None, before=())))
     assert "Nothing was found: the model explains these data." in shown
     assert "with what was found" not in shown
     assert "The smallest that would have been seen" in shown

@@ -68,7 +68,7 @@ def test_a_short_trial_is_given_as_it_is(day: Evidence) -> None:
 
 
 def test_what_was_found_has_lines_of_its_own(day: Evidence) -> None:
-    document = viewer_document(replace(day, extended=day.simulations))
+    document = viewer_document(replace(day, before=day.simulations))
     labels = [[line["label"] for line in panel["lines"]] for panel in document["panels"]]
     assert labels == [
         ["applied"],

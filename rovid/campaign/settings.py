@@ -1,0 +1,82 @@
+"""What of rovid.toml results rest on, in words: told again later, it says whether they still hold."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
+
+_DIGEST = "sha256 "
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What a vehicle's torque, or force, and its signals were read by; comments and the order of lines are no part.
+
+    Attributes
+    ----------
+    drive
+        What it is -> its value, as "yaw_arm of fore" -> "0.43"; of a thrust curve the digest of its points.
+    signals
+        Name of each signal -> where it stands, its unit and sense.
+    guessed
+        What of ``drive`` is a guess of `rovid init`.
+    """
+
+    drive: Mapping[str, str] = field(default_factory=dict)
+    signals: Mapping[str, str] = field(default_factory=dict)
+    guessed: tuple[str, ...] = ()
+
+    def changes(self, now: Settings, *, drive_alone: bool = False) -> list[str]:
+        """What is not as here any more; signals that came new change nothing, unless the model asks for them."""
+        found = list(_changes(self.drive, now.drive))
+        found += [f"{name} is new" for name in now.drive if name not in self.drive]
+        if not drive_alone:
+            found += _changes(self.signals, now.signals)
+            found += [f"{name} is new" for name in _POSE if name in now.signals and name not in self.signals]
+        return found
+
+
+# Wherever these are logged the rate of a heading becomes the body's.
+_POSE = ("roll", "pitch", "yaw_rate")
+
+
+def _changes(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
+    for name, value in before.items():
+        if name not in now:
+            yield f"{name} is gone"
+        elif now[name] != value:
+            yield f"{name} has changed" if value.startswith(_DIGEST) else f"{name} was {value} and is {now[name]}"
+
+
+def settings_of(vehicle: Vehicle, signals: Mapping[str, str]) -> Settings:
+    """What torques of ``vehicle`` and these ``signals`` rest on."""
+    drive: dict[str, str] = {}
+    guessed: list[str] = []
+    for thruster in vehicle.thrusters:
+        drive |= _thruster(thruster, vehicle)
+        guessed += [f"{vehicle.axis.arm} of {thruster.name}"] * thruster.arm_guessed
+        guessed += [f"curve of {thruster.name}"] * thruster.curve_guessed
+    return Settings(drive=drive, signals=signals, guessed=tuple(guessed))
+
+
+def _thruster(thruster: Thruster, vehicle: Vehicle) -> dict[str, str]:
+    axis, name = vehicle.axis, thruster.name
+    if thruster.curve is None:
+        return {axis.push: "logged"}
+    told = {
+        f"{axis.arm} of {name}": f"{thruster.arm:.12g}",
+        f"curve of {name}": _digest(thruster.curve),
+        f"outside of {name}": "clamp" if thruster.clamp else "refuse",
+    }
+    if thruster.ahead:
+        told[f"surge of {name}"] = f"{thruster.ahead:.12g}"
+    return told
+
+
+def _digest(curve: ThrustCurve) -> str:
+    points = zip(curve.command.tolist(), curve.thrust.tolist(), strict=True)
+    text = "\n".join(f"{command!r},{thrust!r}" for command, thrust in points)
+    return _DIGEST + hashlib.sha256(text.encode()).hexdigest()
