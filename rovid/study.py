@@ -18,7 +18,7 @@ from rovid.campaign.trial import Campaign
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes, explain
 from rovid.diagnose.diagnosis import diagnose
-from rovid.diagnose.record import Diagnosis
+from rovid.diagnose.record import Diagnosis, Finding, Side
 from rovid.effects import Effect, forms_for
 from rovid.effects.by_trial import trials_of
 from rovid.ground.errors import ConfigError, DataError, nearest
@@ -102,7 +102,9 @@ class Study:
                     f"no constant torque keeps {self.vehicle.axis.name} turning: drag is found with the inertia.",
                     mend="Run `rovid fit-inertia`.",
                 )
-            return fit_drag(steady_points(self.runs.items, self.vehicle), self.vehicle.axis)
+            fit = fit_drag(steady_points(self.runs.items, self.vehicle), self.vehicle.axis)
+            directions = {name: self._guessing(each) for name, each in fit.directions.items()}
+            return replace(fit, estimate=self._guessing(fit.estimate), directions=directions)
         if self.steady is None:
             raise DataError(f"there is no table of steady states (columns {', '.join(STEADY_COLUMNS)}).")
         return fit_drag(points_from_table(read_table(self.steady)))
@@ -115,9 +117,11 @@ class Study:
         DataError
             There is nothing to read it from.
         """
-        rigid_body = self.vehicle.rigid_body_inertia
+        rigid_body = self.vehicle.measured_inertia
         if self.runs is not None:
-            return fit_inertia(self.runs.items, drag=drag, rigid_body=rigid_body)
+            fit = fit_inertia(self.runs.items, drag=drag, rigid_body=rigid_body)
+            regression = fit.regression and replace(fit.regression, estimate=self._guessing(fit.regression.estimate))
+            return replace(fit, estimate=self._guessing(fit.estimate), regression=regression)
         if self.sine is None:
             raise DataError(f"there is no table of sine trials (columns {', '.join(SINE_COLUMNS)}).")
         return fit_inertia_table(read_table(self.sine), drag=drag, rigid_body=rigid_body)
@@ -159,8 +163,13 @@ class Study:
         for effect in effects:
             _require_channels(effect, logged)
         fit = fit_likelihood(self.runs.items, self.vehicle, effects, gyro=gyro)
-        odd = unlike_rigid_body(fit.estimate, self.vehicle.rigid_body_inertia)
-        return replace(fit, estimate=replace(fit.estimate, warnings=(*fit.estimate.warnings, *odd)))
+        odd = unlike_rigid_body(fit.estimate, self.vehicle.measured_inertia)
+        estimate = replace(fit.estimate, warnings=(*fit.estimate.warnings, *odd))
+        return replace(fit, estimate=self._guessing(estimate))
+
+    def _guessing(self, estimate: Estimate) -> Estimate:
+        """``estimate``, which knows what of the vehicle is a guess."""
+        return replace(estimate, guess=self.vehicle.guess)
 
     def plan(
         self,
@@ -240,8 +249,21 @@ class Study:
             return Diagnosis(verdict="too_little_data", missing=amplitudes.missing, amplitudes=amplitudes)
         diagnosis = diagnose(self.runs, self.vehicle, report)
         side = diagnosis.extended or diagnosis.base
-        odd = unlike_rigid_body(side.estimate, self.vehicle.rigid_body_inertia) if side else ()
-        return replace(diagnosis, warnings=(*diagnosis.warnings, *odd))
+        odd = unlike_rigid_body(side.estimate, self.vehicle.measured_inertia) if side else ()
+        return replace(
+            diagnosis,
+            base=self._guessing_side(diagnosis.base),
+            extended=self._guessing_side(diagnosis.extended),
+            findings=tuple(map(self._guessing_finding, diagnosis.findings)),
+            suspects=tuple(map(self._guessing_finding, diagnosis.suspects)),
+            warnings=(*diagnosis.warnings, *odd),
+        )
+
+    def _guessing_side(self, side: Side | None) -> Side | None:
+        return None if side is None else replace(side, estimate=self._guessing(side.estimate))
+
+    def _guessing_finding(self, finding: Finding) -> Finding:
+        return replace(finding, estimate=self._guessing(finding.estimate))
 
 
 def files_at_hand(paths: Sequence[Path]) -> list[Path]:

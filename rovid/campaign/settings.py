@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
+from rovid.campaign.guesswork import Guesswork
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 
 _DIGEST = "sha256 "
@@ -28,6 +29,12 @@ class Settings:
     drive: Mapping[str, str] = field(default_factory=dict)
     signals: Mapping[str, str] = field(default_factory=dict)
     guessed: tuple[str, ...] = ()
+
+    @property
+    def guess(self) -> Guesswork:
+        """The same of a vehicle that is not at hand."""
+        thrusters = sum(name.startswith("curve of ") for name in self.drive)
+        return Guesswork(items=self.guessed, thrusters=thrusters)
 
     def changes(self, now: Settings, *, drive_alone: bool = False) -> list[str]:
         """What is not as here any more; signals that came new change nothing, unless the model asks for them."""
@@ -54,12 +61,9 @@ def _changes(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]
 def settings_of(vehicle: Vehicle, signals: Mapping[str, str]) -> Settings:
     """What torques of ``vehicle`` and these ``signals`` rest on."""
     drive: dict[str, str] = {}
-    guessed: list[str] = []
     for thruster in vehicle.thrusters:
         drive |= _thruster(thruster, vehicle)
-        guessed += [f"{vehicle.axis.arm} of {thruster.name}"] * thruster.arm_guessed
-        guessed += [f"curve of {thruster.name}"] * thruster.curve_guessed
-    return Settings(drive=drive, signals=signals, guessed=tuple(guessed))
+    return Settings(drive=drive, signals=signals, guessed=vehicle.guess.items)
 
 
 def _thruster(thruster: Thruster, vehicle: Vehicle) -> dict[str, str]:

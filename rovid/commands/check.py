@@ -36,14 +36,15 @@ def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
     from rovid.campaign.config import find_config, load_config
     from rovid.inspect.check import check_logs
     from rovid.show.documents import check_document
-    from rovid.show.terminal import show_advice, show_check, show_warnings
+    from rovid.show.terminal import show_advice, show_caution, show_check, show_warnings
 
     announce_compilation()
     config = load_config(find_config(logs), axis_named(axis) if axis else YAW)
     checked = check_logs(logs, config)
     if json:
-        print_json(check_document(config.axis, checked.rows, checked.problems, checked.remarks, checked.advice))
+        print_json(check_document(config.vehicle, checked.rows, checked.problems, checked.remarks, checked.advice))
     else:
+        show_caution(console(), config.vehicle.guess)
         show_check(console(), checked.rows, checked.problems)
         show_warnings(console(), [remark.text for remark in checked.remarks])
         if checked.rows:

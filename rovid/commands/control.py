@@ -13,12 +13,14 @@ from rovid.commands.session import (
     busy,
     claim_of,
     console,
+    guess_of,
     known_at,
     of_yaw,
     opened,
     print_json,
     remembered,
     require_holding,
+    require_measured,
 )
 
 PAGE = Page(
@@ -103,7 +105,7 @@ def control(
     from rovid.ground.files.form import C_SOURCE, PYTHON_SOURCE
     from rovid.show.account import show_control
     from rovid.show.documents import control_document
-    from rovid.show.terminal import show_warnings
+    from rovid.show.terminal import show_caution, show_warnings
 
     options = Options(
         kp=kp,
@@ -126,6 +128,8 @@ def control(
     claim = claim_of(list(makers), paths, stored.path, force=force)
     study = opened(paths, None, stored.axis)
     remarks = require_holding(stored, study)
+    guess = guess_of(stored, study)
+    require_measured(stored, guess, force=force)
     study.require(model.effects)
     setting = setting_of(options, model, study.position_noise(), study.torque_in_use())
     with busy("Closing the loop …"):
@@ -134,7 +138,8 @@ def control(
         claim.write({output: source(result.law) for output, source in makers.items()})
     warnings = [*study.remarks(), *remarks]
     if json:
-        print_json(control_document(result, warnings))
+        print_json(control_document(result, warnings, guess))
     else:
-        show_control(console(), result)
+        show_caution(console(), guess)
+        show_control(console(), result, guess)
         show_warnings(console(), warnings)

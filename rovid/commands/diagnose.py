@@ -51,7 +51,7 @@ def diagnose(
     from rovid.parameters.agreement import disagreement
     from rovid.show.account import show_diagnosis
     from rovid.show.diagnosis_documents import diagnosis_document
-    from rovid.show.terminal import show_warnings
+    from rovid.show.terminal import show_caution, show_warnings
 
     stored = stored_at(parameters, axis, force=force)
     paths = logs or remembered(stored)
@@ -67,5 +67,6 @@ def diagnose(
     if json:
         print_json(diagnosis_document(diagnosis, study))
     else:
+        show_caution(console(), study.vehicle.guess)
         show_diagnosis(console(), diagnosis, study.vehicle)
         show_warnings(console(), [*study.remarks(), *diagnosis.warnings])

@@ -11,7 +11,18 @@ import typer
 from rovid.commands import completion
 from rovid.commands.manual import Page
 from rovid.commands.options import Force, Json, ParameterFile
-from rovid.commands.session import busy, claim_of, console, known_at, of_yaw, opened, print_json, require_holding
+from rovid.commands.session import (
+    busy,
+    claim_of,
+    console,
+    guess_of,
+    known_at,
+    of_yaw,
+    opened,
+    print_json,
+    require_holding,
+    require_measured,
+)
 from rovid.export import FORMATS
 
 PAGE = Page(
@@ -61,7 +72,7 @@ def export(
     from rovid.export.exporting import exporter
     from rovid.export.subject import subject_of
     from rovid.show.documents import export_document
-    from rovid.show.terminal import show_export
+    from rovid.show.terminal import show_caution, show_export
 
     function, target = exporter(format, output)
     stored = of_yaw(known_at(parameters))
@@ -69,12 +80,14 @@ def export(
     claim = claim_of([target], stored.logs, stored.path, force=force)
     there = bool(stored.logs) and all(path.exists() for path in stored.logs)
     study = opened(stored.logs, None, stored.axis) if there else None
-    remarks = require_holding(stored, study)
+    remarks, guess = require_holding(stored, study), guess_of(stored, study)
+    require_measured(stored, guess, force=force)
     with busy("Simulating …"):
         made = make(function, subject_of(stored, study))
     made = replace(made, warnings=(*made.warnings, *remarks))
     claim.write({target: made.content})
     if json:
-        print_json(export_document(format, str(target.path), made))
+        print_json(export_document(format, str(target.path), made, guess))
     else:
+        show_caution(console(), guess)
         show_export(console(), target.path, made)

@@ -96,7 +96,7 @@ def plan(
     from rovid.plan.run_design import command_text
     from rovid.report.plots.planned import picture
     from rovid.show.documents import plan_document
-    from rovid.show.terminal import show_plan
+    from rovid.show.terminal import show_caution, show_plan
 
     rivals = tuple(effect_named(name) for name in between or ())
     if len({rival.id for rival in rivals}) not in {0, 2} or len(rivals) > 2:
@@ -118,6 +118,7 @@ def plan(
         runs = study.plan(tuple(effect_named(name) for name in stored.effects), rivals, limits, narrow or "")
     claim.write({commands: command_text(runs), drawing: picture(runs, stored.axis)})
     if json:
-        print_json(plan_document(runs, stored.axis, str(output), str(drawn)))
+        print_json(plan_document(runs, study.vehicle, str(output), str(drawn)))
     else:
+        show_caution(console(), study.vehicle.guess)
         show_plan(console(), runs, [output, drawn])

@@ -61,8 +61,8 @@ def report(
     """Write everything on one page."""
     from rovid.campaign.axis import YAW
     from rovid.report.build import build_report
-    from rovid.show.fit_documents import axis_document
-    from rovid.show.terminal import show_warnings
+    from rovid.show.fit_documents import axis_document, cautions, guess_document
+    from rovid.show.terminal import show_caution, show_warnings
 
     stored = stored_at(parameters, axis, force=force)
     study = opened(logs or remembered(stored), cutoff, stored.axis)
@@ -78,11 +78,12 @@ def report(
             force=force,
             report=progress,
         )
+    guess = study.vehicle.guess
     if json:
         written = {"page": str(page), "parameters": str(stored.path)}
-        print_json(
-            {"schema": "rovid-report/1", **axis_document(stored.axis), **written, "warnings": list(evidence.notes)}
-        )
+        said = {**guess_document(guess), "warnings": cautions(guess, evidence.notes)}
+        print_json({"schema": "rovid-report/1", **axis_document(stored.axis), **written, **said})
     else:
+        show_caution(console(), guess)
         show_warnings(console(), evidence.notes)
         console().print(str(page), highlight=False, soft_wrap=True)

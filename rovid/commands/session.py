@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from rovid.campaign.axis import Axis
+    from rovid.campaign.guesswork import Guesswork
     from rovid.ground.files import Claim, Output
     from rovid.identify.estimate import Estimate
     from rovid.parameters.parameters import Parameters
@@ -186,6 +187,29 @@ def print_json(document: Any) -> None:
     from rovid.ground.numbers import to_json
 
     typer.echo(to_json(document))
+
+
+def guess_of(stored: Parameters, study: Study | None) -> Guesswork:
+    """What is guessed of the vehicle that the parameters are of, and of that of the logs."""
+    from rovid.campaign.guesswork import Guesswork
+
+    own = Guesswork() if stored.settings is None else stored.settings.guess
+    if study is None:
+        return own
+    # Where the logs are those of the parameters, a guess that was confirmed since is none.
+    return study.vehicle.guess if study.origin.logs == stored.logs else own | study.vehicle.guess
+
+
+def require_measured(stored: Parameters, guess: Guesswork, *, force: bool) -> None:
+    """Refuse to hand on what hangs on a guess, unless that is asked for.
+
+    Raises
+    ------
+    ConfigError
+        It does.
+    """
+    if guess and not force:
+        raise ConfigError(guess.refusal, where=stored.path, mend="Or give --force, and keep what comes of it apart.")
 
 
 def console() -> Console:

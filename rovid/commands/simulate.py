@@ -9,7 +9,17 @@ import typer
 
 from rovid.commands.manual import Page
 from rovid.commands.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
-from rovid.commands.session import busy, claim_of, console, known_at, opened, print_json, remembered, require_holding
+from rovid.commands.session import (
+    busy,
+    claim_of,
+    console,
+    guess_of,
+    known_at,
+    opened,
+    print_json,
+    remembered,
+    require_holding,
+)
 from rovid.ground.errors import DataError
 
 PAGE = Page(
@@ -53,7 +63,7 @@ def simulate(
     from rovid.model.simulation import simulate_runs
     from rovid.report.recordings import recording_outputs, write_recordings
     from rovid.show.documents import simulation_document
-    from rovid.show.terminal import show_simulation, show_warnings
+    from rovid.show.terminal import show_caution, show_simulation, show_warnings
 
     stored = known_at(parameters, axis)
     model = stored.model()
@@ -69,9 +79,12 @@ def simulate(
         if outputs:
             write_recordings(claim, outputs, simulations, study.runs, model, study.vehicle)
     recordings = [output.path for output in outputs]
-    warnings = [*study.remarks(), *remarks]
+    warnings, guess = [*study.remarks(), *remarks], guess_of(stored, study)
     if json:
-        print_json(simulation_document(stored, simulations, warnings) | {"recordings": list(map(str, recordings))})
+        print_json(
+            simulation_document(stored, simulations, warnings, guess) | {"recordings": list(map(str, recordings))}
+        )
     else:
-        show_simulation(console(), simulations)
+        show_caution(console(), guess)
+        show_simulation(console(), simulations, guess)
         show_warnings(console(), warnings)

@@ -159,11 +159,6 @@ class Effect:
         return isinstance(self.acts, Term) and self.acts.races
 
     @property
-    def is_term(self) -> bool:
-        """Whether it is a term of the equation of motion."""
-        return isinstance(self.acts, Term)
-
-    @property
     def remembers(self) -> bool:
         """Whether it has states of its own, which move on with the vehicle."""
         return isinstance(self.acts, Term) and self.acts.states > 0

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rovid.campaign.config import FILE_NAME, Config, Signal
+from rovid.campaign.guesswork import Guesswork
 from rovid.campaign.tables import CURVE_COLUMNS, curve_text, read_curve
 from rovid.campaign.vehicle import ThrustCurve, Vehicle
 from rovid.ground.errors import LINE_LENGTH, DataError, RovidError, shown
@@ -321,9 +322,9 @@ def _head(survey: Survey) -> Iterator[str]:
     yield "[vehicle]"
     yield f"name = {toml_text(survey.folder.resolve().name)}"
     yield "# Mass and size are not in the logs; with them rovid tells the added inertia."
-    yield "# mass = 100.0     # kg; length and width in m"
-    yield "# length = 1.0"
-    yield "# width = 0.6"
+    yield "# mass =       # kg"
+    yield "# length =     # m"
+    yield "# width =      # m"
 
 
 def _thrusters(survey: Survey) -> Iterator[str]:
@@ -338,10 +339,21 @@ def _thrusters(survey: Survey) -> Iterator[str]:
         yield from _why(ones)
         yield f"{mark}[[thrusters]]"
         yield f"{mark}name = {toml_text(name)}"
-        yield f"{mark}yaw_arm = {way:.1f}     # m: the sense is that of the logs, the distance is not in them"
+        yield f"{mark}yaw_arm = {way:.1f}            # m: the sense is that of the logs, the distance is not in them"
+        yield f"{mark}yaw_arm_guessed = true   # put the distance there, then delete this line"
         yield f"{mark}curve = {toml_text(survey.curve)}"
+        if survey.curve_guessed is not None:
+            yield f"{mark}curve_guessed = true     # put a bench curve there, then delete this line"
         sources = {kind: one.source for kind, one in ones.items()}
         yield f"{mark}command = {_sources(sources)}"
+
+
+def guess_of(survey: Survey) -> Guesswork:
+    """What of the file that is written is no measurement: every arm, and a curve that was not there."""
+    turning = {command.name for command in _commands(survey.guesses) if command.way}
+    names = [name for name in _by_name(survey) if not turning or name in turning]
+    what = ["yaw_arm"] if survey.curve_guessed is None else ["yaw_arm", "curve"]
+    return Guesswork(items=tuple(f"{one} of {name}" for name in names for one in what), thrusters=len(names))
 
 
 def _guessed_curve(survey: Survey) -> Iterator[str]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from rovid import __version__
 from rovid.campaign.axis import YAW, Axis
+from rovid.campaign.guesswork import Guesswork
 from rovid.campaign.settings import Settings
 from rovid.effects import effect_named
 from rovid.effects.base import Effect
@@ -148,6 +149,19 @@ class Parameters:
             axis=self.axis,
         )
 
+    def together(self) -> Estimate:
+        """Inertia, drag and what weight does, as far as they are here, whatever found them."""
+        names = tuple(name for name in base_names(self.axis) if name in self.entries)
+        return Estimate(
+            names=names,
+            values=np.array([self.entries[name].value for name in names]),
+            covariance=np.array(self._matrix(names)).reshape(len(names), len(names)),
+            method="; ".join(dict.fromkeys(self.entries[name].method for name in names)),
+            samples=0,
+            axis=self.axis,
+            guess=Guesswork() if self.settings is None else self.settings.guess,
+        )
+
     @property
     def per_inertia(self) -> bool:
         """Whether the inertia could not be known, and all else is that of 1 kg m^2."""
@@ -215,6 +229,11 @@ class Parameters:
         """Ids of the effects whose parameters are here."""
         return effect_ids(self.entries)
 
+    def _written(self, entry: Entry) -> dict[str, Any]:
+        """One parameter for the file; whoever looks at it alone learns there that it is a placeholder."""
+        marked = self.settings is not None and self.settings.guess.marks(entry.unit)
+        return asdict(entry) | ({"placeholder": True} if marked else {})
+
     @property
     def output(self) -> Output:
         """The file."""
@@ -244,7 +263,7 @@ class Parameters:
             "vehicle": self.vehicle,
             **axis,
             "logs": [_relative(path, self.path.parent) for path in self.logs],
-            "parameters": {name: asdict(self.entries[name]) for name in names},
+            "parameters": {name: self._written(self.entries[name]) for name in names},
             "covariance": {"names": names, "matrix": self._matrix(names)},
             **({} if self.settings is None else {"rests_on": asdict(self.settings)}),
             "sources": [_written(source, self.path.parent) for source in self.sources],

@@ -5,13 +5,14 @@ from __future__ import annotations
 import base64
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
 from matplotlib.figure import Figure
 
+from rovid.campaign.guesswork import Guesswork
 from rovid.diagnose.parts import parts_of
 from rovid.diagnose.record import Finding
 from rovid.ground.files import Output
@@ -72,6 +73,16 @@ class Picture:
         }
 
 
+@dataclass(frozen=True, eq=False)
+class Sketch:
+    """A plot before it is drawn: file name without suffix, the text under it, and the text in its place."""
+
+    name: str
+    figure: Figure
+    caption: str = field(kw_only=True)
+    alt: str = field(kw_only=True)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Album:
     """All plots of a page, by the section that shows them.
@@ -115,24 +126,32 @@ def plots_in(folder: Path) -> list[Output]:
 def make_album(evidence: Evidence) -> Album:
     """Draw whatever the evidence allows."""
     large = _worst(evidence.simulations)
+    guess = evidence.vehicle.guess
+
+    def drawn(sketches: Iterable[Sketch]) -> tuple[Picture, ...]:
+        return tuple(_picture(sketch, guess) for sketch in sketches)
+
     return Album(
-        thrust=tuple(_thrust(evidence)),
-        steady=tuple(_steady(evidence)),
-        inertia=tuple(_inertia(evidence)),
-        sines=tuple(_sines(evidence)),
-        overview=tuple(_overview(evidence.simulations)),
+        thrust=drawn(_thrust(evidence)),
+        steady=drawn(_steady(evidence)),
+        inertia=drawn(_inertia(evidence)),
+        sines=drawn(_sines(evidence)),
+        overview=drawn(_overview(evidence.simulations)),
         large_trials=large,
-        large=tuple(_large(item, evidence.simulations.index(item) + 1) for item in large),
-        residuals=tuple(_residuals(evidence)),
-        rivals=_rivals(evidence),
-        compared=tuple(_compared(evidence)),
-        left_over=tuple(_left_over(evidence)),
-        closed_loop=tuple(_closed_loop(evidence)),
+        large=drawn(_large(item, evidence.simulations.index(item) + 1) for item in large),
+        residuals=drawn(_residuals(evidence)),
+        rivals={key: _picture(sketch, guess) for key, sketch in _rivals(evidence)},
+        compared=drawn(_compared(evidence)),
+        left_over=drawn(_left_over(evidence)),
+        closed_loop=drawn(_closed_loop(evidence)),
     )
 
 
-def _picture(name: str, figure: Figure, *, caption: str, alt: str) -> Picture:
-    return Picture(name=name, caption=caption, alt=alt, png=canvas.png(figure), svg=canvas.svg(figure))
+def _picture(sketch: Sketch, guess: Guesswork) -> Picture:
+    figure = canvas.with_guess(sketch.figure, guess)
+    return Picture(
+        name=sketch.name, caption=sketch.caption, alt=sketch.alt, png=canvas.png(figure), svg=canvas.svg(figure)
+    )
 
 
 def _worst(items: Sequence[TrialSimulation]) -> tuple[TrialSimulation, ...]:
@@ -162,14 +181,14 @@ def _steady_drag(evidence: Evidence) -> Model | None:
     )
 
 
-def _thrust(evidence: Evidence) -> Iterator[Picture]:
+def _thrust(evidence: Evidence) -> Iterator[Sketch]:
     """Thrust curves with the commands in use."""
     runs = () if evidence.runs is None else evidence.runs.items
     figure = thrust.thrust_curves(evidence.vehicle, runs)
     if figure is None:
         return
     names = ", ".join(thruster.name for thruster in evidence.vehicle.thrusters)
-    yield _picture(
+    yield Sketch(
         "thrust_curves",
         figure,
         caption="Bench curve of each thruster. The thick, shaded part is what the logs use.",
@@ -177,14 +196,14 @@ def _thrust(evidence: Evidence) -> Iterator[Picture]:
     )
 
 
-def _steady(evidence: Evidence) -> Iterator[Picture]:
+def _steady(evidence: Evidence) -> Iterator[Sketch]:
     fit = evidence.drag
     if fit is None:
         return
     axis = fit.estimate.axis
     rates = [point.rate for point in fit.points]
     what = steady_state(axis)
-    yield _picture(
+    yield Sketch(
         f"steady_{axis.push}",
         steady.steady_torque(fit),
         caption=f"{axis.push.capitalize()} of each {what} against its {axis.rate_words}, and the fitted drag. Below, "
@@ -194,7 +213,7 @@ def _steady(evidence: Evidence) -> Iterator[Picture]:
     )
 
 
-def _inertia(evidence: Evidence) -> Iterator[Picture]:
+def _inertia(evidence: Evidence) -> Iterator[Sketch]:
     """Inertia by each method."""
     fit = evidence.inertia
     if fit is None:
@@ -203,7 +222,7 @@ def _inertia(evidence: Evidence) -> Iterator[Picture]:
     for name, each in fit.methods.items():
         value = plus_minus(each.value, each.standard_error)
         readings.append(f"{inertia.method_title(name)} {value}")
-    yield _picture(
+    yield Sketch(
         "inertia",
         inertia.inertia_methods(fit, evidence.vehicle.rigid_body_inertia),
         caption="Inertia by each method: points with 95 % intervals, and ticks for single sine runs.",
@@ -211,7 +230,7 @@ def _inertia(evidence: Evidence) -> Iterator[Picture]:
     )
 
 
-def _sines(evidence: Evidence) -> Iterator[Picture]:
+def _sines(evidence: Evidence) -> Iterator[Sketch]:
     fit, axis = evidence.inertia, evidence.axis
     if fit is None:
         return
@@ -226,7 +245,7 @@ def _sines(evidence: Evidence) -> Iterator[Picture]:
         if k > 0:
             caption = f"Mean period of each sine run, sheet {k + 1} of {len(parts)}."
         periods = ", ".join(f"{trial.period:.3g}" for trial in trials)
-        yield _picture(
+        yield Sketch(
             f"sine_runs{suffix}",
             sines.sine_runs(trials, drag, axis),
             caption=caption,
@@ -245,12 +264,12 @@ def sheets(items: Sequence[T], size: int) -> Iterator[tuple[Sequence[T], str]]:
         yield items[first : first + size], f"_{place:02d}"
 
 
-def _overview(items: Sequence[TrialSimulation]) -> Iterator[Picture]:
+def _overview(items: Sequence[TrialSimulation]) -> Iterator[Sketch]:
     """All trials, simulated, in small panels."""
     for part, suffix in sheets(items, simulations.PER_SHEET):
         rate = part[0].run.trial.axis.rate_words
         fits = "; ".join(f"{item.run.trial.name} R² {number(item.fit.r2, '.4f')}" for item in part)
-        yield _picture(
+        yield Sketch(
             f"overview{suffix}",
             simulations.overview(part),
             caption=f"Measured and freely simulated {rate} of every trial.",
@@ -258,9 +277,9 @@ def _overview(items: Sequence[TrialSimulation]) -> Iterator[Picture]:
         )
 
 
-def _large(item: TrialSimulation, place: int) -> Picture:
+def _large(item: TrialSimulation, place: int) -> Sketch:
     name, axis = item.run.trial.name, item.run.trial.axis
-    return _picture(
+    return Sketch(
         f"trial_{place:02d}_{_file_name(name)}",
         simulations.one_trial(item),
         caption=f"{name}: {axis.push}, measured and simulated {axis.rate_words}, and the simulation's error in rate "
@@ -269,13 +288,13 @@ def _large(item: TrialSimulation, place: int) -> Picture:
     )
 
 
-def _residuals(evidence: Evidence) -> Iterator[Picture]:
+def _residuals(evidence: Evidence) -> Iterator[Sketch]:
     """What the model leaves of the torque."""
     if evidence.runs is None or not evidence.simulations:
         return
     axis = evidence.axis
     items = left_by_all(evidence.runs, evidence.parameters.model(), evidence.vehicle)
-    yield _picture(
+    yield Sketch(
         "residuals",
         residuals.residuals(items, evidence.runs.cutoff),
         caption=f"Residual {axis.push} against rate, {axis.push} and time, its autocorrelation, and its spectrum.",
@@ -284,19 +303,18 @@ def _residuals(evidence: Evidence) -> Iterator[Picture]:
     )
 
 
-def _rivals(evidence: Evidence) -> dict[str, Picture]:
+def _rivals(evidence: Evidence) -> Iterator[tuple[str, Sketch]]:
     """A plot for each finding that has rivals, by the key of its effect."""
-    if evidence.diagnosis is None:
-        return {}
-    rivalled = [finding for finding in evidence.diagnosis.findings if finding.rivals]
-    return {finding.effect.key: _rivals_of(finding) for finding in rivalled}
+    for finding in evidence.diagnosis.findings if evidence.diagnosis else ():
+        if finding.rivals:
+            yield finding.effect.key, _rivals_of(finding)
 
 
-def _rivals_of(finding: Finding) -> Picture:
+def _rivals_of(finding: Finding) -> Sketch:
     axis = finding.estimate.axis
     shown = [f"{name_of(rival.effect, axis)} {rival.worth:.0f}" for rival in finding.rivals[:RIVALS]]
     rest = "; ".join(shown)
-    return _picture(
+    return Sketch(
         f"rivals_{_file_name(finding.effect.key)}",
         findings.rival_gains(finding),
         caption="What was found and the best other causes in its place: the log-likelihood that each gains, less the "
@@ -305,13 +323,13 @@ def _rivals_of(finding: Finding) -> Picture:
     )
 
 
-def _compared(evidence: Evidence) -> Iterator[Picture]:
+def _compared(evidence: Evidence) -> Iterator[Sketch]:
     """The trial that gains most by what was found."""
     if evidence.compared is None:
         return
     base, extended = evidence.compared
     name, axis = base.run.trial.name, base.run.trial.axis
-    yield _picture(
+    yield Sketch(
         "diagnosis_gain",
         findings.gain_over_time(base, extended),
         caption=f"{name}, the trial that gains most: {axis.rate_words} measured, simulated without and with what was "
@@ -321,7 +339,7 @@ def _compared(evidence: Evidence) -> Iterator[Picture]:
     )
 
 
-def _left_over(evidence: Evidence) -> Iterator[Picture]:
+def _left_over(evidence: Evidence) -> Iterator[Sketch]:
     diagnosis = evidence.diagnosis
     if evidence.runs is None or diagnosis is None or diagnosis.base is None or diagnosis.extended is None:
         return
@@ -332,7 +350,7 @@ def _left_over(evidence: Evidence) -> Iterator[Picture]:
     before = left_by_all(runs, diagnosis.base.model, vehicle)
     after = left_by_all(runs, diagnosis.extended.model, vehicle)
     was, now = _root_mean_square(before), _root_mean_square(after)
-    yield _picture(
+    yield Sketch(
         "diagnosis_residuals",
         left_over.left_over(before, after, runs.cutoff),
         caption=f"Residual {axis.push} of the models without and with what was found: its mean against rate and "
@@ -349,7 +367,7 @@ def _root_mean_square(items: Sequence[Residual]) -> str:
     return number(left, ".3g")
 
 
-def _closed_loop(evidence: Evidence) -> Iterator[Picture]:
+def _closed_loop(evidence: Evidence) -> Iterator[Sketch]:
     control = evidence.control
     if control is None:
         return
@@ -357,7 +375,7 @@ def _closed_loop(evidence: Evidence) -> Iterator[Picture]:
     effects = bool(control.model.effects)
     full = {run.name: run.measures for run in control.runs if run.model_aid and run.effects_known == effects}
     steps = "; ".join(f"{name}, {number(full[name].overshoot_deg, '.1f')} deg too far" for name in courses)
-    yield _picture(
+    yield Sketch(
         "closed_loop",
         closed_loop.closed_loop(courses, control.bandwidth),
         caption="Steps of the wanted heading, simulated without noise and disturbance: heading against set point, and "

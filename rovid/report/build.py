@@ -97,6 +97,12 @@ def build_report(
         notes=tuple(notes),
     )
     yaw = study.vehicle.axis is YAW
+    guess = study.vehicle.guess
+    if guess and yaw:
+        # What hangs on a guess is shown, and not handed on.
+        why = guess.refusal
+        evidence = replace(evidence, control_refusal=why * controlled, export_refusal=why * exported)
+        controlled = exported = False
     if controlled and yaw:
         control, refusal = designed_control(study, stored, report)
         evidence = replace(evidence, control=control, control_refusal=refusal)

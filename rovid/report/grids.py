@@ -10,19 +10,24 @@ import numpy as np
 
 from rovid.campaign.trial import Campaign, Trial
 from rovid.campaign.vehicle import Vehicle
-from rovid.effects import effect_named
 from rovid.ground.arrays import FloatArray
 from rovid.ground.numbers import plus_minus
-from rovid.identify.estimate import Estimate
+from rovid.identify.estimate import Estimate, Ratio
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.model.names import base_names, unit_of
 from rovid.model.simulation import HORIZONS, TrialSimulation, overall
+from rovid.parameters.agreement import causes_in, off_by
 from rovid.parameters.parameters import sha256
 from rovid.report.evidence import Evidence
 from rovid.report.plots.inertia import method_interval, method_title
 from rovid.report.table import Column, Grid, Table, numbers, of_numbers, of_text, of_unlike, words
 from rovid.report.text import NOTHING, arm, column, like, number, positions, steady_state, title, unit
 
+_RATIOS = {
+    "inertia/quadratic_drag": "inertia over quadratic drag I/DQ",
+    "inertia/linear_drag": "time constant at rest I/DL",
+    "linear_drag/quadratic_drag": "linear over quadratic drag DL/DQ",
+}
 _NORMAL = 1.959964  # two-sided 95 % of the normal distribution
 
 
@@ -32,6 +37,12 @@ def parameters_grid(evidence: Evidence) -> Grid:
     # Parameters of different units share no decimal point.
     headings = of_text("parameter"), of_unlike("value"), of_text("unit"), of_text("95 % interval"), of_text("found by")
     table = Table("Parameters: value ± standard error", *headings)
+    for ratio in _ratios(evidence):
+        value = plus_minus(ratio.value, ratio.standard_error)
+        reach = _NORMAL * ratio.standard_error
+        table.add(
+            _RATIOS[ratio.name], value, ratio.unit, _from_to(value, (ratio.value - reach, ratio.value + reach)), ""
+        )
     # A dict for a set that keeps the order.
     for name in dict.fromkeys((*base_names(axis), *entries)):
         parameter = axis.words(title(name))
@@ -41,8 +52,17 @@ def parameters_grid(evidence: Evidence) -> Grid:
             table.add(parameter, "not determined", its_unit, NOTHING, NOTHING)
             continue
         value = plus_minus(entry.value, entry.standard_error)
-        table.add(parameter, value, unit(entry.unit), _interval(evidence, name, value), entry.method)
+        if evidence.vehicle.guess.marks(entry.unit):
+            table.add(parameter, f"guessed {value}", unit(entry.unit), NOTHING, entry.method)
+        else:
+            table.add(parameter, value, unit(entry.unit), _interval(evidence, name, value), entry.method)
     return table.grid()
+
+
+def _ratios(evidence: Evidence) -> tuple[Ratio, ...]:
+    """What stands in the place of placeholders: what does not hang on what is guessed."""
+    guess = evidence.vehicle.guess
+    return evidence.parameters.together().ratios if guess and guess.ratios_hold else ()
 
 
 def _interval(evidence: Evidence, name: str, text: str) -> str:
@@ -71,24 +91,31 @@ def estimate_behind(evidence: Evidence, name: str) -> Estimate | None:
     return None
 
 
+def is_behind(evidence: Evidence, estimate: Estimate) -> bool:
+    """Whether any parameter of the model is that of ``estimate``."""
+    return any(estimate_behind(evidence, name) is estimate for name in evidence.parameters.entries)
+
+
 def beside(evidence: Evidence, estimate: Estimate) -> list[str]:
-    """What ``estimate`` says of parameters of the model that come of another method, a sentence each."""
+    """What ``estimate`` says beside the model's parameters, where these come of another method, a paragraph each."""
     entries = evidence.parameters.entries
     known = [name for name in estimate.names if name in entries and name not in estimate.refused]
-    return [_beside(evidence, estimate, name) for name in known if estimate_behind(evidence, name) is None]
+    said = [_beside(evidence, estimate, name) for name in known if estimate_behind(evidence, name) is None]
+    # Of what the method noticed the model knows more.
+    return said if is_behind(evidence, estimate) else [*said, *estimate.warnings]
 
 
 def _beside(evidence: Evidence, estimate: Estimate, name: str) -> str:
-    axis, entry = evidence.axis, evidence.parameters.entries[name]
+    axis, entries = evidence.axis, evidence.parameters.entries
+    entry = entries[name]
     value, error = estimate.value(name), estimate.standard_error(name)
     model = plus_minus(entry.value, entry.standard_error)
     says = f"By {estimate.method} the {axis.words(title(name))} is {plus_minus(value, error)} {unit(entry.unit)}"
     if abs(value - entry.value) <= _NORMAL * math.hypot(error, entry.standard_error) or entry.value == 0.0:
         return f"{says}; the model of this page, by {entry.method}, has {model}."
-    share = 100.0 * (value / entry.value - 1.0)
-    effects = [axis.words(effect_named(key).title) for key in evidence.parameters.effects]
-    why = f", for it knows nothing of {' and '.join(effects)}" if effects else ""
-    return f"{says}, {abs(share):.2g} % {'above' if share > 0.0 else 'below'} the model's {model}{why}."
+    causes = axis.words(causes_in(entries))
+    why = f", for it knows nothing of {causes}" if causes else ""
+    return f"{says}, {off_by(value, entry.value)} {model}{why}."
 
 
 def thrusters_grid(vehicle: Vehicle) -> Grid:
@@ -104,7 +131,8 @@ def thrusters_grid(vehicle: Vehicle) -> Grid:
             continue
         commands = f"{curve.command[0]:g} … {curve.command[-1]:g}"
         least, most = column([curve.thrust.min(), curve.thrust.max()])
-        table.add(thruster.name, f"{thruster.arm:.4g}", commands, f"{least} … {most} N")
+        reach = f"{'guessed ' * thruster.arm_guessed}{thruster.arm:.4g}"
+        table.add(thruster.name, reach, commands, f"{'guessed ' * thruster.curve_guessed}{least} … {most} N")
     return table.grid()
 
 
@@ -169,7 +197,7 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def methods_grid(fit: InertiaFit, rigid_body: float | None) -> Grid:
+def methods_grid(fit: InertiaFit, rigid_body: float | None, *, used: bool) -> Grid:
     """Inertia by every method."""
     its_unit = unit(fit.estimate.unit("inertia"))
     headings = [of_text("method"), of_numbers("inertia", its_unit), of_text(f"95 % interval, {its_unit}")]
@@ -184,7 +212,7 @@ def methods_grid(fit: InertiaFit, rigid_body: float | None) -> Grid:
         cells = [method, value, _reach(fit, name, value)]
         if rigid_body is not None:
             cells.append(f"{reading.value / rigid_body:.3f}")
-        table.add(*cells, _remark(fit, name))
+        table.add(*cells, _remark(fit, name, used=used))
     return table.grid()
 
 
@@ -196,9 +224,9 @@ def _reach(fit: InertiaFit, name: str, text: str) -> str:
     return _from_to(text, interval)
 
 
-def _remark(fit: InertiaFit, name: str) -> str:
+def _remark(fit: InertiaFit, name: str, *, used: bool) -> str:
     if name == fit.chosen:
-        return "used"
+        return "used" if used else "the best of these"
     if name != "peak":
         return "for comparison"
     if fit.peak_bias is None:

@@ -86,7 +86,10 @@ def write_report(folder: Path, evidence: Evidence, *, claim: Claim | None = None
 
 def render_page(evidence: Evidence, album: Album, *, today: date) -> str:
     """The page as HTML, with the plots of ``album``."""
-    return _environment().get_template("page.html.j2").render(_context(evidence, album, today))
+    environment = _environment()
+    # Every table asks for it: those of macros too, which see no other context.
+    environment.globals["guess"] = evidence.vehicle.guess
+    return environment.get_template("page.html.j2").render(_context(evidence, album, today))
 
 
 def _environment() -> Environment:
@@ -204,10 +207,12 @@ def _warnings(evidence: Evidence) -> Iterator[str]:
 
 def _noticed(evidence: Evidence) -> Iterator[str]:
     """As `_warnings`, some more than once."""
-    campaign = evidence.campaign
+    campaign, diagnosis = evidence.campaign, evidence.diagnosis
     yield from evidence.notes
+    if diagnosis is not None:
+        yield from diagnosis.warnings
     for fit in (evidence.drag, evidence.inertia):
-        if fit is not None:
+        if fit is not None and grids.is_behind(evidence, fit.estimate):
             yield from fit.estimate.warnings
     for remarked in (campaign, evidence.runs):
         if remarked is not None:
@@ -272,9 +277,9 @@ def _left(evidence: Evidence) -> tuple[float, float, float] | None:
 
 
 def _added(evidence: Evidence) -> str:
-    """What the water adds to the rigid body's inertia, by the model; nothing where one of the two is not known."""
+    """What the water adds to the rigid body's inertia, by the model; nothing where one is not known or is guessed."""
     entry, rigid = evidence.parameters.entries.get("inertia"), evidence.vehicle.rigid_body_inertia
-    if entry is None or rigid is None:
+    if entry is None or rigid is None or evidence.vehicle.guess:
         return ""
     return f"{plus_minus(entry.value - rigid, entry.standard_error)} {unit(entry.unit)}"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from rovid.campaign.guesswork import Guesswork
 from rovid.report.text import aligned
 
 
@@ -25,6 +26,12 @@ class Grid:
     caption: str
     columns: tuple[Column, ...]
     total: bool = False
+
+    def hangs_on(self, guess: Guesswork) -> bool:
+        """Whether a number in it is a placeholder, by its unit."""
+        numeric = [column for column in self.columns if column.numeric]
+        named = [cell for column in self.columns if column.title == "unit" for cell in column.cells]
+        return any(map(guess.marks, (*(column.unit for column in numeric), *named)))
 
     @property
     def rows(self) -> list[tuple[tuple[Column, str], ...]]:

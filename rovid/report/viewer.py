@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rovid.campaign.axis import Axis
+from rovid.campaign.guesswork import Guesswork
 from rovid.ground.arrays import FloatArray
 from rovid.model.simulation import TrialSimulation
 from rovid.motion.rates import on_grid
@@ -45,7 +46,7 @@ def viewer_document(evidence: Evidence) -> dict[str, Any]:
     """What the viewer's script reads."""
     sides = (evidence.before, evidence.simulations) if evidence.before else (evidence.simulations,)
     return {
-        "panels": _panels(evidence.axis, found=bool(evidence.before)),
+        "panels": _panels(evidence.axis, evidence.vehicle.guess, found=bool(evidence.before)),
         "trials": [_trial(each) for each in series_of(*sides)],
     }
 
@@ -134,7 +135,7 @@ def _position_error(item: TrialSimulation) -> FloatArray:
     return trial.axis.shown[1] * on_grid(trial, item.position - trial.position, trial.time)
 
 
-def _panels(axis: Axis, *, found: bool) -> list[dict[str, Any]]:
+def _panels(axis: Axis, guess: Guesswork, *, found: bool) -> list[dict[str, Any]]:
     """Each panel from the top: its words, its height in pixels, and its lines as columns, one less another."""
     looks = [("simulated", "simulated")]
     if found:
@@ -146,8 +147,9 @@ def _panels(axis: Axis, *, found: bool) -> list[dict[str, Any]]:
         rates.append(_line(*look, simulated))
         misses.append(_line(*look, simulated, _MEASURED))
         drifts.append(_line(*look, position_error))
+    by = f", by guessed {guess.words}" if guess else ""
     return [
-        _panel(axis.push, axis.push_unit, 110, torques),
+        _panel(axis.push + by, axis.push_unit, 110, torques),
         _panel(axis.rate_words, axis.rate_unit, 240, rates),
         _panel(f"{axis.rate_words}, simulated less measured", axis.rate_unit, 130, misses),
         _panel(f"{axis.position_words}, simulated less measured", axis.shown[0], 130, drifts),

@@ -18,12 +18,14 @@ from matplotlib.text import Text
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
+from rovid.campaign.guesswork import Guesswork
 from rovid.ground.arrays import FloatArray, IntArray
 from rovid.ground.errors import visible
 from rovid.ground.files.form import plot_mark
 
 # Okabe and Ito's palette: told apart by every kind of colour vision; markers and dashes say the same again.
 BLACK, BLUE, ORANGE, GREEN, GREY, PALE = "#111111", "#0072B2", "#D55E00", "#009E73", "#767676", "#8CBFE6"
+RED = "#B3001B"
 STYLE: dict[str, Any] = {
     "axes.edgecolor": "#444444",
     "axes.formatter.limits": (-4, 5),
@@ -106,6 +108,16 @@ def sheet(
         for row in panels[:-1]:
             row[0].tick_params(labelbottom=False)
     return figure, panels
+
+
+@styled
+def with_guess(figure: Figure, guess: Guesswork) -> Figure:
+    """``figure``, with what is guessed of it in a corner, where the label of an axis names a unit that hangs on it."""
+    labels = [text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel())]
+    units = [label.rpartition(",")[2].strip() for label in labels]
+    if any(map(guess.marks, units)):
+        figure.text(0.995, 0.003, f"by guessed {guess.words}", color=RED, ha="right", va="bottom", weight="bold")
+    return figure
 
 
 @styled
