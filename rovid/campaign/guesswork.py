@@ -62,6 +62,11 @@ class Guesswork:
         return f"Guessed by rovid init, not measured: {self.words}. {self._consequence}"
 
     @property
+    def stamp(self) -> str:
+        """For a file in any format: without the names of thrusters, which may hold anything."""
+        return "PLACEHOLDERS: arms or thrust curves are guesses." if self else ""
+
+    @property
     def refusal(self) -> str:
         """Why nothing is handed on that hangs on it, and how to mend that; empty where nothing is guessed."""
         if not self.items:

@@ -83,7 +83,7 @@ def export(
     remarks, guess = require_holding(stored, study), guess_of(stored, study)
     require_measured(stored, guess, force=force)
     with busy("Simulating …"):
-        made = make(function, subject_of(stored, study))
+        made = make(function, replace(subject_of(stored, study), guess=guess))
     made = replace(made, warnings=(*made.warnings, *remarks))
     claim.write({target: made.content})
     if json:

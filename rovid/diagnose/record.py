@@ -125,7 +125,8 @@ class Diagnosis:
 
 def not_identifiable(vehicle: Vehicle) -> tuple[str, ...]:
     """What data of ``vehicle`` cannot show at all."""
-    if not vehicle.thrusters:
+    # Tables know their torque without a thruster; logs without one are of what rights itself.
+    if not vehicle.thrusters and vehicle.axis.rights:
         return ("inertia", "rate_scale")
     thrusters = [thruster for thruster in vehicle.thrusters if thruster.curve is not None]
     if len(thrusters) > 1:
