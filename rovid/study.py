@@ -67,7 +67,11 @@ class Study:
     def origin(self) -> Origin:
         """What an estimate of this study comes of; every log is read for its digest."""
         return Origin(
-            logs=absolute(self.paths), vehicle=self.vehicle.name, sources=self._sources, settings=self.settings
+            logs=absolute(self.paths),
+            vehicle=self.vehicle.name,
+            sources=self._sources,
+            settings=self.settings,
+            options="" if self.runs is None or self.runs.chosen else f"--cutoff {self.runs.cutoff:g}",
         )
 
     @cached_property

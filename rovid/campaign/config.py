@@ -53,6 +53,7 @@ _VEHICLE_KEYS = ("name", *_VEHICLE_NUMBERS)
 _ARMS = tuple(axis.arm for axis in AXES.values())
 # Behind a key's name: whether its value is a guess of `rovid init`.
 GUESSED = "_guessed"
+_OLD_GUESSES = b"# Written by `rovid init`, which looked at "
 _MARKS = tuple(f"{key}{GUESSED}" for key in (*_ARMS, "curve"))
 _THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside", *_MARKS)
 _NOT_SOURCES = ("unit", "sign")
@@ -208,7 +209,20 @@ def load_config(path: Path, axis: Axis = YAW) -> Config:
     ConfigError
         With the place inside the file, what was found and what was wanted.
     """
-    return _Reader(path, axis).config(read_toml(path))
+    document = read_toml(path)
+    if path.read_bytes().startswith(_OLD_GUESSES):
+        _mark_old_guesses(document)
+    return _Reader(path, axis).config(document)
+
+
+def _mark_old_guesses(document: Mapping[str, Any]) -> None:
+    """Put in the marks that `rovid init` did not write before 0.3, where the values are still its own."""
+    blocks = document.get("thrusters", [])
+    for block in filter(lambda one: isinstance(one, dict), blocks if isinstance(blocks, list) else ()):
+        if block.get(YAW.arm) in {1.0, -1.0}:
+            block.setdefault(YAW.arm + GUESSED, True)
+        if block.get("curve") == "thrust_guess.csv":
+            block.setdefault("curve" + GUESSED, True)
 
 
 def vehicle_of_tables(paths: Sequence[Path]) -> Vehicle:

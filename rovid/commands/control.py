@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from rovid.commands.manual import Page
-from rovid.commands.options import Force, Json, OptionalLogs, ParameterFile
+from rovid.commands.options import ForceGuess, Json, OptionalLogs, ParameterFile
 from rovid.commands.session import (
     busy,
     claim_of,
@@ -31,6 +31,7 @@ PAGE = Page(
     that the file holds. --c and --python write the controller as source.
 
     Use it for gains, or to judge your own. The damping ratio is that of the identified yaw inertia. Yaw alone.
+    Parameters that no longer hold are refused, and those that rest on guessed arms or curves without --force.
     """,
     examples=(
         ("Gains, margins and runs for the identified vehicle", "rovid control"),
@@ -94,7 +95,7 @@ def control(
         typer.Option("--python", metavar="FILE", help="Write it as Python into this file.", show_default=False),
     ] = None,
     parameters: ParameterFile = None,
-    force: Force = False,
+    force: ForceGuess = False,
     json: Json = False,
 ) -> None:
     """Design a heading controller."""

@@ -10,7 +10,7 @@ import typer
 
 from rovid.commands import completion
 from rovid.commands.manual import Page
-from rovid.commands.options import Force, Json, ParameterFile
+from rovid.commands.options import ForceGuess, Json, ParameterFile
 from rovid.commands.session import (
     busy,
     claim_of,
@@ -33,6 +33,7 @@ PAGE = Page(
     size. Yaw alone.
 
     Thrusters and the largest rate come from the logs that the parameter file remembers, where they are there.
+    Parameters that no longer hold are refused, and those that rest on guessed arms or curves without --force.
     """,
     examples=(
         ("For Gazebo", "rovid export gz-sim -o model.sdf"),
@@ -64,7 +65,7 @@ def export(
         ),
     ] = None,
     parameters: ParameterFile = None,
-    force: Force = False,
+    force: ForceGuess = False,
     json: Json = False,
 ) -> None:
     """Write the model in the format of a simulator."""

@@ -81,7 +81,7 @@ def fit(
     with busy("Maximising the likelihood …"):
         result = study.likelihood(effects, gyro=gyro)
     result = replace(result, estimate=compared(stored, study, result.estimate, notes))
-    stored = put(stored, claim, study, result.estimate)
+    stored = put(stored, claim, study, result.estimate, "--gyro" * gyro)
     if json:
         print_json(likelihood_document(result, study))
     else:

@@ -69,13 +69,15 @@ def compared(stored: Parameters, study: Study, estimate: Estimate, notes: Sequen
     return replace(estimate, warnings=(*estimate.warnings, *notes, *apart))
 
 
-def put(stored: Parameters, claim: Claim, study: Study, estimate: Estimate) -> Parameters:
+def put(stored: Parameters, claim: Claim, study: Study, estimate: Estimate, *options: str) -> Parameters:
     """Put an estimate into the parameter file, with what it comes of, and take out what no longer holds beside it."""
     from rovid.parameters.update import update
 
     def change(now: Parameters) -> Parameters:
         held, _ = standing_now(now, study)
-        return held.with_estimate(estimate, study.origin)
+        origin = study.origin
+        given = " ".join(filter(None, (origin.options, *options)))
+        return held.with_estimate(estimate, replace(origin, options=given))
 
     return update(stored, claim, change)
 

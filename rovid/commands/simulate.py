@@ -28,6 +28,8 @@ PAGE = Page(
     alone, and prints R^2, fit % and root mean square error of the rate, and the error of the heading after 10 s
     and 60 s. --mcap writes measurement, simulation and what is left over as recordings.
 
+    Parameters that no longer hold, because rovid.toml, a thrust curve or a log has changed since, are refused.
+
     Use it to judge a model: a free simulation hides nothing. Give LOGS that the fit never saw for an honest test.
     """,
     examples=(

@@ -97,7 +97,7 @@ def export(function: Exporter, subject: Subject) -> Exported:
 
 
 def _marked(content: str | bytes, guess: Guesswork) -> str | bytes:
-    """``content`` with a word on what is guessed behind the words by which it is known; JSON and MATLAB have their own."""
+    """``content`` with a word on what is guessed where it says who wrote it; JSON and MATLAB have their own."""
     if not guess or isinstance(content, bytes):
         return content
     return re.sub(rf"{export_mark('')}[^.\n]*\.", rf"\g<0> {guess.stamp}", content, count=1)

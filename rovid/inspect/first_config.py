@@ -316,8 +316,8 @@ def logs_in_words(survey: Survey) -> str:
 
 
 def _head(survey: Survey) -> Iterator[str]:
-    yield f"# Written by `rovid init`, which looked at {logs_in_words(survey)}. Each guess says why: correct what is"
-    yield "# wrong."
+    yield f"# Written by `rovid init` from {logs_in_words(survey)}. Each guess says why: correct what is wrong. A line"
+    yield "# *_guessed = true marks what no log can tell, and every number that hangs on it."
     yield ""
     yield "[vehicle]"
     yield f"name = {toml_text(survey.folder.resolve().name)}"

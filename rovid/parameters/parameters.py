@@ -35,12 +35,13 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """One parameter: its value, standard error, unit, and how it was found."""
+    """One parameter: its value, standard error, unit, and how it was found: the method, and options that were given."""
 
     value: float
     standard_error: float
     unit: str
     method: str
+    options: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,12 +56,13 @@ class Source:
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """What an estimate comes of: LOGS as given, absolute; the logs in them; what of rovid.toml they were read by."""
+    """What an estimate comes of: LOGS as given, absolute; the logs in them; what of rovid.toml and which options."""
 
     logs: tuple[Path, ...]
     vehicle: str
     sources: tuple[Source, ...]
     settings: Settings
+    options: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +99,7 @@ class Parameters:
 
     def with_estimate(self, estimate: Estimate, origin: Origin | None = None) -> Parameters:
         """The same with the parameters of ``estimate`` put in or replaced; they come of ``origin``, if one is told."""
-        found = self._with(estimate)
+        found = self._with(estimate, "" if origin is None else origin.options)
         if origin is None:
             return found
         others = found.entries.keys() - set(estimate.names)
@@ -112,14 +114,14 @@ class Parameters:
             settings=None if unknown else origin.settings,
         )
 
-    def _with(self, estimate: Estimate) -> Parameters:
+    def _with(self, estimate: Estimate, options: str) -> Parameters:
         stale = set(estimate.names)
         covariance = {pair: value for pair, value in self.covariance.items() if stale.isdisjoint(pair)}
         # Effects belong to the fit that found them: another fit of the inertia does without, or finds them anew.
         if "inertia" in estimate.names:
             stale.update(filter(_of_an_effect, self.entries))
         entries = {name: entry for name, entry in self.entries.items() if name not in stale}
-        entries |= _entries(estimate)
+        entries |= _entries(estimate, options)
         covariance |= _covariance(estimate)
         return replace(self, entries=entries, covariance=covariance)
 
@@ -232,7 +234,8 @@ class Parameters:
     def _written(self, entry: Entry) -> dict[str, Any]:
         """One parameter for the file; whoever looks at it alone learns there that it is a placeholder."""
         marked = self.settings is not None and self.settings.guess.marks(entry.unit)
-        return asdict(entry) | ({"placeholder": True} if marked else {})
+        written = asdict(entry) | ({"placeholder": True} if marked else {})
+        return {key: value for key, value in written.items() if value != ""}
 
     @property
     def output(self) -> Output:
@@ -281,7 +284,7 @@ def _value(entry: Entry | None) -> float:
     return entry.value
 
 
-def _entries(estimate: Estimate) -> dict[str, Entry]:
+def _entries(estimate: Estimate, options: str) -> dict[str, Entry]:
     """What an estimate says, but for what it refuses to say."""
     entries = {}
     for name in estimate.names:
@@ -291,6 +294,7 @@ def _entries(estimate: Estimate) -> dict[str, Entry]:
                 standard_error=estimate.standard_error(name),
                 unit=estimate.unit(name),
                 method=estimate.method,
+                options=options,
             )
     return entries
 

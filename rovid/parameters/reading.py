@@ -85,7 +85,13 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
 def _entry(name: str, written: Mapping[str, Any]) -> Entry:
     value = _number(written["value"], name)
     error = _number_or_nan(written["standard_error"], f"standard_error of {name}")
-    return Entry(value=value, standard_error=error, unit=str(written["unit"]), method=str(written["method"]))
+    return Entry(
+        value=value,
+        standard_error=error,
+        unit=str(written["unit"]),
+        method=str(written["method"]),
+        options=str(written.get("options", "")),
+    )
 
 
 def _check_entry(name: str, entry: Entry) -> None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from rovid.campaign.config import find_config, load_config
 from rovid.campaign.settings import Settings
 from rovid.ground.errors import RovidError
-from rovid.parameters.parameters import Origin, Parameters, Source, sha256
+from rovid.parameters.parameters import Origin, Parameters, sha256
 
 _NAMED = 3
 
@@ -66,22 +67,26 @@ def _changed_settings(stored: Parameters, own: Settings | None, origin: Origin |
 
 
 def _changed_logs(stored: Parameters, origin: Origin | None) -> Iterator[str]:
-    same = origin is not None and origin.logs == stored.logs
-    now = {source.name: source.sha256 for source in origin.sources} if origin is not None and same else {}
+    known = () if origin is None else origin.sources
+    # Large logs are read once for their digest.
+    digests = {source.path: source.sha256 for source in known}
+    named = {source.name: source.sha256 for source in known if origin is not None and origin.logs == stored.logs}
     for source in stored.sources:
         if source.path is None:
-            if now.get(source.name, source.sha256) != source.sha256:
-                yield f"{source.name} has changed"
+            changed = named.get(source.name, source.sha256) != source.sha256
         elif source.path.is_file():
-            if sha256(source.path) != source.sha256:
-                yield f"{source.name} has changed"
-        elif _is_gone(stored, source):
-            yield f"{source.name} is gone"
+            changed = (digests.get(source.path) or sha256(source.path)) != source.sha256
+        else:
+            changed = False
+            if _is_gone(stored, source.path):
+                yield f"{source.name} is gone"
+        if changed:
+            yield f"{source.name} has changed"
 
 
-def _is_gone(stored: Parameters, source: Source) -> bool:
-    """Whether the log is missing where others of its folder, or the folder, are still there."""
-    return source.path is not None and any(path.exists() for path in (source.path.parent, *stored.logs))
+def _is_gone(stored: Parameters, log: Path) -> bool:
+    """Whether the ``log`` is missing where its folder, or what LOGS were, is still there."""
+    return any(path.exists() for path in (log.parent, *stored.logs))
 
 
 def _remarks(stored: Parameters, own: Settings | None, origin: Origin | None) -> Iterator[str]:

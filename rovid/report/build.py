@@ -100,7 +100,7 @@ def build_report(
     guess = study.vehicle.guess
     if guess and yaw:
         # What hangs on a guess is shown, and not handed on.
-        why = guess.refusal
+        why = f"{stored.path.name} {guess.refusal}"
         evidence = replace(evidence, control_refusal=why * controlled, export_refusal=why * exported)
         controlled = exported = False
     if controlled and yaw:
@@ -132,9 +132,11 @@ def _holding(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
     origin, found = study.origin, standing(stored, study.origin)
     known = {source.name for source in stored.sources}
     other = stored.logs and (stored.logs != origin.logs or any(source.name not in known for source in origin.sources))
-    if not found.changed and not other:
+    otherwise = any(origin.options not in entry.options for entry in stored.entries.values())
+    if not found.changed and not other and not otherwise:
         return stored, list(found.remarks)
-    why = found.why or "these are other logs than those that it was fitted to"
+    options = f"it was fitted without {origin.options}" if otherwise else ""
+    why = found.why or ("these are other logs than those that it was fitted to" if other else options)
     return stored.emptied(), [f"{stored.path.name} no longer held, and was fitted again: {why}."]
 
 

@@ -17,7 +17,7 @@ from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.model.names import base_names, unit_of
 from rovid.model.simulation import HORIZONS, TrialSimulation, overall
 from rovid.parameters.agreement import causes_in, off_by
-from rovid.parameters.parameters import sha256
+from rovid.parameters.parameters import Entry, sha256
 from rovid.report.evidence import Evidence
 from rovid.report.plots.inertia import method_interval, method_title
 from rovid.report.table import Column, Grid, Table, numbers, of_numbers, of_text, of_unlike, words
@@ -53,10 +53,14 @@ def parameters_grid(evidence: Evidence) -> Grid:
             continue
         value = plus_minus(entry.value, entry.standard_error)
         if evidence.vehicle.guess.marks(entry.unit):
-            table.add(parameter, f"guessed {value}", unit(entry.unit), NOTHING, entry.method)
+            table.add(parameter, f"guessed {value}", unit(entry.unit), NOTHING, _found_by(entry))
         else:
-            table.add(parameter, value, unit(entry.unit), _interval(evidence, name, value), entry.method)
+            table.add(parameter, value, unit(entry.unit), _interval(evidence, name, value), _found_by(entry))
     return table.grid()
+
+
+def _found_by(entry: Entry) -> str:
+    return f"{entry.method} ({entry.options})" if entry.options else entry.method
 
 
 def _ratios(evidence: Evidence) -> tuple[Ratio, ...]:
@@ -98,24 +102,24 @@ def is_behind(evidence: Evidence, estimate: Estimate) -> bool:
 
 def beside(evidence: Evidence, estimate: Estimate) -> list[str]:
     """What ``estimate`` says beside the model's parameters, where these come of another method, a paragraph each."""
-    entries = evidence.parameters.entries
+    axis, entries = evidence.axis, evidence.parameters.entries
     known = [name for name in estimate.names if name in entries and name not in estimate.refused]
-    said = [_beside(evidence, estimate, name) for name in known if estimate_behind(evidence, name) is None]
+    apart = [_apart(evidence, estimate, name) for name in known if estimate_behind(evidence, name) is None]
+    causes = axis.words(causes_in(entries))
+    why = f" It knows nothing of {causes}." if causes else ""
+    said = [f"By {estimate.method}: {', '.join(apart)}.{why}"] if apart else []
     # Of what the method noticed the model knows more.
     return said if is_behind(evidence, estimate) else [*said, *estimate.warnings]
 
 
-def _beside(evidence: Evidence, estimate: Estimate, name: str) -> str:
-    axis, entries = evidence.axis, evidence.parameters.entries
-    entry = entries[name]
+def _apart(evidence: Evidence, estimate: Estimate, name: str) -> str:
+    """One parameter by another method, and how far it is from the model's."""
+    entry = evidence.parameters.entries[name]
     value, error = estimate.value(name), estimate.standard_error(name)
-    model = plus_minus(entry.value, entry.standard_error)
-    says = f"By {estimate.method} the {axis.words(title(name))} is {plus_minus(value, error)} {unit(entry.unit)}"
+    shown = f"{evidence.axis.words(title(name))} {plus_minus(value, error)} {unit(entry.unit)}"
     if abs(value - entry.value) <= _NORMAL * math.hypot(error, entry.standard_error) or entry.value == 0.0:
-        return f"{says}; the model of this page, by {entry.method}, has {model}."
-    causes = axis.words(causes_in(entries))
-    why = f", for it knows nothing of {causes}" if causes else ""
-    return f"{says}, {off_by(value, entry.value)} {model}{why}."
+        return f"{shown} (as the model, within their errors)"
+    return f"{shown} ({off_by(value, entry.value)})"
 
 
 def thrusters_grid(vehicle: Vehicle) -> Grid:

@@ -45,6 +45,23 @@ def written(folder: Path, text: str = GOOD, curve: str = "command,thrust_N\n-5,-
     return path
 
 
+def test_marks_of_guesses_are_read(tmp_path: Path) -> None:
+    text = GOOD.replace("yaw_arm = 0.43", "yaw_arm = 0.43\nyaw_arm_guessed = true\ncurve_guessed = true")
+    fore, aft = load_config(written(tmp_path, text)).vehicle.thrusters
+    assert (fore.arm_guessed, fore.curve_guessed, aft.arm_guessed) == (True, True, False)
+    with pytest.raises(ConfigError, match=r"'fore' yaw_arm_guessed: is 1; true or false was expected"):
+        load_config(written(tmp_path, text.replace("yaw_arm_guessed = true", "yaw_arm_guessed = 1")))
+
+
+def test_guesses_of_an_older_init_are_known_as_such(tmp_path: Path) -> None:
+    head = "# Written by `rovid init`, which looked at 7 logs. Each guess says why: correct what is\n# wrong.\n"
+    text = head + GOOD.replace("yaw_arm = 0.43", "yaw_arm = 1.0")
+    assert load_config(written(tmp_path, text)).vehicle.guess.items == ("yaw_arm of fore",)
+    confirmed = text.replace("yaw_arm = 1.0", "yaw_arm = 1.0\nyaw_arm_guessed = false")
+    assert not load_config(written(tmp_path, confirmed)).vehicle.guess
+    assert not load_config(written(tmp_path, "\n" + text)).vehicle.guess
+
+
 def test_everything_is_read(tmp_path: Path) -> None:
     config = load_config(written(tmp_path))
     assert config.vehicle.name == "Test vehicle"

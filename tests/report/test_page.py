@@ -210,9 +210,10 @@ def test_other_methods_stand_beside_the_model_as_what_they_are(day: Evidence) ->
     other = replace(entry, value=55.0, method="maximum likelihood")
     entries = {**day.parameters.entries, "quadratic_drag": other, "thruster_lag.time_constant": lag}
     text = shown_text(without_plots(replace(day, parameters=replace(day.parameters, entries=entries))))
-    assert "By steady turns, weighted least squares the quadratic drag DQ is 39.7" in text
-    assert "28 % below the model's 55.0" in text
-    assert "for it knows nothing of thruster lag." in text
+    assert re.search(
+        r"By steady turns, [^:]*: quadratic drag DQ 39\.7\d* ± 0\.20\d* N m s²/rad² \(28 % below the model's\)\.", text
+    )
+    assert "It knows nothing of thruster lag." in text
     assert "Read this before" not in text
 
 
@@ -222,8 +223,7 @@ def test_another_method_within_its_error_is_beside_it_too(day: Evidence) -> None
     stored = replace(day.parameters, entries={**day.parameters.entries, "inertia": other})
     text = shown_text(without_plots(replace(day, parameters=stored)))
     assert "Read this before" not in text
-    assert "By orbit integral over whole periods the inertia I is" in text
-    assert "the model of this page, by maximum likelihood, has" in text
+    assert re.search(r"By orbit integral over whole periods: inertia I \S+ ± \S+ kg m² \(as the model, within", text)
 
 
 def test_without_holds_the_refusal_stands_in_place_of_the_drag(day: Evidence, tmp_path: Path) -> None:
