@@ -35,6 +35,7 @@ from rovid.report.plots import (
     thrust,
 )
 from rovid.report.residual import Residual, left_by_all, residuals_of, sizes
+from rovid.report.stages import worst_first
 from rovid.report.text import number, steady_state, unit
 
 # A page with more large trial plots than this is slow to open on a tablet; the overview shows all trials.
@@ -307,15 +308,16 @@ def _rivals_of(finding: Finding) -> Picture:
 
 
 def _compared(evidence: Evidence) -> Iterator[Picture]:
-    """The trial that gains most by what was found."""
-    if evidence.compared is None:
+    """The trial that was simulated worst, without and with what was found."""
+    if not evidence.before:
         return
-    base, extended = evidence.compared
+    worst, *_ = worst_first(evidence.before)
+    base, extended = evidence.before[worst], evidence.after[worst]
     name, axis = base.run.trial.name, base.run.trial.axis
     yield _picture(
         "diagnosis_gain",
         findings.gain_over_time(base, extended),
-        caption=f"{name}, the trial that gains most: {axis.rate_words} measured, simulated without and with what was "
+        caption=f"{name}, the worst trial: {axis.rate_words} measured, simulated without and with what was "
         "found, and what either simulation misses.",
         alt=f"{name}: what was found takes the error of the simulated {axis.rate_words} from "
         f"{number(base.fit.rmse, '.2g')} to {number(extended.fit.rmse, '.2g')} {axis.rate_unit}.",

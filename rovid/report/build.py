@@ -10,9 +10,7 @@ from typing import TypeVar
 from rovid.campaign.axis import YAW
 from rovid.control.loop_design import Control, control_of
 from rovid.control.setting import Options, setting_of
-from rovid.diagnose.parts import parts_of
 from rovid.diagnose.record import Diagnosis
-from rovid.diagnose.signals import is_signal
 from rovid.export import FORMATS
 from rovid.export.exporting import Exported, export, exporter_of
 from rovid.export.subject import subject_of
@@ -26,6 +24,7 @@ from rovid.parameters.parameters import Parameters
 from rovid.parameters.update import update
 from rovid.report.evidence import Evidence
 from rovid.report.page import claim_report, write_report
+from rovid.report.stages import stages_of
 from rovid.study import Study, files_at_hand
 
 _T = TypeVar("_T")
@@ -100,12 +99,9 @@ def build_report(
 
 
 def _simulated(evidence: Evidence, study: Study) -> Evidence:
-    """With every trial simulated, by the parameter file's model and with what the diagnosis found."""
-    evidence = replace(evidence, simulations=_simulations(study, evidence.parameters))
-    diagnosis = evidence.diagnosis
-    if diagnosis is None:
-        return evidence
-    return replace(evidence, extended=_extended(study, diagnosis), compared=most_improved(study, diagnosis))
+    """With every trial simulated, by the parameter file's model, and without and with what the diagnosis found."""
+    stages = () if evidence.diagnosis is None else stages_of(study, evidence.diagnosis)
+    return replace(evidence, simulations=_simulations(study, evidence.parameters), stages=stages)
 
 
 def _completed(stored: Parameters, study: Study, estimates: Mapping[str, Estimate | None]) -> Parameters:
@@ -188,34 +184,6 @@ def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...
     return tuple(simulate_runs(study.runs.items, _model_of(study, stored), study.vehicle))
 
 
-def _extended(study: Study, diagnosis: Diagnosis) -> tuple[TrialSimulation, ...]:
-    """Every trial simulated with what was found; none where nothing was, or it follows a signal of trials in parts."""
-    side = diagnosis.extended
-    if study.runs is None or side is None or not side.model.effects:
-        return ()
-    if any(map(is_signal, side.model.effects)) and parts_of(study.runs.items, study.vehicle, study.runs.cutoff):
-        return ()
-    return tuple(simulate_runs(study.runs.items, side.model, study.vehicle))
-
-
 def _whole(stored: Parameters) -> bool:
     """Whether the file has all that a simulation needs."""
     return {"inertia", "quadratic_drag"} <= set(stored.entries)
-
-
-def most_improved(study: Study, diagnosis: Diagnosis) -> tuple[TrialSimulation, TrialSimulation] | None:
-    """The trial whose simulated rate what was found improves most, without and with it; None where it does not."""
-    base, extended = diagnosis.base, diagnosis.extended
-    if study.runs is None or base is None or extended is None or not extended.model.effects:
-        return None
-    # Few trials are diagnosed in parts, and a part is simulated from its own start.
-    runs = (parts_of(study.runs.items, study.vehicle, study.runs.cutoff) or study.runs).items
-    before = simulate_runs(runs, base.model, study.vehicle)
-    after = simulate_runs(runs, extended.model, study.vehicle)
-    most, best = 0.0, None
-    for pair in zip(before, after, strict=True):
-        without, with_it = pair
-        gain = without.fit.rmse - with_it.fit.rmse
-        if gain > most:
-            most, best = gain, pair
-    return best

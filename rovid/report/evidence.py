@@ -16,6 +16,7 @@ from rovid.identify.steady import DragFit
 from rovid.model.simulation import TrialSimulation
 from rovid.motion.runs import Runs
 from rovid.parameters.parameters import Parameters
+from rovid.report.stages import Stage
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,10 +24,9 @@ class Evidence:
     """What the logs gave; where something is missing its refusal says why.
 
     ``campaign`` and ``runs`` are None where tables stood in place of logs. ``diagnosis`` is None where there was none:
-    with a refusal it was not possible, without one it was not wanted. ``extended`` is in step with ``simulations``, the
-    same trials simulated with what it found, and empty where it found nothing; ``compared`` is one trial, simulated
-    without and with it. ``control`` and ``exports``, by the format's name, are None as ``diagnosis`` is, and along
-    other axes than yaw.
+    with a refusal it was not possible, without one it was not wanted. ``stages`` has every trial simulated with none of
+    what it found first, with all of it last; it is empty without a diagnosis of logs. ``control`` and ``exports``, by
+    the format's name, are None as ``diagnosis`` is, and along other axes than yaw.
     """
 
     vehicle: Vehicle
@@ -38,10 +38,9 @@ class Evidence:
     inertia: InertiaFit | None
     inertia_refusal: str
     simulations: tuple[TrialSimulation, ...]
-    extended: tuple[TrialSimulation, ...] = ()
+    stages: tuple[Stage, ...] = ()
     diagnosis: Diagnosis | None = None
     diagnosis_refusal: str = ""
-    compared: tuple[TrialSimulation, TrialSimulation] | None = None
     control: Control | None = None
     control_refusal: str = ""
     exports: Mapping[str, Exported] | None = None
@@ -51,3 +50,13 @@ class Evidence:
     def axis(self) -> Axis:
         """The degree of freedom that the page is about."""
         return self.vehicle.axis
+
+    @property
+    def before(self) -> tuple[TrialSimulation, ...]:
+        """Every trial simulated without what was found; by the parameter file's model where nothing was looked for."""
+        return self.stages[0].simulations if self.stages else self.simulations
+
+    @property
+    def after(self) -> tuple[TrialSimulation, ...]:
+        """The same with all that was found."""
+        return self.stages[-1].simulations if self.stages else self.simulations

@@ -1,23 +1,25 @@
-// The viewer of the trials: panels one under another that zoom and pan together. What it draws stands in the page as
-// JSON; rovid/report/viewer.py says what that holds.
+// The viewer of the trials: panels one under another that zoom and pan together, and a switch for each cause that was
+// found. What it draws stands in the page as JSON; rovid/report/viewer.py says what that holds.
 (() => {
   "use strict";
   const block = document.getElementById("viewer-data");
   if (!block) return;
-  const { panels, trials } = JSON.parse(block.textContent);
+  const { panels, trials, causes, stages, missed, measures } = JSON.parse(block.textContent);
   const byId = (name) => document.getElementById(`viewer-${name}`);
   const [root, list, stage, range, detail] = ["root", "trial", "panels", "range", "detail"].map(byId);
+  const switches = [...document.querySelectorAll("#viewer-causes input")];
 
   // Width and dashes tell lines apart where colour does not.
   const LOOKS = {
     applied: { width: 1.3 },
     measured: { width: 5 },
+    without: { width: 1.4, dash: [6, 4] },
     simulated: { width: 1.4 },
-    found: { width: 1.8, dash: [9, 3, 2, 3] },
   };
   const LEAST_SAMPLES = 8; // no closer zoom than to so many
   const AXIS_WIDTH = 62; // of all panels alike: instants stand one under another
-  let charts = [], readings = [], trial, view = [0, 1];
+  const ALL = stages.length - 1;
+  let charts = [], readings = [], trial, view = [0, 1], on = ALL; // which stage the simulation shows
 
   // ---- data
 
@@ -50,11 +52,13 @@
     }
   }
 
-  function values(level, { column, less }, first, last) {
-    const out = new Array(last - first);
+  function values(level, { look, column, plus, less, staged }, first, last) {
+    const out = new Array(last - first).fill(null);
+    if (look === "without" && on === 0) return out; // the simulation is that itself
+    const own = level[column + (look === "simulated" ? staged * on : 0)];
     for (let k = first; k < last; k++) {
-      const value = less === null ? level[column][k] : level[column][k] - level[less][k];
-      out[k - first] = Number.isNaN(value) ? null : value;
+      const value = own[k] + (plus === null ? 0 : level[plus][k]) - (less === null ? 0 : level[less][k]);
+      if (!Number.isNaN(value)) out[k - first] = value;
     }
     return out;
   }
@@ -101,6 +105,71 @@
     trial = trials[index];
     trial.columns ??= trial.levels.map(decoded);
     reset();
+    tell();
+  }
+
+  // ---- causes
+
+  const same = (one, other) => one.every((each, k) => each === other[k]);
+  const stageOf = (wanted) => stages.findIndex((each) => same(each, wanted));
+
+  function turnTo(number) {
+    on = number;
+    switches.forEach((each, k) => { each.checked = stages[on][k]; });
+    draw();
+    tell();
+  }
+
+  // Of many causes there are not all combinations: then one comes after another, as they stand.
+  function switched(k) {
+    const wanted = switches.map((each) => each.checked), exact = stageOf(wanted);
+    const count = wanted[k] ? k + 1 : k;
+    turnTo(exact >= 0 ? exact : stageOf(wanted.map((_, at) => at < count)));
+  }
+
+  // One cause more, in their order; after all of them none.
+  function step() {
+    const count = on === ALL ? 0 : stages[on].filter(Boolean).length + 1;
+    turnTo(stageOf(causes.map((_, k) => k < count)));
+  }
+
+  // ---- numbers
+
+  const rounded = (value) => (value === null ? "–" : tidy(value, value < 0.1 ? 2 : 3));
+
+  // A bar as long as the share of what is missed without any cause, with a tick at what a perfect model would miss.
+  function bar(cell, value, most, floor) {
+    cell.replaceChildren();
+    if (value === null || !most) return;
+    const track = element("span", "", cell), share = (one) => `${Math.min((100 * one) / most, 100)}%`;
+    track.className = "bar";
+    element("i", "", track).style.width = share(value);
+    if (floor === null) return;
+    const tick = element("b", "", track);
+    tick.style.left = share(floor);
+  }
+
+  function tell() {
+    const rows = document.querySelectorAll("#viewer-numbers tbody tr");
+    rows.forEach((row, k) => {
+      const { unit, floor } = measures[k];
+      [trial.missed, missed].forEach((numbers, column) => {
+        const cell = row.cells[1 + column], value = numbers[on][k];
+        const most = Math.max(...numbers.map((each) => each[k] ?? 0));
+        const [words, drawn] = cell.children;
+        words.textContent = value === null ? "–" : `${rounded(value)} ${unit}`;
+        bar(drawn, value, most, floor);
+      });
+    });
+    const shown = stages[on].flatMap((each, k) => (each ? [causes[k]] : []));
+    const named = shown.length ? `with ${shown.join(", ")}` : causes.length ? "without any of the causes" : "simulated";
+    for (const each of document.querySelectorAll(".viewer-simulated")) each.textContent = `${named} `;
+    for (const each of document.querySelectorAll(".viewer-without")) each.hidden = on === 0;
+    trials.forEach((each, k) => {
+      const [, after, rate] = each.missed[on], [, ahead, { unit }] = measures;
+      const turned = after === null ? "" : `, ${rounded(after)} ${ahead.unit}`;
+      list.options[k].textContent = `${rounded(rate)} ${unit}${turned}: ${each.name}`;
+    });
   }
 
   // ---- cursor
@@ -144,13 +213,15 @@
     const row = element("p");
     row.className = "viewer-key";
     element("strong", `${title}, ${unit}`, row);
-    readings.push(lines.map(({ label, look }) => {
+    readings.push(lines.map(({ look }) => {
       const { width, dash } = LOOKS[look], entry = element("span", "", row);
+      if (look === "without") entry.className = "viewer-without";
       entry.innerHTML = '<svg width="30" height="10" aria-hidden="true"><line x1="0" y1="5" x2="30" y2="5"/></svg> ';
       const line = entry.querySelector("line");
       line.setAttribute("style", `stroke:var(--${look});stroke-width:${width}`);
       if (dash) line.setAttribute("stroke-dasharray", dash.join(" "));
-      entry.append(`${label} `);
+      const words = element("span", `${look} `, entry);
+      if (look === "simulated") words.className = "viewer-simulated";
       return element("b", "", entry);
     }));
     return row;
@@ -288,6 +359,10 @@
   // Some browsers let a list lose its choice.
   list.addEventListener("change", () => (list.selectedIndex < 0 ? undefined : choose(list.selectedIndex)));
 
+  switches.forEach((each, k) => each.addEventListener("change", () => switched(k)));
+  const STAGES = { without: () => turnTo(0), step, all: () => turnTo(ALL) };
+  for (const [name, act] of Object.entries(STAGES)) byId(name)?.addEventListener("click", act);
+
   // ---- start
 
   root.hidden = false;
@@ -302,5 +377,6 @@
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
     build();
     draw();
+    tell();
   });
 })();
