@@ -19,15 +19,16 @@ from rovid.ground.errors import visible
 from rovid.ground.files import Claim, Output
 from rovid.ground.files.form import PAGE, png_form
 from rovid.ground.numbers import plus_minus
+from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.model.names import base_names
-from rovid.model.simulation import HORIZONS, overall
 from rovid.report import controller, correlations, drag_grids, exports, findings, grids
 from rovid.report.album import Album, make_album, plots_in
+from rovid.report.answer import answer_of
 from rovid.report.assets import read_assets
 from rovid.report.evidence import Evidence
 from rovid.report.residual import residuals_of, sizes
-from rovid.report.text import arm, column, number, positions, prose, steady_state, title, unit
+from rovid.report.text import arm, column, number, prose, steady_state, title, unit
 from rovid.report.viewer import viewer_document
 
 if TYPE_CHECKING:
@@ -124,7 +125,6 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "evidence": evidence,
         "axis": evidence.axis,
         "steady": steady_state(evidence.axis),
-        "positions": positions(evidence.axis),
         "arm": arm(evidence.axis)[0],
         "restoring": restoring_of(evidence.axis),
         "vehicle": evidence.vehicle,
@@ -134,13 +134,15 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "runs": evidence.runs,
         "trials": _trials(evidence),
         "simulations": simulations,
-        "overall": overall(simulations) if simulations else None,
-        "position_errors": list(_position_errors(evidence)),
+        "answer": answer_of(evidence),
+        "both_sides": len(evidence.stages) > 1,
+        "added_inertia": _added_inertia(evidence),
+        "biased": lambda name, estimate: _biased(evidence, name, estimate),
+        "together": _together(evidence),
         "left": _left(evidence),
         "effects": [effect_named(name) for name in evidence.parameters.effects],
         "missing": list(_missing(evidence)),
         "warnings": list(_warnings(evidence)),
-        "remarked": sum(bool(trial.remarks) for trial in _trials(evidence)),
         "refused": list(_refused(evidence)),
         "rate_range": _rate_range(evidence),
         "rate_from": _rate_from(evidence),
@@ -172,12 +174,35 @@ def _trials(evidence: Evidence) -> tuple[Trial, ...]:
     return evidence.campaign.trials
 
 
-def _position_errors(evidence: Evidence) -> Iterator[tuple[float, float]]:
-    """Each horizon in s that is reached, and the typical error at it in deg or m."""
-    for horizon in HORIZONS:
-        error = grids.typical_position_error(evidence.simulations, horizon)
-        if error is not None:
-            yield horizon, error
+def _added_inertia(evidence: Evidence) -> str:
+    """What the water adds to the rigid body's inertia, with its error; empty where one of the two is not known."""
+    rigid = evidence.vehicle.rigid_body_inertia
+    if rigid is None:
+        return ""
+    side = evidence.diagnosis.extended if evidence.diagnosis else None
+    if side is not None and side.model.effects:
+        estimate = side.estimate
+        return plus_minus(estimate.value("inertia") - rigid, estimate.standard_error("inertia"))
+    entry = evidence.parameters.entries.get("inertia")
+    return "" if entry is None else plus_minus(entry.value - rigid, entry.standard_error)
+
+
+def _biased(evidence: Evidence, name: str, estimate: Estimate) -> str:
+    """How far a method that knows of no effect is off by what was found; empty where nothing was."""
+    side = evidence.diagnosis.extended if evidence.diagnosis else None
+    if side is None or not side.model.effects or name not in estimate.names or name in estimate.refused:
+        return ""
+    causes = findings.listed([findings.name_of(effect, evidence.axis) for effect in side.model.effects])
+    apart = 100.0 * (estimate.value(name) / side.estimate.value(name) - 1.0)
+    return f" This way of reading knows nothing of {causes}: its {title(name)} is {apart:+.0f} % off the model's."
+
+
+def _together(evidence: Evidence) -> correlations.Matrix | None:
+    """Which of the model's parameters go together."""
+    side = evidence.diagnosis.extended if evidence.diagnosis else None
+    if side is not None and side.model.effects:
+        return correlations.of_estimate(side.estimate)
+    return correlations.of_parameters(evidence.parameters)
 
 
 def _missing(evidence: Evidence) -> Iterator[tuple[str, str]]:
@@ -206,11 +231,16 @@ def _warnings(evidence: Evidence) -> Iterator[str]:
 def _noticed(evidence: Evidence) -> Iterator[str]:
     """As `_warnings`, some more than once."""
     campaign = evidence.campaign
-    yield from _departures(evidence)
+    if evidence.diagnosis is not None:
+        yield from evidence.diagnosis.warnings
+    # Once something was found, what plainer methods say stands in their own sections.
+    plain = len(evidence.stages) < 2
+    if plain:
+        yield from _departures(evidence)
     if campaign is not None:
         yield from evidence.parameters.changed_sources(campaign)
     for fit in (evidence.drag, evidence.inertia):
-        if fit is not None:
+        if fit is not None and plain:
             yield from fit.estimate.warnings
     for remarked in (campaign, evidence.runs):
         if remarked is not None:

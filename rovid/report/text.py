@@ -50,6 +50,11 @@ def unit(text: str) -> str:
     return _UNITS.get(text, text)
 
 
+def with_unit(text: str, plain: str) -> str:
+    """A number and its unit on one line, however narrow the page."""
+    return f"{text} {unit(plain)}".strip().replace(" ", "\u00a0")
+
+
 def title(name: str) -> str:
     """A parameter's name in words, with its symbol where it has one."""
     return PARAMETER_TITLES.get(name, name.replace("_", " ").replace(".", ": "))

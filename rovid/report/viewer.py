@@ -192,7 +192,9 @@ def _panels(axis: Axis) -> list[dict[str, Any]]:
     return [
         _panel(axis.rate_words, axis.rate_unit, 190, [_measured(_MEASURED), *_simulated(rate)]),
         _panel(f"{axis.rate_words} error", axis.rate_unit, 90, _simulated(rate, less=_MEASURED)),
-        _panel(f"{axis.position_words} from the start", shown, 120, [_measured(_POSITION), *_simulated(off, _POSITION)]),
+        _panel(
+            f"{axis.position_words} from the start", shown, 120, [_measured(_POSITION), *_simulated(off, _POSITION)]
+        ),
         _panel(f"{axis.position_words} error", shown, 90, _simulated(off)),
         _panel(axis.push, axis.push_unit, 70, [_line("applied", _TORQUE)]),
     ]

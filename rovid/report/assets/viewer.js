@@ -19,6 +19,7 @@
   const LEAST_SAMPLES = 8; // no closer zoom than to so many
   const AXIS_WIDTH = 62; // of all panels alike: instants stand one under another
   const ALL = stages.length - 1;
+  const RATE = measures.length - 1; // which measure the trials are ranked by
   let charts = [], readings = [], trial, view = [0, 1], on = ALL; // which stage the simulation shows
 
   // ---- data
@@ -135,7 +136,7 @@
 
   // ---- numbers
 
-  const rounded = (value) => (value === null ? "–" : tidy(value, value < 0.1 ? 2 : 3));
+  const rounded = (value) => (value === null ? "–" : tidy(value, value < 10 ? 2 : 3));
 
   // A bar as long as the share of what is missed without any cause, with a tick at what a perfect model would miss.
   function bar(cell, value, most, floor) {
@@ -163,12 +164,12 @@
     });
     const shown = stages[on].flatMap((each, k) => (each ? [causes[k]] : []));
     const named = shown.length ? `with ${shown.join(", ")}` : causes.length ? "without any of the causes" : "simulated";
-    for (const each of document.querySelectorAll(".viewer-simulated")) each.textContent = `${named} `;
+    for (const each of document.querySelectorAll(".viewer-simulated")) each.textContent = named;
     for (const each of document.querySelectorAll(".viewer-without")) each.hidden = on === 0;
     trials.forEach((each, k) => {
-      const [, after, rate] = each.missed[on], [, ahead, { unit }] = measures;
-      const turned = after === null ? "" : `, ${rounded(after)} ${ahead.unit}`;
-      list.options[k].textContent = `${rounded(rate)} ${unit}${turned}: ${each.name}`;
+      const [before, now] = [each.missed[0][RATE], each.missed[on][RATE]];
+      const pair = on === 0 ? rounded(now) : `${rounded(before)} → ${rounded(now)}`;
+      list.options[k].textContent = `${each.name}: ${pair} ${measures[RATE].unit}`;
     });
   }
 
@@ -208,20 +209,35 @@
     return made;
   }
 
-  // What the panel shows, with the look of each line and its value at the cursor.
+  function swatch(look, parent) {
+    const { width, dash } = LOOKS[look], entry = element("span", "", parent);
+    entry.innerHTML = '<svg width="30" height="10" aria-hidden="true"><line x1="0" y1="5" x2="30" y2="5"/></svg> ';
+    const line = entry.querySelector("line");
+    line.setAttribute("style", `stroke:var(--${look});stroke-width:${width}`);
+    if (dash) line.setAttribute("stroke-dasharray", dash.join(" "));
+    if (look === "without") entry.className = "viewer-without";
+    return entry;
+  }
+
+  // Which line is what, once for all panels; what is applied has a panel to itself.
+  function legend() {
+    const row = element("p");
+    row.className = "viewer-key";
+    for (const { look } of panels[0].lines) {
+      const words = element("span", look, swatch(look, row));
+      if (look === "simulated") words.className = "viewer-simulated";
+    }
+    return row;
+  }
+
+  // What the panel shows, and each line's value at the cursor.
   function heading({ title, unit, lines }) {
     const row = element("p");
     row.className = "viewer-key";
     element("strong", `${title}, ${unit}`, row);
     readings.push(lines.map(({ look }) => {
-      const { width, dash } = LOOKS[look], entry = element("span", "", row);
-      if (look === "without") entry.className = "viewer-without";
-      entry.innerHTML = '<svg width="30" height="10" aria-hidden="true"><line x1="0" y1="5" x2="30" y2="5"/></svg> ';
-      const line = entry.querySelector("line");
-      line.setAttribute("style", `stroke:var(--${look});stroke-width:${width}`);
-      if (dash) line.setAttribute("stroke-dasharray", dash.join(" "));
-      const words = element("span", `${look} `, entry);
-      if (look === "simulated") words.className = "viewer-simulated";
+      const entry = swatch(look, row);
+      element("span", `${look} `, entry).className = "heard";
       return element("b", "", entry);
     }));
     return row;
@@ -278,7 +294,7 @@
   function build() {
     for (const chart of charts) chart.destroy();
     readings = [];
-    stage.replaceChildren();
+    stage.replaceChildren(legend());
     charts = panels.map((panel, k) => {
       stage.append(heading(panel));
       const blank = [[0, 1], ...panel.lines.map(() => [null, null])];
