@@ -230,7 +230,7 @@ def _steady(evidence: Evidence) -> Iterator[Picture]:
         f"steady_{axis.push}",
         steady.steady_torque(fit),
         caption=f"{axis.push.capitalize()} of each {what} against its {axis.rate_words}, and the fitted drag. Below, "
-        "what the fit leaves over, with each point's standard error where it is known.",
+        "what the fit leaves over.",
         alt=f"{len(rates)} {what}s from {min(rates):.3g} to {max(rates):.3g} {axis.rate_unit} with the fitted curve; "
         f"the largest residual is {max(abs(fit.residuals)):.3g} {axis.push_unit}.",
     )
@@ -261,8 +261,8 @@ def _sines(evidence: Evidence) -> Iterator[Picture]:
     parts = list(sheets(fit.trials, sines.PER_SHEET))
     # The first sheet explains them all.
     caption = (
-        "Mean period of each sine run. Left: each signal over its own peak; the marks are the three "
-        f"moments that the peak method takes for one. Right: {axis.push} over rate, with the same moments."
+        f"Mean period of each sine run; right, {axis.push} over rate. The marks are the three moments that the peak "
+        "method takes for one."
     )
     for k, (trials, suffix) in enumerate(parts):
         if k > 0:
@@ -345,8 +345,7 @@ def _rivals_of(finding: Finding) -> Picture:
     return _picture(
         f"rivals_{_file_name(finding.effect.key)}",
         findings.rival_gains(finding),
-        caption="What was found and the best other causes in its place: the log-likelihood that each gains, less the "
-        "price of its parameters.",
+        caption="Log-likelihood that each cause gains in its place, less the price of its parameters.",
         alt=f"Log-likelihood gained by {name_of(finding.effect, axis)}: {finding.worth:.0f}; in its place {rest}.",
     )
 

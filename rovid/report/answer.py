@@ -22,6 +22,8 @@ from rovid.report.text import column, like, number, unit
 _EVEN = 0.5
 # Of what would have been seen so many are named.
 _NAMED = 3
+# Units that say little of how large something is.
+_BARE = ("1", "command")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +91,7 @@ def answer_of(evidence: Evidence) -> Answer:
     run, because = _next(diagnosis)
     return Answer(
         headline=_headline(evidence),
-        wrong=_wrong(off),
+        wrong=_wrong(off, found=found),
         reasons=tuple(_reasons(diagnosis, axis)),
         why=_why(evidence),
         gains=tuple(_gain(one, found=found) for one in off),
@@ -130,13 +132,14 @@ def _off(evidence: Evidence) -> Iterator[_Off]:
     yield _Off(title=f"{axis.rate_words} error", unit=axis.rate_unit, without=rates[0], with_it=rates[1], floor=floor)
 
 
-def _wrong(off: list[_Off]) -> str:
+def _wrong(off: list[_Off], *, found: bool) -> str:
     if not off:
         return "There is no simulation to compare."
     first = off[0]
-    size, *_ = _rounded(first)
+    size, _, floor = _rounded(first)
     what, _, when = first.title.partition(" error")
-    return f"The simulated {what} is {size} {first.unit} off{when or ', root mean square'}."
+    best = "" if found or not math.isfinite(first.floor) else f" A perfect model's would be {floor} {first.unit} off."
+    return f"The simulated {what} is {size} {first.unit} off{when or ', root mean square'}.{best}"
 
 
 def _rounded(off: _Off) -> list[str]:
@@ -201,15 +204,19 @@ def _why(evidence: Evidence) -> str:
         return diagnosis.missing
     if diagnosis.verdict != "nothing_found":
         return ""
-    sizes = [(effect, size) for effect, size in diagnosis.detectable if math.isfinite(size)]
-    seen = []
-    for effect, size in sizes[:_NAMED]:
-        name = f"{effect.key}.{effect.parameters[0].name}"
-        (text,) = column([size], 2)
-        seen.append(f"{title_of(effect, axis)} of {text} {unit(unit_of(name, axis))}".strip())
+    seen = list(_seen(diagnosis, axis))[:_NAMED]
     if not seen:
         return "Every cause was tried and none was needed."
-    return f"Every cause was tried and none was needed. It would have shown, for example, {listed(seen, 'or')}."
+    return f"Every cause was tried and none was needed. These would have shown: {listed(seen)}."
+
+
+def _seen(diagnosis: Diagnosis, axis: Axis) -> Iterator[str]:
+    """Causes in units that need no explanation, each with the smallest size that would have been seen."""
+    for effect, size in diagnosis.detectable:
+        plain = unit_of(f"{effect.key}.{effect.parameters[0].name}", axis)
+        if math.isfinite(size) and plain not in _BARE:
+            (text,) = column([size], 2)
+            yield f"{title_of(effect, axis)} from {text} {unit(plain)}"
 
 
 def _gain(off: _Off, *, found: bool) -> Gain:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes, Explanation
-from rovid.diagnose.record import INVISIBLE, Diagnosis, Finding, Side, not_identifiable
+from rovid.diagnose.record import INVISIBLE, NEVER_SHOWN, Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.rivals import Rival
 from rovid.diagnose.signals import is_signal
 from rovid.effects import Effect
@@ -36,9 +36,9 @@ def verdict(diagnosis: Diagnosis) -> str:
     return "There is too little data for a diagnosis."
 
 
-def never_visible(vehicle: Vehicle) -> str:
-    """What data of the vehicle's axis cannot show at all."""
-    return listed([INVISIBLE[name] for name in not_identifiable(vehicle)])
+def invisible(vehicle: Vehicle) -> list[str]:
+    """What data of the vehicle's axis cannot show, beside a scale of all thrust and one of the rate."""
+    return [INVISIBLE[name] for name in not_identifiable(vehicle) if name not in NEVER_SHOWN]
 
 
 def others(finding: Finding) -> str:

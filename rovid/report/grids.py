@@ -91,17 +91,23 @@ def thrusters_grid(vehicle: Vehicle) -> Grid:
 def trials_grid(evidence: Evidence, campaign: Campaign) -> Grid:
     """What was measured, what it gave, and how well each trial is simulated without and with what was found."""
     trials = campaign.trials
+    remarks = [" ".join(remark.text for remark in trial.remarks) or NOTHING for trial in trials]
+    measured = [
+        numbers("rate", "Hz", [number(1.0 / trial.period, ".3g") for trial in trials]),
+        numbers("longest gap", "s", [number(_longest_gap(trial), ".2f") for trial in trials]),
+        words("noticed", remarks),
+    ]
+    # What is the same of all trials is said once.
+    shared = [column for column in measured if len(set(column.cells)) == 1]
+    said = [f"{column.title} {column.cells[0].strip()} {column.unit}" for column in shared if column.unit]
     columns = [
         words("trial", [trial.name for trial in trials]),
         numbers("length", "s", [number(trial.duration, ".0f") for trial in trials]),
-        numbers("rate", "Hz", [number(1.0 / trial.period, ".3g") for trial in trials]),
-        numbers("longest gap", "s", [number(_longest_gap(trial), ".2f") for trial in trials]),
         words("what it gave", [_gave(evidence, trial.name) for trial in trials]),
+        *(_simulated(evidence, trials) if evidence.simulations else ()),
+        *(column for column in measured if column not in shared or (not column.unit and remarks[0] != NOTHING)),
     ]
-    if evidence.simulations:
-        columns += _simulated(evidence, trials)
-    columns.append(words("noticed", [" ".join(remark.text for remark in trial.remarks) or NOTHING for trial in trials]))
-    return Grid(caption="Trials", columns=tuple(columns))
+    return Grid(caption=", ".join(["Trials", *said]), columns=tuple(columns))
 
 
 def _simulated(evidence: Evidence, trials: Sequence[Trial]) -> Iterator[Column]:
@@ -260,9 +266,9 @@ def sources_grid(evidence: Evidence) -> Grid | None:
         if name not in fitted:
             table.add(name, "this page only", _hash(trial))
     grid = table.grid()
-    log, use, digest = grid.columns
+    log, uses, digest = grid.columns
     # Mostly all are used for the same, which the page need not say of each.
-    return grid if len(set(use.cells)) > 1 else replace(grid, columns=(log, digest))
+    return grid if len(set(uses.cells)) > 1 else replace(grid, columns=(log, digest))
 
 
 def _trials_by_name(evidence: Evidence) -> dict[str, Trial]:

@@ -14,6 +14,7 @@ from rovid import __version__
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle, box_inertia
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
+from rovid.diagnose.record import Diagnosis
 from rovid.effects import effect_named, restoring_of
 from rovid.ground.errors import visible
 from rovid.ground.files import Claim, Output
@@ -139,6 +140,7 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "added_inertia": _added_inertia(evidence),
         "biased": lambda name, estimate: _biased(evidence, name, estimate),
         "together": _together(evidence),
+        "invisible": findings.invisible(evidence.vehicle),
         "left": _left(evidence),
         "effects": [effect_named(name) for name in evidence.parameters.effects],
         "missing": list(_missing(evidence)),
@@ -149,7 +151,7 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "noise": _noise(evidence),
         "box": _box(evidence.vehicle),
         "methods": METHODS,
-        "diagnosed": evidence.diagnosis is not None or bool(evidence.diagnosis_refusal),
+        "diagnosed": _looked_for(evidence.diagnosis),
         "controlled": evidence.control is not None or bool(evidence.control_refusal),
         "exported": bool(evidence.exports) or bool(evidence.export_refusal),
         "findings": findings,
@@ -174,6 +176,11 @@ def _trials(evidence: Evidence) -> tuple[Trial, ...]:
     return evidence.campaign.trials
 
 
+def _looked_for(diagnosis: Diagnosis | None) -> bool:
+    """Whether there is more to say of causes than the first screen does."""
+    return diagnosis is not None and (diagnosis.base is not None or diagnosis.amplitudes is not None)
+
+
 def _added_inertia(evidence: Evidence) -> str:
     """What the water adds to the rigid body's inertia, with its error; empty where one of the two is not known."""
     rigid = evidence.vehicle.rigid_body_inertia
@@ -194,7 +201,8 @@ def _biased(evidence: Evidence, name: str, estimate: Estimate) -> str:
         return ""
     causes = findings.listed([findings.name_of(effect, evidence.axis) for effect in side.model.effects])
     apart = 100.0 * (estimate.value(name) / side.estimate.value(name) - 1.0)
-    return f" This way of reading knows nothing of {causes}: its {title(name)} is {apart:+.0f} % off the model's."
+    way = "above" if apart > 0.0 else "below"
+    return f" This method knows nothing of {causes}: its {title(name)} is {abs(apart):.0f} % {way} the model's."
 
 
 def _together(evidence: Evidence) -> correlations.Matrix | None:

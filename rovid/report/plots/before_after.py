@@ -21,7 +21,7 @@ def before_after(before: TrialSimulation, after: TrialSimulation, *, width: floa
     figure, ((rate,), (position,)) = sheet(
         [(height, 1) for height in rows],
         left=0.55,
-        right=0.08,
+        right=0.18,
         top=0.5,
         bottom=0.42,
         down=0.34,
