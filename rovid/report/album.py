@@ -290,7 +290,7 @@ def sheets(items: Sequence[T], size: int) -> Iterator[tuple[Sequence[T], str]]:
 def _overview(evidence: Evidence) -> Iterator[Picture]:
     """All trials, simulated, in small panels."""
     pairs = list(zip(evidence.before, evidence.after, strict=True))
-    both = " without and with what was found" if len(evidence.stages) > 1 else ""
+    both = " without and with what was found" if evidence.found else ""
     for part, suffix in sheets(pairs, simulations.PER_SHEET):
         rate = part[0][0].run.trial.axis.rate_words
         fits = "; ".join(f"{item.run.trial.name} R² {number(item.fit.r2, '.4f')}" for _, item in part)
@@ -353,11 +353,11 @@ def _rivals_of(finding: Finding) -> Picture:
 def _drivers(evidence: Evidence) -> dict[str, Picture]:
     """A plot for each finding, by the key of its effect: the torque that is missing without it."""
     diagnosis, runs = evidence.diagnosis, _diagnosed(evidence)
-    if diagnosis is None or diagnosis.extended is None or runs is None:
+    if diagnosis is None or evidence.found is None or runs is None:
         return {}
     pictures = {}
     for finding in diagnosis.findings:
-        missing = drivers.missing_without(finding.effect, runs, diagnosis.extended.model, evidence.vehicle)
+        missing = drivers.missing_without(finding.effect, runs, evidence.found.model, evidence.vehicle)
         if missing is not None:
             pictures[finding.effect.key] = _driver(finding.effect, missing, evidence.axis)
     return pictures
@@ -383,7 +383,7 @@ def _diagnosed(evidence: Evidence) -> Runs | None:
 
 def _compared(evidence: Evidence) -> Iterator[Picture]:
     """The picture of the first screen, as a file."""
-    if len(evidence.stages) < 2:
+    if not evidence.stages or evidence.found is None:
         return
     worst, *_ = worst_first(evidence.before)
     before, after = evidence.before[worst], evidence.after[worst]
@@ -397,13 +397,12 @@ def _compared(evidence: Evidence) -> Iterator[Picture]:
 
 def _left_over(evidence: Evidence) -> Iterator[Picture]:
     diagnosis, runs = evidence.diagnosis, _diagnosed(evidence)
-    if runs is None or diagnosis is None or diagnosis.base is None or diagnosis.extended is None:
-        return
-    if not diagnosis.extended.model.effects:
+    found = evidence.found
+    if runs is None or diagnosis is None or diagnosis.base is None or found is None:
         return
     axis, vehicle = evidence.axis, evidence.vehicle
     before = left_by_all(runs, diagnosis.base.model, vehicle)
-    after = left_by_all(runs, diagnosis.extended.model, vehicle)
+    after = left_by_all(runs, found.model, vehicle)
     was, now = _root_mean_square(before), _root_mean_square(after)
     yield _picture(
         "diagnosis_residuals",

@@ -91,7 +91,7 @@ def answer_of(evidence: Evidence) -> Answer:
     run, because = _next(diagnosis)
     return Answer(
         headline=_headline(evidence),
-        wrong=_wrong(off, found=found),
+        wrong=_wrong(evidence, off, found=found),
         reasons=tuple(_reasons(diagnosis, axis)),
         why=_why(evidence),
         gains=tuple(_gain(one, found=found) for one in off),
@@ -106,7 +106,7 @@ def _headline(evidence: Evidence) -> str:
         return verdict(evidence.diagnosis)
     if evidence.simulations:
         return f"The model explains R² = {missed(evidence.simulations).r2:.4f} of the {evidence.axis.rate_words}."
-    return "Nothing could be simulated."
+    return "There is no simulation to judge the model by."
 
 
 def _off(evidence: Evidence) -> Iterator[_Off]:
@@ -132,9 +132,10 @@ def _off(evidence: Evidence) -> Iterator[_Off]:
     yield _Off(title=f"{axis.rate_words} error", unit=axis.rate_unit, without=rates[0], with_it=rates[1], floor=floor)
 
 
-def _wrong(off: list[_Off], *, found: bool) -> str:
+def _wrong(evidence: Evidence, off: list[_Off], *, found: bool) -> str:
     if not off:
-        return "There is no simulation to compare."
+        missing = "there are tables, no logs" if evidence.campaign is None else "inertia or drag is missing"
+        return f"Nothing was simulated: {missing}."
     first = off[0]
     size, _, floor = _rounded(first)
     what, _, when = first.title.partition(" error")

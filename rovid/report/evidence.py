@@ -9,7 +9,7 @@ from rovid.campaign.axis import Axis
 from rovid.campaign.trial import Campaign
 from rovid.campaign.vehicle import Vehicle
 from rovid.control.loop_design import Control
-from rovid.diagnose.record import Diagnosis
+from rovid.diagnose.record import Diagnosis, Side
 from rovid.export.exporting import Exported
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.steady import DragFit
@@ -60,3 +60,9 @@ class Evidence:
     def after(self) -> tuple[TrialSimulation, ...]:
         """The same with all that was found."""
         return self.stages[-1].simulations if self.stages else self.simulations
+
+    @property
+    def found(self) -> Side | None:
+        """The model with what was found; None where nothing was."""
+        side = self.diagnosis.extended if self.diagnosis else None
+        return side if side is not None and side.model.effects else None

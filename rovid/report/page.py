@@ -136,7 +136,6 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "trials": _trials(evidence),
         "simulations": simulations,
         "answer": answer_of(evidence),
-        "both_sides": len(evidence.stages) > 1,
         "added_inertia": _added_inertia(evidence),
         "biased": lambda name, estimate: _biased(evidence, name, estimate),
         "together": _together(evidence),
@@ -145,6 +144,7 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "effects": [effect_named(name) for name in evidence.parameters.effects],
         "missing": list(_missing(evidence)),
         "warnings": list(_warnings(evidence)),
+        "remarked": sum(bool(trial.remarks) for trial in _trials(evidence)),
         "refused": list(_refused(evidence)),
         "rate_range": _rate_range(evidence),
         "rate_from": _rate_from(evidence),
@@ -186,9 +186,8 @@ def _added_inertia(evidence: Evidence) -> str:
     rigid = evidence.vehicle.rigid_body_inertia
     if rigid is None:
         return ""
-    side = evidence.diagnosis.extended if evidence.diagnosis else None
-    if side is not None and side.model.effects:
-        estimate = side.estimate
+    if evidence.found is not None:
+        estimate = evidence.found.estimate
         return plus_minus(estimate.value("inertia") - rigid, estimate.standard_error("inertia"))
     entry = evidence.parameters.entries.get("inertia")
     return "" if entry is None else plus_minus(entry.value - rigid, entry.standard_error)
@@ -196,8 +195,8 @@ def _added_inertia(evidence: Evidence) -> str:
 
 def _biased(evidence: Evidence, name: str, estimate: Estimate) -> str:
     """How far a method that knows of no effect is off by what was found; empty where nothing was."""
-    side = evidence.diagnosis.extended if evidence.diagnosis else None
-    if side is None or not side.model.effects or name not in estimate.names or name in estimate.refused:
+    side = evidence.found
+    if side is None or name not in estimate.names or name in estimate.refused:
         return ""
     causes = findings.listed([findings.name_of(effect, evidence.axis) for effect in side.model.effects])
     apart = 100.0 * (estimate.value(name) / side.estimate.value(name) - 1.0)
@@ -207,9 +206,8 @@ def _biased(evidence: Evidence, name: str, estimate: Estimate) -> str:
 
 def _together(evidence: Evidence) -> correlations.Matrix | None:
     """Which of the model's parameters go together."""
-    side = evidence.diagnosis.extended if evidence.diagnosis else None
-    if side is not None and side.model.effects:
-        return correlations.of_estimate(side.estimate)
+    if evidence.found is not None:
+        return correlations.of_estimate(evidence.found.estimate)
     return correlations.of_parameters(evidence.parameters)
 
 
@@ -242,7 +240,7 @@ def _noticed(evidence: Evidence) -> Iterator[str]:
     if evidence.diagnosis is not None:
         yield from evidence.diagnosis.warnings
     # Once something was found, what plainer methods say stands in their own sections.
-    plain = len(evidence.stages) < 2
+    plain = evidence.found is None
     if plain:
         yield from _departures(evidence)
     if campaign is not None:

@@ -12,15 +12,17 @@ import pytest
 from rovid.campaign.trial import Campaign, Remark, Trial
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.control.loop_design import Control
+from rovid.effects import Effect, effect_named
 from rovid.ground.arrays import FloatArray
 from rovid.identify.inertia import fit_inertia
 from rovid.identify.steady import fit_drag
 from rovid.identify.steady_points import steady_points
-from rovid.model.simulation import simulate_runs
+from rovid.model.simulation import TrialSimulation, compare, simulate_runs
 from rovid.motion.runs import prepare
 from rovid.parameters.parameters import Entry, Parameters
 from rovid.report import build
 from rovid.report.evidence import Evidence
+from rovid.report.stages import Stage
 from rovid.study import Study
 
 INERTIA, QUADRATIC, LINEAR = 30.0, 40.0, 10.0
@@ -125,6 +127,31 @@ def identified(vehicle: Vehicle, campaign: Campaign, folder: Path) -> Evidence:
         inertia_refusal="",
         simulations=tuple(simulate_runs(runs.items, stored.model(), vehicle)),
     )
+
+
+def staged(day: Evidence) -> Evidence:
+    """As if two causes had been found: without, with either, and with both, each with a smaller share of the error."""
+    lag, bias = effect_named("thruster_lag"), effect_named("bias_torque")
+    found: list[tuple[tuple[Effect, ...], tuple[float, ...]]] = [
+        ((), ()),
+        ((lag,), (0.3,)),
+        ((bias,), (1.0,)),
+        ((lag, bias), (0.3, 1.0)),
+    ]
+    plain, stages = day.parameters.model(), []
+    for number, (effects, values) in enumerate(found, start=1):
+        model = replace(plain, effects=effects, effect_values=values)
+        stages.append(Stage(model=model, simulations=tuple(nearer(item, number) for item in day.simulations)))
+    return replace(day, stages=tuple(stages))
+
+
+def nearer(item: TrialSimulation, times: int) -> TrialSimulation:
+    """``item`` so many times as near to the measurement."""
+    simulated = item.measured + (item.simulated - item.measured) / times
+    position = item.run.trial.position + (item.position - item.run.trial.position) / times
+    ahead = {horizon: None if error is None else error / times for horizon, error in item.position_errors.items()}
+    fit = compare(item.measured, simulated)
+    return replace(item, simulated=simulated, position=position, position_errors=ahead, fit=fit)
 
 
 GAP = Remark(kind="gap", count=1, text="The heading is missing for 1.5 s from 12 s on.")

@@ -109,7 +109,7 @@ def figures(evidence: Evidence) -> list[Figure]:
     drawn = [
         curves,
         inertia.inertia_methods(evidence.inertia, None),
-        simulations.overview(evidence.simulations),
+        simulations.overview([(item, item) for item in evidence.simulations]),
         simulations.one_trial(evidence.simulations[0]),
         residuals.residuals(left, evidence.runs.cutoff),
     ]

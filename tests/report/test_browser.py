@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from rovid.report.album import Album
 from rovid.report.evidence import Evidence
 from rovid.report.page import render_page
 from tests.conftest import SAMPLES, run_rovid
-from tests.report.conftest import make_evidence
+from tests.report.conftest import make_evidence, staged
 
 pytest.importorskip("fcntl", reason="Chromium is driven over a POSIX pipe")
 from tests.report.chromium import NAMES, Tab, chromium, find_chromium
@@ -36,11 +35,11 @@ def sample_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def plain_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three trials, one of an evil name, with lines of what was found; no pictures."""
+    """Three trials, one of an evil name, with two causes to switch; no pictures."""
     folder = tmp_path_factory.mktemp("plain")
     evidence: Evidence = make_evidence(folder, {"hold_1.csv": NASTY, "hold_2.csv": "b.csv", "sine_a.csv": "c.csv"})
     page = folder / "index.html"
-    text = render_page(replace(evidence, extended=evidence.simulations), Album(), today=date(2026, 3, 7))
+    text = render_page(staged(evidence), Album(), today=date(2026, 3, 7))
     page.write_text(text, encoding="utf-8")
     return page
 
@@ -93,7 +92,7 @@ def readings(tab: Tab) -> list[str]:
 
 
 def test_the_sample_days_page_is_small(sample_page: Path) -> None:
-    assert sample_page.stat().st_size < 8e6
+    assert sample_page.stat().st_size < 5e6
 
 
 @in_browser
@@ -187,8 +186,11 @@ def test_arrows_change_the_trial(tab: Tab) -> None:
     tab.key("ArrowDown")
     tab.key("ArrowDown")
     tab.until("document.getElementById('viewer-trial').selectedIndex === 2")
-    assert view(tab)[1] == pytest.approx(59.95, abs=0.06)  # the sine
-    assert view(tab) != whole
+    # The trials stand in the order of their errors, so that which is which is asked.
+    shown = tab.ask("document.getElementById('viewer-trial').selectedOptions[0].textContent")
+    length = 59.95 if shown.startswith("c.csv") else 39.95  # the sine, or a hold
+    assert view(tab)[1] == pytest.approx(length, abs=0.06)
+    assert whole[0] == 0.0
 
 
 @in_browser
@@ -211,15 +213,76 @@ def test_the_cursor_reads_all_panels_at_one_instant(tab: Tab) -> None:
     tab.mouse("mouseMoved", *panel(tab, 2, 0.5))
     tab.until("document.getElementById('viewer-time').textContent")
     shown = [float(text.replace("−", "-")) for text in readings(tab)]
-    assert len(shown) == 8  # torque; measured, simulated, found; the errors of two in rate and heading
-    _, measured, simulated, found, error, error_found = shown[:6]
-    assert error == pytest.approx(simulated - measured, abs=1e-3 * abs(measured))  # four digits are shown
-    assert (found, error_found) == (simulated, error)
+    assert len(shown) == 11  # measured, without, with; errors of two; the same of the heading; torque
+    measured, without, simulated, error_without, error = shown[:5]
+    assert error_without == pytest.approx(without - measured, abs=2e-3 * abs(measured))  # four digits are shown
+    assert error == pytest.approx(simulated - measured, abs=2e-3 * abs(measured))
+    assert error == pytest.approx(error_without / 4.0, abs=2e-3 * abs(measured))
+
+
+def stage(tab: Tab) -> list[bool]:
+    """Which switches are on."""
+    on: list[bool] = tab.ask("[...document.querySelectorAll('#viewer-causes input')].map((each) => each.checked)")
+    return on
+
+
+def off_by(tab: Tab) -> list[float]:
+    """What the table says of the rate: of this trial and of all."""
+    cells = tab.ask(
+        "[...document.querySelectorAll('#viewer-numbers tbody tr:last-child td')].map((each) => each.textContent)"
+    )
+    assert all(cell.endswith(" rad/s") for cell in cells)
+    return [float(cell.removesuffix(" rad/s")) for cell in cells]
+
+
+@in_browser
+def test_a_switch_moves_the_lines_and_the_numbers(tab: Tab) -> None:
+    tab.mouse("mouseMoved", *panel(tab, 1, 0.5))
+    tab.until("document.getElementById('viewer-time').textContent")
+    full = off_by(tab)
+    assert stage(tab) == [True, True]
+    tab.ask("document.querySelector('#viewer-causes input').click()")
+    assert stage(tab) == [False, True]
+    assert off_by(tab) == pytest.approx([4.0 / 3.0 * each for each in full], rel=0.05)  # two digits are shown
+    named = tab.ask("document.querySelector('.viewer-simulated').textContent")
+    assert named == "with constant torque"
+    assert tab.ask("document.getElementById('viewer-trial').options[0].textContent").count("→") == 1
+
+
+@in_browser
+def test_causes_come_step_by_step(tab: Tab) -> None:
+    seen = []
+    for name in ("without", "step", "step", "step", "all"):
+        tab.ask(f"document.getElementById('viewer-{name}').click()")
+        seen.append((stage(tab), off_by(tab)))
+    assert [switches for switches, _ in seen] == [
+        [False, False],
+        [True, False],
+        [True, True],
+        [False, False],
+        [True, True],
+    ]
+    errors = [own for _, (own, _) in seen]
+    assert errors[0] > errors[1] > errors[2]
+    assert tab.ask("getComputedStyle(document.querySelector('.viewer-without')).display") != "none"
+
+
+@in_browser
+def test_the_switches_are_switches_for_keys_and_readers(tab: Tab) -> None:
+    tab.ask("document.querySelector('#viewer-causes input').focus()")
+    tab.key(" ")
+    assert stage(tab) == [False, True]
+    names = tab.ask(
+        "[...document.querySelectorAll('[role=switch]')].map((each) => each.parentElement.textContent.trim())"
+    )
+    assert names == ["thruster lag", "constant torque"]
+    assert tab.ask("document.querySelector('#viewer-numbers tbody').getAttribute('aria-live')") == "polite"
 
 
 @in_browser
 def test_names_from_logs_make_no_elements(tab: Tab) -> None:
-    assert tab.ask("document.querySelector('#viewer-trial').selectedOptions[0].textContent").endswith(NASTY)
+    names = tab.ask("[...document.querySelectorAll('#viewer-trial option')].map((each) => each.textContent)")
+    assert sum(name.startswith(f"{NASTY}: ") for name in names) == 1
     assert tab.ask("[...document.querySelectorAll('b')].filter((each) => each.textContent === 'x').length") == 0
 
 
@@ -231,7 +294,7 @@ def test_dark_and_narrow_and_print(tab: Tab) -> None:
     tab.call("Emulation.setDeviceMetricsOverride", width=400, height=800, deviceScaleFactor=2, mobile=True)
     try:
         assert tab.ask(colour) != light
-        tab.until("document.querySelectorAll('#viewer-panels canvas').length === 4")
+        tab.until("document.querySelectorAll('#viewer-panels canvas').length === 5")
         tab.until("document.querySelector('#viewer-panels canvas').clientWidth <= 400")
         assert tab.ask("document.documentElement.scrollWidth") <= 400
         tab.call("Emulation.setEmulatedMedia", media="print")
