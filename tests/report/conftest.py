@@ -14,6 +14,7 @@ from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.control.loop_design import Control
 from rovid.effects import Effect, effect_named
 from rovid.ground.arrays import FloatArray
+from rovid.ground.files import Claim
 from rovid.identify.inertia import fit_inertia
 from rovid.identify.steady import fit_drag
 from rovid.identify.steady_points import steady_points
@@ -22,8 +23,13 @@ from rovid.motion.runs import prepare
 from rovid.parameters.parameters import Entry, Parameters
 from rovid.report import build
 from rovid.report.evidence import Evidence
+from rovid.report.page import write_report
 from rovid.report.stages import Stage
-from rovid.study import Study
+from rovid.study import Study, open_study
+from tools.hidden import Hidden
+from tools.programme import CAMPAIGN
+from tools.trial_day import write_trial_day
+from tools.truth import ROSUB
 
 INERTIA, QUADRATIC, LINEAR = 30.0, 40.0, 10.0
 PERIOD = 0.05  # s between samples
@@ -189,3 +195,32 @@ def control(day: Evidence) -> Control:
 @pytest.fixture(scope="module")
 def pushed(day: Evidence) -> Control:
     return designed(day, **{"bias_torque.torque": BIAS})
+
+
+SHORT = [run for run in CAMPAIGN if run.name in {"hold_03", "hold_05", "sine_20s", "steps", "multilevel"}]
+LAG = Hidden(effect="thruster_lag", form="first_order", parameters={"time_constant": 0.8})
+
+
+@pytest.fixture(scope="session")
+def lagged_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("diagnosed")
+
+
+@pytest.fixture(scope="session")
+def lagged(lagged_folder: Path) -> Evidence:
+    """What `rovid report` gathers of a short day with a hidden lag; its page is in ``folder``."""
+    write_trial_day(lagged_folder / "day", seed=3, formats="csv", truth=replace(ROSUB, hidden=(LAG,)), campaign=SHORT)
+    kept: list[Evidence] = []
+
+    def write(target: Path, evidence: Evidence, *, claim: Claim) -> Path:
+        kept.append(evidence)
+        return write_report(target, evidence, claim=claim)
+
+    said: list[str] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "write_report", write)
+        stored = Parameters(path=lagged_folder / "parameters.toml")
+        build.build_report(stored, open_study([lagged_folder / "day"]), lagged_folder / "report", report=said.append)
+    assert said[-1] == "Drawing and writing the page …"
+    assert len(said) > 2
+    return kept[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import re
 from collections.abc import Iterator
 from datetime import date
@@ -324,3 +325,100 @@ def test_the_browser_would_tell_of_an_error_and_of_a_request(browser: Tab, tmp_p
     browser.open(page)
     assert any("nonsense" in each for each in browser.complaints)
     assert any(url.endswith("none.png") for url in browser.requests)
+
+
+# What stands on the first screen, as it has to be seen without scrolling.
+FIRST = (
+    "#summary-title",
+    ".answer dt:nth-of-type(1) + dd",
+    ".answer dt:nth-of-type(2) + dd",
+    ".answer dt:nth-of-type(3) + dd",
+    ".answer dt:nth-of-type(4) + dd",
+    ".worst svg",
+)
+
+
+def bottom(tab: Tab, selector: str) -> float:
+    """Where the part of the page that is seen and fits ``selector`` ends, in px from the top of the page."""
+    found = tab.ask(
+        f"Math.max(...[...document.querySelectorAll({selector!r})].filter((each) => each.clientHeight)"
+        ".map((each) => each.getBoundingClientRect().bottom + scrollY))"
+    )
+    return float(found)
+
+
+@in_browser
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844)])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_first_screen_tells_wrong_why_gain_and_next(
+    browser: Tab, lagged: Evidence, lagged_folder: Path, width: int, height: int, scheme: str
+) -> None:
+    assert lagged.found is not None
+    page = lagged_folder / "report" / "index.html"
+    media = [{"name": "prefers-color-scheme", "value": scheme}]
+    browser.call("Emulation.setEmulatedMedia", media="", features=media)
+    browser.call(
+        "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600
+    )
+    try:
+        browser.open(page)
+        terms = browser.ask("[...document.querySelectorAll('.answer dt')].map((each) => each.textContent)")
+        assert terms == ["Wrong", "Why", "Gain", "Next"]
+        for selector in FIRST:
+            assert bottom(browser, selector) <= height, selector
+        assert browser.ask("document.documentElement.scrollWidth") <= width
+        # Text and lines of the picture stand out from the page in either scheme.
+        ink = browser.ask("getComputedStyle(document.querySelector('.worst svg text')).fill")
+        back = browser.ask("getComputedStyle(document.body).backgroundColor")
+        assert ink != back
+    finally:
+        browser.call("Emulation.setEmulatedMedia", media="", features=[])
+        browser.call("Emulation.clearDeviceMetricsOverride")
+
+
+@in_browser
+def test_on_a_telephone_every_value_keeps_its_unit(browser: Tab, lagged_folder: Path) -> None:
+    browser.call("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
+    try:
+        browser.open(lagged_folder / "report" / "index.html")
+        # The table of parameters scrolls sideways under its first column, which has the units and stays.
+        row = (
+            "(() => { const row = document.querySelector('#model tbody tr'), cell = row.cells[0];"
+            " row.closest('.scroll').scrollLeft = 500; const box = cell.getBoundingClientRect();"
+            " return [cell.textContent, box.left, box.right]; })()"
+        )
+        text, left, right = browser.ask(row)
+        assert "kg m²" in text
+        assert 0.0 <= left < right <= 390.0
+        values = browser.ask("[...document.querySelectorAll('.gain-value')].map((each) => each.textContent)")
+        assert all(value.endswith((" deg", " rad/s")) for value in values)
+    finally:
+        browser.call("Emulation.clearDeviceMetricsOverride")
+
+
+def printed(tab: Tab, page: Path) -> bytes:
+    """The page as the browser prints it on A4."""
+    tab.open(page)
+    answer = tab.call("Page.printToPDF", preferCSSPageSize=True, printBackground=False)
+    return base64.b64decode(answer["data"])
+
+
+def pages(document: bytes) -> int:
+    return len(re.findall(rb"/Type\s*/Page\b", document))
+
+
+@in_browser
+def test_the_sample_days_page_prints_on_ten_sheets(browser: Tab, sample_page: Path) -> None:
+    assert 2 <= pages(printed(browser, sample_page)) <= 10
+
+
+@in_browser
+def test_the_answer_and_the_numbers_print_on_one_sheet(browser: Tab, lagged_folder: Path, tmp_path: Path) -> None:
+    page = lagged_folder / "report" / "index.html"
+    whole = pages(printed(browser, page))
+    # Without all that follows the model there is one sheet, and it is all that is lost.
+    alone = tmp_path / "alone.html"
+    text = page.read_text(encoding="utf-8")
+    alone.write_text(text.replace("</style>", "#model ~ * { display: none !important; }</style>", 1), encoding="utf-8")
+    assert pages(printed(browser, alone)) == 1
+    assert whole > 1

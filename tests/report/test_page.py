@@ -125,7 +125,7 @@ def test_page_needs_nothing_but_itself(page: str) -> None:
 
 
 def test_page_opens_with_how_well_the_model_does(page: str) -> None:
-    first = shown_text(page.split('<section id="summary"')[1].split("</section>")[0])
+    first = shown_text(page.split('<section id="summary"')[1].split("</section>", maxsplit=1)[0])
     assert re.search(r"The model explains R² = 0\.\d{4} of the yaw rate\.", first)
     assert re.search(r"The simulated heading is [\d.]+ deg off after \d+ s\.", first)
     assert "No cause was looked for" in first
@@ -133,7 +133,7 @@ def test_page_opens_with_how_well_the_model_does(page: str) -> None:
 
 
 def test_parameters_stand_with_their_errors_and_units(page: str, day: Evidence) -> None:
-    model = shown_text(page.split('<section id="model"')[1].split("</section>")[0])
+    model = shown_text(page.split('<section id="model"')[1].split("</section>", maxsplit=1)[0])
     for entry in day.parameters.entries.values():
         value = plus_minus(entry.value, entry.standard_error)
         assert re.search(re.escape(value).replace("±\\ ", r"±\s+"), model), value
