@@ -148,7 +148,7 @@ def detectable_grid(diagnosis: Diagnosis, axis: Axis) -> Grid:
     table = Table("The smallest that would have been seen", *headings)
     for effect, size in diagnosis.detectable:
         name = effect.parameters[0].name
-        seen = with_unit(_seen(size), unit_of(f"{effect.key}.{name}", axis)) if math.isfinite(size) else _seen(size)
+        seen = with_unit(_seen(size), unit_of(f"{effect.key}.{name}", axis))
         table.add(axis.words(effect.title), axis.words(spaced(name)), seen)
     return table.grid()
 

@@ -51,7 +51,9 @@ def unit(text: str) -> str:
 
 
 def with_unit(text: str, plain: str) -> str:
-    """A number and its unit on one line, however narrow the page."""
+    """A number and its unit on one line, however narrow the page; words as they are."""
+    if not _is_number(text):
+        return text
     return f"{text} {unit(plain)}".strip().replace(" ", "\u00a0")
 
 
