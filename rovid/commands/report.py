@@ -14,8 +14,9 @@ from rovid.commands.session import console, opened, print_json, remembered, stor
 PAGE = Page(
     text="""
     Reads the logs and the parameter file; drag and inertia that the file does not hold yet are fitted and written
-    to it. Writes a folder with index.html, which needs no other file and no network, and the plots as PNG and SVG:
-    verdict, parameters, every trial to zoom in, diagnosis, controller and exports. Prints where the page is.
+    to it. Writes a folder with index.html, which needs no other file and no network, and the plots as PNG and SVG.
+    The first screen, and the first sheet of paper, says what is wrong, why, what it gains, and what to run next; in
+    the viewer below it each cause is a switch. Prints where the page is.
 
     Use it last, or at once on a new folder of logs. The diagnosis takes most of the time; unlike that of rovid
     diagnose, it leaves the parameter file as it is.
@@ -23,6 +24,7 @@ PAGE = Page(
     examples=(
         ("With the logs that fit-drag remembered, into report/", "rovid report"),
         ("At once, on a folder of logs", "rovid report sample_logs/rosub_tank -p tank.toml -o tank_report"),
+        ("On paper too, for the trial record", "rovid report --pdf"),
         ("Quickly: fits and simulation alone", "rovid report --no-diagnosis --no-control --no-export"),
     ),
     see=("rovid diagnose", "rovid control", "rovid export"),
@@ -53,13 +55,17 @@ def report(
     export: Annotated[
         bool, typer.Option("--export/--no-export", help="With or without what each simulator's format holds.")
     ] = True,
+    pdf: Annotated[
+        bool,
+        typer.Option("--pdf", help="Print it too, as report.pdf, by a Chromium, Chrome or Edge of this machine."),
+    ] = False,
     cutoff: Cutoff = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Write everything on one page."""
     from rovid.campaign.axis import YAW
-    from rovid.report.build import build_report
+    from rovid.report.build import build_report, printed_page
     from rovid.show.fit_documents import axis_document
 
     stored = stored_at(parameters, axis, force=force)
@@ -73,11 +79,16 @@ def report(
             diagnosed=diagnosis,
             controlled=control,
             exported=export,
+            pdf=pdf,
             force=force,
             report=progress,
         )
+    written = {"page": str(page)}
+    if pdf:
+        written["pdf"] = str(printed_page(folder).path)
     if json:
-        written = {"page": str(page), "parameters": str(stored.path)}
-        print_json({"schema": "rovid-report/1", **axis_document(stored.axis), **written})
-    else:
-        console().print(str(page), highlight=False, soft_wrap=True)
+        paths = {**written, "parameters": str(stored.path)}
+        print_json({"schema": "rovid-report/1", **axis_document(stored.axis), **paths})
+        return
+    for path in written.values():
+        console().print(path, highlight=False, soft_wrap=True)

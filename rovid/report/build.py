@@ -15,7 +15,8 @@ from rovid.export import FORMATS
 from rovid.export.exporting import Exported, export, exporter_of
 from rovid.export.subject import subject_of
 from rovid.ground.errors import DataError
-from rovid.ground.files import Claim
+from rovid.ground.files import Claim, Output
+from rovid.ground.files.form import pdf_form
 from rovid.identify.estimate import Estimate
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation, simulate_runs
@@ -24,6 +25,7 @@ from rovid.parameters.parameters import Parameters
 from rovid.parameters.update import update
 from rovid.report.evidence import Evidence
 from rovid.report.page import claim_report, write_report
+from rovid.report.printing import printed, require_browser
 from rovid.report.stages import stages_of
 from rovid.study import Study, files_at_hand
 
@@ -39,6 +41,7 @@ def build_report(
     diagnosed: bool = True,
     controlled: bool = True,
     exported: bool = True,
+    pdf: bool = False,
     force: bool = False,
     report: Callable[[str], None] = lambda _: None,
 ) -> Path:
@@ -52,6 +55,8 @@ def build_report(
         Whether the page says what the simulation misses, which takes longer than all the rest.
     controlled, exported
         Whether it says what controller suits the vehicle, and what simulators' formats hold of it; in yaw alone.
+    pdf
+        Whether the page is printed too, as `printed_page` in ``folder``.
     force
         Whether to write over files that are in the way; never over what the report is made from.
     report
@@ -60,11 +65,16 @@ def build_report(
     Raises
     ------
     OutputError
-        The folder or the parameter file cannot be written.
+        The folder or the parameter file cannot be written, or the page not be printed.
+    ConfigError
+        There is no browser to print it with.
     """
     at_hand = files_at_hand(study.paths)
     parameters = Claim([stored.output], force=force, protected=at_hand)
-    page = claim_report(folder, force=force, protected=[*at_hand, stored.path])
+    protected = [*at_hand, stored.path]
+    page = claim_report(folder, force=force, protected=protected)
+    browser = require_browser() if pdf else ""
+    paper = Claim([printed_page(folder)] if pdf else [], force=force, protected=protected)
     drag, drag_refusal = _or_refusal(study.drag)
     estimates = {"quadratic_drag": None if drag is None else drag.estimate}
     # A drag that was found together with the inertia cannot judge it; the steady turns of these logs can.
@@ -95,7 +105,16 @@ def build_report(
         exports, refusal = every_export(study, stored, report)
         evidence = replace(evidence, exports=exports, export_refusal=refusal)
     report("Drawing and writing the page …")
-    return write_report(folder, _simulated(evidence, study), claim=page)
+    written = write_report(folder, _simulated(evidence, study), claim=page)
+    if pdf:
+        report("Printing the page …")
+        paper.write({printed_page(folder): printed(written, browser)})
+    return written
+
+
+def printed_page(folder: Path) -> Output:
+    """The page of ``folder`` as PDF."""
+    return Output(folder / "report.pdf", pdf_form("report"))
 
 
 def _simulated(evidence: Evidence, study: Study) -> Evidence:
