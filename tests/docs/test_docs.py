@@ -366,3 +366,13 @@ def broken(path: Path, page: Links, pages: dict[Path, Links]) -> Iterator[str]:
         anchor = unquote(parts.fragment)
         if not target.is_file() or (anchor and target in pages and anchor not in pages[target].anchors):
             yield link
+
+
+def test_the_score_card_says_what_the_pages_on_hard_water_and_real_logs_say() -> None:
+    from benchmarks.sweep import in_hard_water, of_real_logs
+
+    head, _, _ = (DOCS / "confusion.md").read_text(encoding="utf-8").partition("\n## ")
+    assert len(head.splitlines()) < 25  # one screen
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in head.splitlines() if line.startswith("| ")]
+    for row in (*in_hard_water(), *of_real_logs()):
+        assert row in rows, "write the card anew: python -m benchmarks.sweep --page-only, or by hand"
