@@ -448,7 +448,7 @@ vehicles:
 
 def score_card(results: Sequence[Result]) -> str:
     """How often right, how often a wrong name: in this sweep, and on the pages on hard water and on real logs."""
-    head = ["what was asked", "of", "right", "wrong", "left open"]
+    head = ["what was asked", "of", "right", "wrong", "neither"]
     rows = [*in_short(results), *in_hard_water(), *of_real_logs()]
     return f"""\
 # What the diagnosis names, and what it gets wrong

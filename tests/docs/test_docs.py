@@ -39,7 +39,7 @@ import pytest
 from PIL import Image
 from typer.main import get_command
 
-from docs.make_pictures import FOLDER, PICTURES
+from docs.make_pictures import FOLDER, PAGE, PICTURES, SCREENS, has_browser, screens
 from rovid.commands.cli import app
 from tests.conftest import ROOT, SAMPLES, run_rovid
 
@@ -221,7 +221,10 @@ def test_commands_of_a_page(page: Path, request: pytest.FixtureRequest) -> None:
         assert Path("parameters.toml").is_file()
     if page.name == "tutorial.md":
         apart = {name: difference(Path(made), FOLDER / name) for name, made in PICTURES.items()}
-        assert max(apart.values()) < LARGEST_DIFFERENCE, f"{apart}: run python docs/make_pictures.py"
+        if has_browser():
+            screens(Path(PAGE), Path.cwd())
+            apart |= {name: difference(Path(name), FOLDER / name) for name in SCREENS}
+        assert max(apart.values()) < LARGEST_DIFFERENCE, f"{apart}: run python -m docs.make_pictures"
 
 
 def difference(made: Path, kept: Path) -> float:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from rovid.model.simulation import TrialSimulation
 from rovid.report.plots.canvas import BLACK, ORANGE, PALE, extremes, sheet, styled
 
-_POINTS = 360
+_POINTS = 100  # for each inch
 _BEFORE = (ORANGE, "--", "without")
 
 
@@ -29,13 +29,13 @@ def before_after(before: TrialSimulation, after: TrialSimulation, *, width: floa
         width=width,
     )
     axis, trial = before.run.trial.axis, before.run.trial
-    time = before.run.rates.time
-    rate.plot(*extremes(time, before.measured, _POINTS), color=PALE, linewidth=4.0, label="measured")
+    time, count = before.run.rates.time, round(_POINTS * width)
+    rate.plot(*extremes(time, before.measured, count), color=PALE, linewidth=4.0, label="measured")
     if after is not before:
-        _simulation(rate, position, before, *_BEFORE)
-        _simulation(rate, position, after, BLACK, "-", "with")
+        _simulation((rate, position), before, count, _BEFORE)
+        _simulation((rate, position), after, count, (BLACK, "-", "with"))
     else:
-        _simulation(rate, position, before, BLACK, "-", "simulated")
+        _simulation((rate, position), before, count, (BLACK, "-", "simulated"))
     rate.set_title(f"{axis.rate_words}, {axis.rate_unit}", fontsize=9, pad=4)
     position.set_title(f"{axis.position_words} error, {axis.shown[0]}", fontsize=9, pad=4)
     for panel, height in zip((rate, position), rows, strict=True):
@@ -48,10 +48,11 @@ def before_after(before: TrialSimulation, after: TrialSimulation, *, width: floa
     return figure
 
 
-def _simulation(rate: Axes, position: Axes, item: TrialSimulation, colour: str, dashes: str, label: str) -> None:
+def _simulation(panels: tuple[Axes, Axes], item: TrialSimulation, count: int, look: tuple[str, str, str]) -> None:
+    (rate, position), (colour, dashes, label) = panels, look
     trial = item.run.trial
     _, factor = trial.axis.shown
     known = trial.measured
     off = factor * (item.position - trial.position)[known]
-    rate.plot(*extremes(item.run.rates.time, item.simulated, _POINTS), dashes, color=colour, linewidth=1.3, label=label)
-    position.plot(*extremes(trial.time[known], off, _POINTS), dashes, color=colour, linewidth=1.3)
+    rate.plot(*extremes(item.run.rates.time, item.simulated, count), dashes, color=colour, linewidth=1.3, label=label)
+    position.plot(*extremes(trial.time[known], off, count), dashes, color=colour, linewidth=1.3)
