@@ -16,7 +16,7 @@ from rovid.model.simulation import HORIZONS
 from rovid.report.evidence import Evidence
 from rovid.report.findings import listed, name_of, spaced, title_of, verdict
 from rovid.report.stages import missed
-from rovid.report.text import column, like, number, unit
+from rovid.report.text import column, like, number, unit, with_unit
 
 # Surer than not.
 _EVEN = 0.5
@@ -169,7 +169,7 @@ def _size(finding: Finding) -> str:
         name = f"{effect.key}.{parameter.name}"
         value = plus_minus(estimate.value(name), estimate.standard_error(name))
         words = estimate.axis.words(spaced(parameter.name))
-        sizes.append(f"{words} {value} {unit(estimate.unit(name))}".strip())
+        sizes.append(f"{words} {with_unit(value, estimate.unit(name))}")
     return ", ".join(sizes)
 
 

@@ -10,11 +10,11 @@ import numpy as np
 from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.vehicle import Vehicle
 from rovid.effects import Effect
-from rovid.ground.arrays import FloatArray
+from rovid.ground.arrays import FloatArray, IntArray
 from rovid.model.model import Model
 from rovid.motion.rates import on_grid
 from rovid.motion.runs import Run, Runs, channels
-from rovid.report.residual import all_left, binned, left_by_all
+from rovid.report.residual import all_left, left_by_all
 
 # A driver is preferred to a plainer one if it explains so much more of what the equation gives.
 _BETTER = 0.02
@@ -66,9 +66,7 @@ def missing_without(effect: Effect, runs: Runs, model: Model, vehicle: Vehicle) 
             best, follows, chosen = values, share, name
     if follows < _FOLLOWS:
         return _over_time([item.left for item in with_it], [item.left for item in without], runs)
-    return Missing(
-        driver=chosen, at=best, measured=-all_left(without), equation=equation, line=binned(best, equation, _BINS)
-    )
+    return Missing(driver=chosen, at=best, measured=-all_left(without), equation=equation, line=means(best, equation))
 
 
 def _less(model: Model, effect: Effect) -> Model:
@@ -114,10 +112,35 @@ def _followed(driver: FloatArray, equation: FloatArray) -> float:
     x, y = driver[known], equation[known]
     if x.size < _BINS or np.ptp(x) == 0.0:
         return -np.inf
-    where = np.clip(((x - x.min()) / np.ptp(x) * _BINS).astype(int), 0, _BINS - 1)
-    count = np.maximum(np.bincount(where, minlength=_BINS), 1)
-    mean = np.bincount(where, weights=y, minlength=_BINS) / count
+    where = _bin_of(x, _BINS)
+    count = np.maximum(np.bincount(where), 1)
+    mean = np.bincount(where, weights=y) / count
     return 1.0 - float(np.sum((y - mean[where]) ** 2) / np.sum(y**2))
+
+
+def _bin_of(x: FloatArray, bins: int) -> IntArray:
+    """(n,) in which bin each value stands: half of them are of one width, half hold as many values.
+
+    So neither what happens about rest, where most values are, nor what happens far from it is smeared.
+    """
+    widths = np.linspace(x.min(), x.max(), bins // 2 + 1)
+    counts = np.quantile(x, np.linspace(0.0, 1.0, bins // 2 + 1))
+    edges = np.unique(np.concatenate([widths, counts]))[1:-1]
+    return np.asarray(np.searchsorted(edges, x, side="right"))
+
+
+def means(driver: FloatArray, values: FloatArray, bins: int = _BINS, fewest: int = 3) -> tuple[FloatArray, FloatArray]:
+    """Mean of ``driver`` and of ``values`` in bins that hold enough of them, from the least driver to the largest."""
+    known = np.isfinite(driver) & np.isfinite(values)
+    x, y = driver[known], values[known]
+    where = _bin_of(x, bins)
+    count = np.bincount(where)
+    enough = count >= fewest
+
+    def mean(of: FloatArray) -> FloatArray:
+        return np.asarray(np.bincount(where, weights=of)[enough] / count[enough])
+
+    return mean(x), mean(y)
 
 
 def _over_time(with_it: Sequence[FloatArray], without: Sequence[FloatArray], runs: Runs) -> Missing:

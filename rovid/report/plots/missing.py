@@ -6,13 +6,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rovid.campaign.axis import Axis
-from rovid.report.drivers import Missing
+from rovid.report.drivers import Missing, means
 from rovid.report.plots.canvas import BLACK, BLUE, ORANGE, PALE, sheet, styled
-from rovid.report.residual import binned
 
 _WIDTH, _HEIGHT = 6.4, 2.3
 _CLOUD = 4000
 _MEANS = 16
+# Of fewer readings no mean is drawn: it would be noise.
+_FEWEST = 10
 # Readings beyond these shares of all are left to the eye's imagination: a single spike would flatten the rest.
 _SHOWN = (0.2, 99.8)
 
@@ -29,7 +30,7 @@ def missing_torque(item: Missing, axis: Axis) -> Figure:
     )
     over_time = item.driver.startswith("time in ") and item.line[0] is item.at
     if not over_time:
-        panel.plot(*binned(x, y, _MEANS), "o", color=BLUE, markersize=4.5, label="their mean", zorder=3)
+        panel.plot(*means(x, y, _MEANS, _FEWEST), "o", color=BLUE, markersize=4.5, label="their mean", zorder=3)
     line, values = item.line
     there = np.isfinite(line) & np.isfinite(values)
     panel.plot(line[there], values[there], color=ORANGE, linewidth=2.0, label="the equation", zorder=2)
