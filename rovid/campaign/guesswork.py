@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -94,7 +95,12 @@ class Guesswork:
 
     def marks(self, unit: str) -> bool:
         """Whether a number in ``unit`` is a placeholder."""
-        return bool(self) and (not self.ratios_hold or goes_with_thrust(unit))
+        # Roots of a torque hang on it too.
+        return bool(self) and (not self.ratios_hold or re.search(r"\b(N|kg)\b", unit) is not None)
+
+    def marked(self, number: str, unit: str) -> str:
+        """``number``, which is in ``unit``, as "guessed 12" where it is a placeholder."""
+        return f"guessed {number}" if self.marks(unit) else number
 
 
 def goes_with_thrust(unit: str) -> bool:

@@ -10,13 +10,13 @@ from typing import TypeVar
 from rovid.campaign.axis import YAW
 from rovid.control.loop_design import Control, control_of
 from rovid.control.setting import Options, setting_of
-from rovid.diagnose.parts import parts_of
 from rovid.diagnose.record import Diagnosis
 from rovid.export import FORMATS
 from rovid.export.exporting import Exported, export, exporter_of
 from rovid.export.subject import subject_of
 from rovid.ground.errors import DataError
-from rovid.ground.files import Claim
+from rovid.ground.files import Claim, Output
+from rovid.ground.files.form import pdf_form
 from rovid.identify.estimate import Estimate
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation, simulate_runs
@@ -25,6 +25,8 @@ from rovid.parameters.standing import standing
 from rovid.parameters.update import update
 from rovid.report.evidence import Evidence
 from rovid.report.page import claim_report, write_report
+from rovid.report.printing import printed, require_browser
+from rovid.report.stages import stages_of
 from rovid.study import Study, files_at_hand
 
 _T = TypeVar("_T")
@@ -39,6 +41,7 @@ def build_report(
     diagnosed: bool = True,
     controlled: bool = True,
     exported: bool = True,
+    pdf: bool = False,
     force: bool = False,
     report: Callable[[str], None] = lambda _: None,
 ) -> tuple[Path, Evidence]:
@@ -53,6 +56,8 @@ def build_report(
         Whether the page says what the simulation misses, which takes longer than all the rest.
     controlled, exported
         Whether it says what controller suits the vehicle, and what simulators' formats hold of it; in yaw alone.
+    pdf
+        Whether the page is printed too, as `printed_page` in ``folder``.
     force
         Whether to write over files that are in the way; never over what the report is made from.
     report
@@ -61,11 +66,16 @@ def build_report(
     Raises
     ------
     OutputError
-        The folder or the parameter file cannot be written.
+        The folder or the parameter file cannot be written, or the page not be printed.
+    ConfigError
+        There is no browser to print it with.
     """
     at_hand = files_at_hand(study.paths)
     parameters = Claim([stored.output], force=force, protected=at_hand)
-    page = claim_report(folder, force=force, protected=[*at_hand, stored.path])
+    protected = [*at_hand, stored.path]
+    page = claim_report(folder, force=force, protected=protected)
+    browser = require_browser() if pdf else ""
+    paper = Claim([printed_page(folder)] if pdf else [], force=force, protected=protected)
     stored, notes = _holding(stored, study)
     drag, drag_refusal = _or_refusal(study.drag)
     estimates = {"quadratic_drag": None if drag is None else drag.estimate}
@@ -111,18 +121,22 @@ def build_report(
         evidence = replace(evidence, exports=exports, export_refusal=refusal)
     report("Drawing and writing the page …")
     evidence = _simulated(evidence, study)
-    return write_report(folder, evidence, claim=page), evidence
+    written = write_report(folder, evidence, claim=page)
+    if pdf:
+        report("Printing the page …")
+        paper.write({printed_page(folder): printed(written, browser)})
+    return written, evidence
+
+
+def printed_page(folder: Path) -> Output:
+    """The page of ``folder`` as PDF."""
+    return Output(folder / "report.pdf", pdf_form("report"))
 
 
 def _simulated(evidence: Evidence, study: Study) -> Evidence:
-    """With every trial simulated by the model, and without what was found."""
-    evidence = replace(evidence, simulations=_simulations(study, evidence.parameters))
-    diagnosis = evidence.diagnosis
-    if diagnosis is None:
-        return evidence
-    return replace(
-        evidence, before=_before(study, evidence.parameters, diagnosis), compared=most_improved(study, diagnosis)
-    )
+    """With every trial simulated by the model, and without what was found and with some of it."""
+    stages = () if evidence.diagnosis is None else stages_of(study, evidence.diagnosis)
+    return replace(evidence, simulations=_simulations(study, evidence.parameters), stages=stages)
 
 
 def _holding(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
@@ -214,31 +228,6 @@ def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...
     return tuple(simulate_runs(study.runs.items, _model_of(study, stored), study.vehicle))
 
 
-def _before(study: Study, stored: Parameters, diagnosis: Diagnosis) -> tuple[TrialSimulation, ...]:
-    """Every trial simulated without what was found; none where nothing was."""
-    if study.runs is None or diagnosis.base is None or not stored.effects:
-        return ()
-    return tuple(simulate_runs(study.runs.items, diagnosis.base.model, study.vehicle))
-
-
 def _whole(stored: Parameters) -> bool:
     """Whether the file has all that a simulation needs."""
     return {"inertia", "quadratic_drag"} <= set(stored.entries)
-
-
-def most_improved(study: Study, diagnosis: Diagnosis) -> tuple[TrialSimulation, TrialSimulation] | None:
-    """The trial whose simulated rate what was found improves most, without and with it; None where it does not."""
-    base, extended = diagnosis.base, diagnosis.extended
-    if study.runs is None or base is None or extended is None or not extended.model.effects:
-        return None
-    # Few trials are diagnosed in parts, and a part is simulated from its own start.
-    runs = (parts_of(study.runs.items, study.vehicle, study.runs.cutoff) or study.runs).items
-    before = simulate_runs(runs, base.model, study.vehicle)
-    after = simulate_runs(runs, extended.model, study.vehicle)
-    most, best = 0.0, None
-    for pair in zip(before, after, strict=True):
-        without, with_it = pair
-        gain = without.fit.rmse - with_it.fit.rmse
-        if gain > most:
-            most, best = gain, pair
-    return best

@@ -14,6 +14,7 @@ from rovid import __version__
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle, box_inertia
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
+from rovid.diagnose.record import Diagnosis
 from rovid.effects import effect_named, restoring_of
 from rovid.ground.errors import visible
 from rovid.ground.files import Claim, Output
@@ -21,13 +22,13 @@ from rovid.ground.files.form import PAGE, png_form
 from rovid.ground.numbers import plus_minus
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.model.names import base_names
-from rovid.model.simulation import HORIZONS, overall
 from rovid.report import controller, correlations, drag_grids, exports, findings, grids
 from rovid.report.album import Album, make_album, plots_in
+from rovid.report.answer import answer_of
 from rovid.report.assets import read_assets
 from rovid.report.evidence import Evidence
 from rovid.report.residual import left_by_all, sizes
-from rovid.report.text import arm, column, number, positions, prose, steady_state, title, unit
+from rovid.report.text import arm, column, number, prose, steady_state, title, unit
 from rovid.report.viewer import viewer_document
 
 if TYPE_CHECKING:
@@ -125,7 +126,6 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "evidence": evidence,
         "axis": evidence.axis,
         "steady": steady_state(evidence.axis),
-        "positions": positions(evidence.axis),
         "arm": arm(evidence.axis)[0],
         "restoring": restoring_of(evidence.axis),
         "vehicle": evidence.vehicle,
@@ -135,9 +135,10 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "runs": evidence.runs,
         "trials": _trials(evidence),
         "simulations": simulations,
-        "overall": overall(simulations) if simulations else None,
-        "position_errors": list(_position_errors(evidence)),
+        "answer": answer_of(evidence),
         "added": _added(evidence),
+        "together": correlations.of_parameters(evidence.parameters),
+        "invisible": findings.invisible(evidence.vehicle),
         "left": _left(evidence),
         "effects": [effect_named(name) for name in evidence.parameters.effects],
         "missing": list(_missing(evidence)),
@@ -149,7 +150,7 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "noise": _noise(evidence),
         "box": _box(evidence.vehicle),
         "methods": METHODS,
-        "diagnosed": evidence.diagnosis is not None or bool(evidence.diagnosis_refusal),
+        "diagnosed": _looked_for(evidence.diagnosis),
         "controlled": evidence.control is not None or bool(evidence.control_refusal),
         "exported": bool(evidence.exports) or bool(evidence.export_refusal),
         "findings": findings,
@@ -174,12 +175,9 @@ def _trials(evidence: Evidence) -> tuple[Trial, ...]:
     return evidence.campaign.trials
 
 
-def _position_errors(evidence: Evidence) -> Iterator[tuple[float, float]]:
-    """Each horizon in s that is reached, and the typical error at it in deg or m."""
-    for horizon in HORIZONS:
-        error = grids.typical_position_error(evidence.simulations, horizon)
-        if error is not None:
-            yield horizon, error
+def _looked_for(diagnosis: Diagnosis | None) -> bool:
+    """Whether there is more to say of causes than the first screen does."""
+    return diagnosis is not None and (diagnosis.base is not None or diagnosis.amplitudes is not None)
 
 
 def _missing(evidence: Evidence) -> Iterator[tuple[str, str]]:

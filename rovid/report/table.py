@@ -29,9 +29,7 @@ class Grid:
 
     def hangs_on(self, guess: Guesswork) -> bool:
         """Whether a number in it is a placeholder, by its unit."""
-        numeric = [column for column in self.columns if column.numeric]
-        named = [cell for column in self.columns if column.title == "unit" for cell in column.cells]
-        return any(map(guess.marks, (*(column.unit for column in numeric), *named)))
+        return any(guess.marks(column.unit) for column in self.columns if column.numeric)
 
     @property
     def rows(self) -> list[tuple[tuple[Column, str], ...]]:

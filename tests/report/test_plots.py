@@ -55,7 +55,7 @@ def test_no_text_leaves_the_figure(day: Evidence) -> None:
 
 
 def test_overview_holds_every_trial(day: Evidence) -> None:
-    figure = simulations.overview(day.simulations)
+    figure = simulations.overview([(item, item) for item in day.simulations])
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     assert [title for title in titles if title] == [item.run.trial.name for item in day.simulations]
 
