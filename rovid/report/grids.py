@@ -154,21 +154,20 @@ def trials_grid(evidence: Evidence, campaign: Campaign) -> Grid:
 
 def _simulated(evidence: Evidence, trials: Sequence[Trial]) -> Iterator[Column]:
     """R² of the rate and the position's error after a minute, once or without and with what was found."""
-    axis = evidence.axis
-    sides = {"": evidence.after}
-    if len(evidence.stages) > 1:
+    axis, sides = evidence.axis, {"": evidence.after}
+    names = {item.run.trial.name for item in evidence.after}
+    if any(trial.name not in names for trial in trials):
+        # What was diagnosed in parts is simulated as a whole by the parameter file's model alone.
+        sides = {"": evidence.simulations}
+    elif len(evidence.stages) > 1:
         sides = {"without: ": evidence.before, "with: ": evidence.after}
-    # Where trials were simulated in parts, the whole ones are the parameter file's.
-    plain = {item.run.trial.name: item for item in evidence.simulations}
     for side, items in sides.items():
-        by_name = plain | {item.run.trial.name: item for item in items}
-        chosen = [by_name[trial.name] for trial in trials if trial.name in by_name]
-        ahead = [axis.in_shown(item.position_errors.get(HORIZONS[-1])) for item in chosen]
-        off = dict(zip([item.run.trial.name for item in chosen], column(ahead, 2), strict=True))
-        shares = {item.run.trial.name: number(item.fit.r2, ".4f") for item in chosen}
-        title = f"{axis.position_words} off after {HORIZONS[-1]:.0f} s"
-        yield numbers(f"{side}R²", "", [shares.get(trial.name, NOTHING) for trial in trials])
-        yield numbers(f"{side}{title}", axis.shown[0], [off.get(trial.name, NOTHING) for trial in trials])
+        by_name = {item.run.trial.name: item for item in items}
+        chosen = [by_name.get(trial.name) for trial in trials]
+        shares = [NOTHING if item is None else number(item.fit.r2, ".4f") for item in chosen]
+        ahead = [None if item is None else axis.in_shown(item.position_errors.get(HORIZONS[-1])) for item in chosen]
+        yield numbers(f"{side}R²", "", shares)
+        yield numbers(f"{side}{axis.position_words} off after {HORIZONS[-1]:.0f} s", axis.shown[0], column(ahead, 2))
 
 
 def _longest_gap(trial: Trial) -> float:

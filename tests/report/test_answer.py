@@ -38,7 +38,7 @@ def test_what_was_found_is_wrong_why_gain_and_next(lagged: Evidence) -> None:
     (reason,) = answer.reasons
     assert reason.title == "thruster lag"
     assert reason.size.startswith("time constant 0.8")
-    assert reason.size.endswith(" s")
+    assert reason.size.endswith("\u00a0s")
     assert reason.sure == "established: odds 32 to 1"
     lost = [round(100 * (1 - gain.bars[1].share)) for gain in answer.gains]
     assert answer.gained == f"{lost[0]} % and {lost[1]} % of the error gone, on trials that the fit never saw."

@@ -5,17 +5,20 @@ from __future__ import annotations
 import base64
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from rovid.effects import effect_named
 from rovid.report.album import Album
 from rovid.report.evidence import Evidence
 from rovid.report.page import render_page
+from rovid.report.stages import Stage
 from tests.conftest import SAMPLES, run_rovid
-from tests.report.conftest import make_evidence, staged
+from tests.report.conftest import make_evidence, nearer, staged
 
 pytest.importorskip("fcntl", reason="Chromium is driven over a POSIX pipe")
 from tests.report.chromium import NAMES, Tab, chromium, find_chromium
@@ -325,6 +328,46 @@ def test_the_browser_would_tell_of_an_error_and_of_a_request(browser: Tab, tmp_p
     browser.open(page)
     assert any("nonsense" in each for each in browser.complaints)
     assert any(url.endswith("none.png") for url in browser.requests)
+
+
+@in_browser
+def test_of_many_causes_one_comes_after_another(browser: Tab, tmp_path: Path) -> None:
+    names = {"hold_1.csv": "a.csv", "hold_2.csv": "b.csv", "sine_a.csv": "c.csv"}
+    evidence = make_evidence(tmp_path, names)
+    ids = ("thruster_lag", "bias_torque", "drag_asymmetry", "coulomb_resistance")
+    effects = tuple(map(effect_named, ids))
+    plain, stages = evidence.parameters.model(), []
+    for count in range(len(effects) + 1):
+        values = tuple(parameter.null for effect in effects[:count] for parameter in effect.parameters)
+        model = replace(plain, effects=effects[:count], effect_values=values)
+        items = tuple(nearer(item, count + 1) for item in evidence.simulations)
+        stages.append(Stage(model=model, simulations=items))
+    page = tmp_path / "index.html"
+    page.write_text(render_page(replace(evidence, stages=tuple(stages)), Album(), today=date(2026, 3, 7)))
+    opened(browser, page)
+    assert stage(browser) == [True] * 4
+    switch = "document.querySelectorAll('#viewer-causes input')[{}].click()"
+    browser.ask(switch.format(2))
+    assert stage(browser) == [True, True, False, False]
+    browser.ask(switch.format(3))
+    assert stage(browser) == [True] * 4
+    browser.ask(switch.format(0))
+    assert stage(browser) == [False] * 4
+    browser.ask("document.getElementById('viewer-step').click()")
+    assert stage(browser) == [True, False, False, False]
+    quiet(browser, page)
+
+
+@in_browser
+def test_a_link_unfolds_what_it_leads_to(tab: Tab) -> None:
+    folded = "document.getElementById('sources').open"
+    assert not tab.ask(folded)
+    tab.ask("document.querySelector('nav a[href=\"#sources\"]').click()")
+    tab.until(folded)
+    # A key does the same for those who do not use a mouse.
+    tab.ask("document.querySelector('#drag > summary').focus()")
+    tab.key(" ")
+    tab.until("document.getElementById('drag').open")
 
 
 # What stands on the first screen, as it has to be seen without scrolling.

@@ -64,6 +64,15 @@ def test_each_trial_stands_with_its_errors_without_and_with_what_was_found(day: 
     assert cells(grid, "with: R²") == [f"{item.fit.r2:.4f}" for item in day.simulations]
 
 
+def test_what_was_simulated_in_parts_stands_as_a_whole_by_the_plain_model(day: Evidence) -> None:
+    assert day.campaign is not None
+    item = day.simulations[0]
+    part = replace(item, run=replace(item.run, trial=replace(item.run.trial, name="hold_0.csv part 1")))
+    stages = (Stage(model=day.parameters.model(), simulations=(part,)),) * 2
+    grid = grids.trials_grid(replace(day, stages=stages), day.campaign)
+    assert cells(grid, "R²") == [f"{item.fit.r2:.4f}" for item in day.simulations]
+
+
 def test_a_logged_torque_has_no_curve(day: Evidence) -> None:
     vehicle = replace(day.vehicle, thrusters=(Thruster(name="torque", arm=1.0, curve=None),))
     assert cells(grids.thrusters_grid(vehicle), "thrust") == ["torque logged"]

@@ -379,8 +379,25 @@
   const STAGES = { without: () => turnTo(0), step, all: () => turnTo(ALL) };
   for (const [name, act] of Object.entries(STAGES)) byId(name)?.addEventListener("click", act);
 
+  // ---- what is folded
+
+  // A link into a folded section unfolds it; all of them are printed, also where the style cannot see to it.
+  const sections = [...document.querySelectorAll("details.section")];
+  const unfold = () => {
+    const part = sections.find((each) => `#${each.id}` === location.hash);
+    if (part) part.open = true;
+  };
+  addEventListener("hashchange", unfold);
+  let closed = [];
+  addEventListener("beforeprint", () => {
+    closed = sections.filter((each) => !each.open);
+    for (const each of closed) each.open = true;
+  });
+  addEventListener("afterprint", () => { for (const each of closed) each.open = false; });
+
   // ---- start
 
+  unfold();
   root.hidden = false;
   build();
   list.selectedIndex = 0;
