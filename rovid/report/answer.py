@@ -156,12 +156,12 @@ def _reasons(diagnosis: Diagnosis | None, axis: Axis) -> Iterator[Reason]:
         return
     for finding in (*diagnosis.findings, *diagnosis.suspects):
         names = [name_of(effect, axis) for effect in (finding.effect, *finding.undecided)]
-        yield Reason(title=listed(names, "or"), size=_size(finding), sure=sureness(finding))
+        yield Reason(title=listed(names, "or"), size=size_of(finding), sure=sureness(finding))
     for signal, _ in diagnosis.signals:
         yield Reason(title=axis.words(signal.title), size="", sure="a dependence; its cause has no name yet")
 
 
-def _size(finding: Finding) -> str:
+def size_of(finding: Finding) -> str:
     """The parameters, each with its error and unit."""
     effect, estimate = finding.effect, finding.estimate
     sizes = []

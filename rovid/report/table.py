@@ -20,11 +20,10 @@ class Column:
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """A captioned table; the last row is a total where ``total``."""
+    """A captioned table."""
 
     caption: str
     columns: tuple[Column, ...]
-    total: bool = False
 
     @property
     def rows(self) -> list[tuple[tuple[Column, str], ...]]:
