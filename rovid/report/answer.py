@@ -159,12 +159,12 @@ def _reasons(diagnosis: Diagnosis | None, axis: Axis) -> Iterator[Reason]:
     for finding in (*diagnosis.findings, *diagnosis.suspects):
         names = [name_of(effect, axis) for effect in (finding.effect, *finding.undecided)]
         blamed = finding.estimate.guess.blames(finding.effect.id)
-        yield Reason(title=listed(names, "or"), size=_size(finding), sure=sureness(finding), blamed=blamed)
+        yield Reason(title=listed(names, "or"), size=size_of(finding), sure=sureness(finding), blamed=blamed)
     for signal, _ in diagnosis.signals:
         yield Reason(title=axis.words(signal.title), size="", sure="a dependence; its cause has no name yet")
 
 
-def _size(finding: Finding) -> str:
+def size_of(finding: Finding) -> str:
     """The parameters, each with its error and unit."""
     effect, estimate = finding.effect, finding.estimate
     sizes = []

@@ -24,7 +24,7 @@ from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.model.names import base_names
 from rovid.report import controller, correlations, drag_grids, exports, findings, grids
 from rovid.report.album import Album, make_album, plots_in
-from rovid.report.answer import answer_of
+from rovid.report.answer import answer_of, size_of, sureness
 from rovid.report.assets import read_assets
 from rovid.report.evidence import Evidence
 from rovid.report.residual import left_by_all, sizes
@@ -154,6 +154,8 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "controlled": evidence.control is not None or bool(evidence.control_refusal),
         "exported": bool(evidence.exports) or bool(evidence.export_refusal),
         "findings": findings,
+        "size_of": size_of,
+        "sureness": sureness,
         "correlations": correlations,
         "controller": controller,
         "exporting": exports,

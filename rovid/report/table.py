@@ -21,11 +21,10 @@ class Column:
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """A captioned table; the last row is a total where ``total``."""
+    """A captioned table."""
 
     caption: str
     columns: tuple[Column, ...]
-    total: bool = False
 
     def hangs_on(self, guess: Guesswork) -> bool:
         """Whether a number in it is a placeholder, by its unit."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from statistics import median_high
 
-from rovid.campaign.axis import YAW, Axis
+from rovid.campaign.axis import Axis
 
 # As wide as a digit and as a point: they fill a column up without showing.
 _FIGURE_SPACE, _POINT_SPACE = "\u2007", "\u2008"
@@ -76,11 +76,6 @@ def arm(axis: Axis) -> tuple[str, str]:
 def steady_state(axis: Axis) -> str:
     """What a steady state is called."""
     return "steady turn" if axis.angular else "steady state"
-
-
-def positions(axis: Axis) -> str:
-    """What the measured positions are called."""
-    return "headings" if axis is YAW else "readings"
 
 
 def prose(text: str) -> str:
