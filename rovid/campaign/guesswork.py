@@ -48,12 +48,25 @@ class Guesswork:
 
     @property
     def words(self) -> str:
-        """What is guessed, as "yaw_arm of fore and aft"."""
+        """What is guessed, as "yaw_arm and curve of fore and aft"."""
         names: dict[str, list[str]] = {}
         for item in self.items:
             what, _, name = item.partition(" of ")
             names.setdefault(what, []).append(name)
-        return " and ".join(f"{what} of {_listed(those)}" for what, those in names.items())
+        together: dict[str, list[str]] = {}
+        for what, those in names.items():
+            together.setdefault(_listed(those), []).append(what)
+        return " and ".join(f"{' and '.join(whats)} of {those}" for those, whats in together.items())
+
+    @property
+    def kinds(self) -> str:
+        """The same without the names of thrusters, for whoever was told them: "yaw_arm and curve"."""
+        return " and ".join(dict.fromkeys(item.partition(" of ")[0] for item in self.items))
+
+    @property
+    def with_curve(self) -> str:
+        """What a sentence on the simulation has to add, with commas; nothing where the curves are known."""
+        return ", with a guessed thrust curve," if self.of_curve else ""
 
     @property
     def caution(self) -> str:

@@ -39,21 +39,26 @@ class Settings:
     def changes(self, now: Settings, *, drive_alone: bool = False) -> list[str]:
         """What is not as here any more; signals that came new change nothing, unless the model asks for them."""
         found = list(_changes(self.drive, now.drive))
-        found += [f"{name} is new" for name in now.drive if name not in self.drive]
+        found += [f"{_thruster_of(name)} is new" for name in now.drive if name not in self.drive]
         if not drive_alone:
             found += _changes(self.signals, now.signals)
             found += [f"{name} is new" for name in _POSE if name in now.signals and name not in self.signals]
-        return found
+        return list(dict.fromkeys(found))
 
 
 # Wherever these are logged the rate of a heading becomes the body's.
 _POSE = ("roll", "pitch", "yaw_rate")
 
 
+def _thruster_of(name: str) -> str:
+    """The thruster that "yaw_arm of fore" is of; a signal by its own name."""
+    return name.partition(" of ")[2] or name
+
+
 def _changes(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
     for name, value in before.items():
         if name not in now:
-            yield f"{name} is gone"
+            yield f"{_thruster_of(name)} is gone"
         elif now[name] != value:
             yield f"{name} has changed" if value.startswith(_DIGEST) else f"{name} was {value} and is {now[name]}"
 

@@ -128,10 +128,9 @@ def control(
     }
     claim = claim_of(list(makers), paths, stored.path, force=force)
     study = opened(paths, None, stored.axis)
-    remarks = require_holding(stored, study)
-    guess = guess_of(stored, study)
-    require_measured(stored, guess, force=force)
     study.require(model.effects)
+    remarks, guess = require_holding(stored, study), guess_of(stored, study)
+    require_measured(stored, guess, force=force)
     setting = setting_of(options, model, study.position_noise(), study.torque_in_use())
     with busy("Closing the loop …"):
         result = control_of(stored, study.vehicle, setting, options)

@@ -360,8 +360,8 @@ def _guessed_curve(survey: Survey) -> Iterator[str]:
     proportion = f"thrust in proportion to the command, {_FULL_THRUST:g} N at its end"
     yield ""
     yield f"# {survey.curve} is a guess: {proportion}. Until a"
-    yield "# bench curve takes its place, inertia and drag are right among themselves, not in size, and the"
-    yield "# diagnosis finds the drive's dead band as one."
+    yield "# bench curve takes its place no number holds that was fitted through it, and the diagnosis finds what"
+    yield "# the guess lacks, as the drive's own dead band."
 
 
 def _by_name(survey: Survey) -> dict[str, dict[str, Thrusting]]:

@@ -15,7 +15,8 @@ from rovid.parameters.parameters import Entry
 
 # Joint standard errors beyond which two methods do not say the same.
 _APART = 3.0
-_WHOLE = (InnovationMisfit.method, HorizonMisfit.method)
+# Methods that fit all parameters at once.
+WHOLE = (InnovationMisfit.method, HorizonMisfit.method)
 _BASE = ("inertia", "quadratic_drag", "linear_drag")
 
 
@@ -52,7 +53,8 @@ def causes_in(names: Iterable[str]) -> str:
 def off_by(value: float, of: float) -> str:
     """How far a ``value`` is from the model's ``of``, in words."""
     share = 100.0 * (value / of - 1.0)
-    return f"{abs(share):.2g} % {'above' if share > 0.0 else 'below'} the model's"
+    size = f"{abs(share):.0f}" if abs(share) >= 10.0 else f"{abs(share):.2g}"
+    return f"{size} % {'above' if share > 0.0 else 'below'} the model's"
 
 
 def _compared(entries: Mapping[str, Entry], estimate: Estimate, name: str) -> bool:
@@ -70,7 +72,7 @@ def _gap(entry: Entry, estimate: Estimate, name: str) -> float:
 
 
 def _advice(entry: Entry, estimate: Estimate) -> str:
-    mine, other = estimate.method in _WHOLE, entry.method in _WHOLE
+    mine, other = estimate.method in WHOLE, entry.method in WHOLE
     if mine and other:
         return "Believe the one whose model has the causes that were found."
     if mine or other:

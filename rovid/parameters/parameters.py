@@ -235,7 +235,7 @@ class Parameters:
         """One parameter for the file; whoever looks at it alone learns there that it is a placeholder."""
         marked = self.settings is not None and self.settings.guess.marks(entry.unit)
         written = asdict(entry) | ({"placeholder": True} if marked else {})
-        return {key: value for key, value in written.items() if value != ""}
+        return {key: value for key, value in written.items() if key != "options" or value}
 
     @property
     def output(self) -> Output:

@@ -105,7 +105,7 @@ def answer_of(evidence: Evidence) -> Answer:
 
 def _headline(evidence: Evidence) -> str:
     if evidence.diagnosis is not None:
-        return verdict(evidence.diagnosis)
+        return verdict(evidence.diagnosis, evidence.vehicle.guess)
     if evidence.simulations:
         return f"The model explains R² = {missed(evidence.simulations).r2:.4f} of the {evidence.axis.rate_words}."
     return "There is no simulation to judge the model by."

@@ -11,6 +11,7 @@ from rovid.campaign.axis import YAW
 from rovid.control.loop_design import Control, control_of
 from rovid.control.setting import Options, setting_of
 from rovid.diagnose.record import Diagnosis
+from rovid.effects import effect_named
 from rovid.export import FORMATS
 from rovid.export.exporting import Exported, export, exporter_of
 from rovid.export.subject import subject_of
@@ -20,6 +21,7 @@ from rovid.ground.files.form import pdf_form
 from rovid.identify.estimate import Estimate
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation, simulate_runs
+from rovid.parameters.agreement import WHOLE
 from rovid.parameters.parameters import Parameters
 from rovid.parameters.standing import standing
 from rovid.parameters.update import update
@@ -76,49 +78,8 @@ def build_report(
     page = claim_report(folder, force=force, protected=protected)
     browser = require_browser() if pdf else ""
     paper = Claim([printed_page(folder)] if pdf else [], force=force, protected=protected)
-    stored, notes = _holding(stored, study)
-    drag, drag_refusal = _or_refusal(study.drag)
-    estimates = {"quadratic_drag": None if drag is None else drag.estimate}
-    # A drag that was found together with the inertia cannot judge it; the steady turns of these logs can.
-    judge = _completed(stored, study, estimates).drag() or estimates["quadratic_drag"]
-    inertia, inertia_refusal = _or_refusal(lambda: study.inertia(judge))
-    estimates["inertia"] = None if inertia is None else inertia.estimate
-    diagnosis, refusal = _diagnosis(study, judge, report) if diagnosed else (None, "")
-    found = None if diagnosis is None or diagnosis.extended is None else diagnosis.extended.estimate
-
-    def change(now: Parameters) -> Parameters:
-        held, _ = _holding(now, study)
-        return _completed(held, study, estimates) if found is None else held.with_estimate(found, study.origin)
-
-    if found is not None or change(stored) is not stored or not stored.path.exists():
-        stored = update(stored, parameters, change)
-    evidence = Evidence(
-        vehicle=study.vehicle,
-        parameters=stored,
-        campaign=study.campaign,
-        runs=study.runs,
-        drag=drag,
-        drag_refusal=drag_refusal,
-        inertia=inertia,
-        inertia_refusal=inertia_refusal,
-        simulations=(),
-        diagnosis=diagnosis,
-        diagnosis_refusal=refusal,
-        notes=tuple(notes),
-    )
-    yaw = study.vehicle.axis is YAW
-    guess = study.vehicle.guess
-    if guess and yaw:
-        # What hangs on a guess is shown, and not handed on.
-        why = f"{stored.path.name} {guess.refusal}"
-        evidence = replace(evidence, control_refusal=why * controlled, export_refusal=why * exported)
-        controlled = exported = False
-    if controlled and yaw:
-        control, refusal = designed_control(study, stored, report)
-        evidence = replace(evidence, control=control, control_refusal=refusal)
-    if exported and yaw:
-        exports, refusal = every_export(study, stored, report)
-        evidence = replace(evidence, exports=exports, export_refusal=refusal)
+    evidence = _identified(stored, study, parameters, report, diagnosed=diagnosed)
+    evidence = _handed_on(evidence, study, report, controlled=controlled, exported=exported)
     report("Drawing and writing the page …")
     evidence = _simulated(evidence, study)
     written = write_report(folder, evidence, claim=page)
@@ -133,6 +94,64 @@ def printed_page(folder: Path) -> Output:
     return Output(folder / "report.pdf", pdf_form("report"))
 
 
+def _identified(
+    stored: Parameters, study: Study, claim: Claim, report: Callable[[str], None], *, diagnosed: bool
+) -> Evidence:
+    """What the logs say, and the one model, which is in the parameter file by then."""
+    before = stored
+    stored, notes = _holding(stored, study)
+    drag, drag_refusal = _or_refusal(study.drag)
+    estimates = {"quadratic_drag": None if drag is None else drag.estimate}
+    # A drag that was found together with the inertia cannot judge it; the steady turns of these logs can.
+    judge = _completed(stored, study, estimates).drag() or estimates["quadratic_drag"]
+    inertia, inertia_refusal = _or_refusal(lambda: study.inertia(judge))
+    estimates["inertia"] = None if inertia is None else inertia.estimate
+    diagnosis, refusal = _diagnosis(study, judge, report) if diagnosed else (None, "")
+    whole = None
+    if diagnosis is not None and diagnosis.extended is not None:
+        whole = diagnosis.extended.estimate
+    elif stored is not before:
+        whole = _fitted_again(before, study)
+
+    def change(now: Parameters) -> Parameters:
+        held, _ = _holding(now, study)
+        return _completed(held, study, estimates) if whole is None else held.with_estimate(whole, study.origin)
+
+    if whole is not None or change(stored) is not stored or not stored.path.exists():
+        stored = update(stored, claim, change)
+    return Evidence(
+        vehicle=study.vehicle,
+        parameters=stored,
+        campaign=study.campaign,
+        runs=study.runs,
+        drag=drag,
+        drag_refusal=drag_refusal,
+        inertia=inertia,
+        inertia_refusal=inertia_refusal,
+        simulations=(),
+        diagnosis=diagnosis,
+        diagnosis_refusal=refusal,
+        notes=tuple(notes),
+    )
+
+
+def _handed_on(
+    evidence: Evidence, study: Study, report: Callable[[str], None], *, controlled: bool, exported: bool
+) -> Evidence:
+    """With controller and exports, which are of yaw alone, and never of what hangs on a guess."""
+    stored, guess = evidence.parameters, study.vehicle.guess
+    if study.vehicle.axis is not YAW:
+        return evidence
+    guessed = f"{stored.path.name} {guess.refusal}" if guess else ""
+    if controlled:
+        control, refusal = (None, guessed) if guess else designed_control(study, stored, report)
+        evidence = replace(evidence, control=control, control_refusal=refusal)
+    if exported:
+        exports, refusal = (None, guessed) if guess else every_export(study, stored, report)
+        evidence = replace(evidence, exports=exports, export_refusal=refusal)
+    return evidence
+
+
 def _simulated(evidence: Evidence, study: Study) -> Evidence:
     """With every trial simulated by the model, and without what was found and with some of it."""
     stages = () if evidence.diagnosis is None else stages_of(study, evidence.diagnosis)
@@ -144,14 +163,30 @@ def _holding(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
     if not stored.entries:
         return stored, []
     origin, found = study.origin, standing(stored, study.origin)
-    known = {source.name for source in stored.sources}
-    other = stored.logs and (stored.logs != origin.logs or any(source.name not in known for source in origin.sources))
+    # Some of the logs that it rests on are no others, wherever they are.
+    known = {source.sha256 for source in stored.sources}
+    other = bool(known) and any(source.sha256 not in known for source in origin.sources)
     otherwise = any(origin.options not in entry.options for entry in stored.entries.values())
     if not found.changed and not other and not otherwise:
         return stored, list(found.remarks)
     options = f"it was fitted without {origin.options}" if otherwise else ""
     why = found.why or ("these are other logs than those that it was fitted to" if other else options)
     return stored.emptied(), [f"{stored.path.name} no longer held, and was fitted again: {why}."]
+
+
+def _fitted_again(before: Parameters, study: Study) -> Estimate | None:
+    """What a model that was fitted as a whole is by now, with the same effects; None where it was not.
+
+    Raises
+    ------
+    ConfigError
+        An effect does not suit the vehicle any more.
+    """
+    if not any(entry.method in WHOLE for entry in before.entries.values()):
+        return None
+    gyro = any("--gyro" in entry.options for entry in before.entries.values())
+    fit, _ = _or_refusal(lambda: study.likelihood(tuple(map(effect_named, before.effects)), gyro=gyro))
+    return None if fit is None else fit.estimate
 
 
 def _completed(stored: Parameters, study: Study, estimates: Mapping[str, Estimate | None]) -> Parameters:

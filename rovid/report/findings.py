@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 
 from rovid.campaign.axis import YAW, Axis
+from rovid.campaign.guesswork import Guesswork
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes, Explanation
 from rovid.diagnose.record import INVISIBLE, NEVER_SHOWN, Diagnosis, Finding, Side, not_identifiable
@@ -22,17 +23,18 @@ from rovid.report.text import NOTHING, column, number, title, unit, with_unit
 RIVALS = 8  # that are shown
 
 
-def verdict(diagnosis: Diagnosis) -> str:
+def verdict(diagnosis: Diagnosis, guess: Guesswork) -> str:
     """The whole diagnosis in one plain sentence."""
+    simulation = f"The simulation{guess.with_curve}"
     if diagnosis.verdict == "found":
         causes = [_cause(finding) for finding in diagnosis.findings]
-        return f"The simulation misses {listed(causes)}."
+        return f"{simulation} misses {listed(causes)}."
     if diagnosis.verdict == "suspected":
-        return f"The simulation may miss {_cause(diagnosis.suspects[0])}."
+        return f"{simulation} may miss {_cause(diagnosis.suspects[0])}."
     if diagnosis.verdict == "nothing_found":
         return "Nothing was found: the model explains these data."
     if diagnosis.verdict == "unexplained":
-        return "The simulation misses something that no effect of the catalogue explains."
+        return f"{simulation} misses something that no effect of the catalogue explains."
     return "There is too little data for a diagnosis."
 
 

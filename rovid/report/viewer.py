@@ -190,7 +190,7 @@ def _panels(axis: Axis, guess: Guesswork) -> list[dict[str, Any]]:
     """Each panel from the top: its words, its height in pixels, and its lines."""
     shown, _ = axis.shown
     rate, off = _FIRST_STAGE, _FIRST_STAGE + 1
-    by = f", by guessed {guess.words}" if guess else ""
+    by = f", by guessed {guess.kinds}" if guess else ""
     return [
         _panel(axis.rate_words, axis.rate_unit, 190, [_measured(_MEASURED), *_simulated(rate)]),
         _panel(f"{axis.rate_words} error", axis.rate_unit, 90, _simulated(rate, less=_MEASURED)),

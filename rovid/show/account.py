@@ -38,7 +38,8 @@ _VERDICTS = {
 def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> None:
     """Print the account."""
     axis = vehicle.axis
-    say(console, led(_VERDICTS[diagnosis.verdict]))
+    verdict = _VERDICTS[diagnosis.verdict].replace("The simulation", f"The simulation{vehicle.guess.with_curve}")
+    say(console, led(verdict))
     if diagnosis.missing:
         say(console, diagnosis.missing)
     if diagnosis.amplitudes is not None:

@@ -74,7 +74,7 @@ def show_caution(console: Console, guess: Guesswork) -> None:
 
 def by_guess(title: str, guess: Guesswork, unit: str) -> str:
     """The title of a table in ``unit``, with what is guessed of it."""
-    return f"{title}, by guessed {guess.words}" if guess.marks(unit) else title
+    return f"{title}, by guessed {guess.kinds}" if guess.marks(unit) else title
 
 
 def show_export(console: Console, path: Path, made: Exported) -> None:

@@ -39,7 +39,11 @@ def test_the_caution_says_what_is_guessed_and_what_ratios_ask_for() -> None:
     assert ARMS.caution.startswith("Guessed by rovid init, not measured: yaw_arm of fore and aft. ")
     assert "if these arms are of one size" in ARMS.caution
     assert ALONE.caution.endswith("ratios and times hold.")
-    assert CURVE.words == "yaw_arm of fore and curve of fore"
+    assert CURVE.words == "yaw_arm and curve of fore"
+    assert (
+        Guesswork(items=(*ARMS.items, "curve of aft"), thrusters=2).words == "yaw_arm of fore and aft and curve of aft"
+    )
+    assert (CURVE.with_curve, ARMS.with_curve) == (", with a guessed thrust curve,", "")
 
 
 @pytest.mark.parametrize(

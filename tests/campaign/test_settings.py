@@ -64,8 +64,8 @@ def test_a_curve_is_known_by_its_points(tmp_path: Path) -> None:
 def test_thrusters_come_and_go(tmp_path: Path) -> None:
     block = TOML[TOML.index("[[thrusters]]") : TOML.index("[signals]")]
     one, two = settings(tmp_path), settings(tmp_path, TOML + block.replace('"fore"', '"aft"'))
-    assert "yaw_arm of aft is new" in one.changes(two)
-    assert "yaw_arm of aft is gone" in two.changes(one)
+    assert one.changes(two) == ["aft is new"]
+    assert two.changes(one) == ["aft is gone", "command.aft is gone"]
 
 
 def test_the_drive_alone_may_be_asked_for(tmp_path: Path) -> None:

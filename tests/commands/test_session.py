@@ -50,21 +50,32 @@ def test_a_report_on_other_logs_is_of_those(day: Path, rovid: Rovid, tmp_path: P
     quick = ("--no-diagnosis", "--no-control", "--no-export")
     more = shutil.copytree(day, tmp_path / "more")
     (more / "holds dówn.csv").unlink()
-    assert rovid("report", day, *quick).code == 0
-    before = read_parameters(tmp_path / "parameters.toml").entries
-    (note,) = rovid("report", more, *quick, "--json").document["warnings"]
-    assert "these are other logs" in note
-    after = read_parameters(tmp_path / "parameters.toml")
-    assert after.entries["quadratic_drag"].value != before["quadratic_drag"].value
-    assert [source.name for source in after.sources] == ["holds up.csv", "sine.csv"]
+    assert rovid("report", more, *quick).code == 0
+    before = read_parameters(tmp_path / "parameters.toml")
+    assert [source.name for source in before.sources] == ["holds up.csv", "sine.csv"]
+    # Some of its logs are no others, and nor are those logs elsewhere.
+    assert rovid("report", day / "sine.csv", *quick, "--json").document["warnings"] == []
+    assert read_parameters(tmp_path / "parameters.toml").entries == before.entries
     # One that comes later is named, and fitted too by the next report.
     shutil.copy(day / "holds dówn.csv", more)
     (said,) = [text for text in rovid("simulate", "--json").document["warnings"] if "came after" in text]
     assert said.startswith("holds dówn.csv")
-    assert "these are other logs" in rovid("report", *quick, "--json").document["warnings"][0]
+    (note,) = rovid("report", *quick, "--json").document["warnings"]
+    assert "these are other logs" in note
     now = read_parameters(tmp_path / "parameters.toml")
-    assert now.entries["quadratic_drag"].value == pytest.approx(before["quadratic_drag"].value)
+    assert now.entries["quadratic_drag"].value != before.entries["quadratic_drag"].value
     assert len(now.sources) == 3
+
+
+def test_a_model_that_was_fitted_as_a_whole_is_fitted_so_again(day: Path, rovid: Rovid, tmp_path: Path) -> None:
+    folder = shutil.copytree(day, tmp_path / "day")
+    assert rovid("fit", folder, "--effect", "bias_torque").code == 0
+    toml = (folder / "rovid.toml").read_text()
+    (folder / "rovid.toml").write_text(toml.replace("yaw_arm = 0.43", "yaw_arm = 0.86"))
+    assert rovid("report", "--no-diagnosis", "--no-control", "--no-export").code == 0
+    found = read_parameters(tmp_path / "parameters.toml")
+    assert found.effects == ["bias_torque"]
+    assert found.entries["inertia"].value == pytest.approx(2.0 * 5057.0, rel=0.02)
 
 
 def test_drag_of_other_arms_is_not_kept_beside_a_new_inertia(day: Path, rovid: Rovid, tmp_path: Path) -> None:

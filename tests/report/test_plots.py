@@ -83,7 +83,7 @@ def test_inertia_plot_marks_bias_and_rigid_body(day: Evidence) -> None:
     labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
     assert day.inertia.peak_bias is not None
     assert labels[0] == f"peak method\n(biased: {100 * day.inertia.peak_bias:.0f} % of true)"
-    assert "orbit integral\n(used)" in labels
+    assert "orbit integral\n(best of these)" in labels
     assert inertia.method_interval(day.inertia, "peak") is None
     assert inertia.method_interval(day.inertia, "orbit_integral") == day.inertia.estimate.interval("inertia")
 

@@ -127,11 +127,12 @@ def sheet(
 
 @styled
 def with_guess(figure: Figure, guess: Guesswork) -> Figure:
-    """``figure``, with what is guessed of it in a corner, where the label of an axis names a unit that hangs on it."""
+    """``figure``, with what is guessed along its edge, where the label of an axis names a unit that hangs on it."""
     labels = [text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel())]
     units = [label.rpartition(",")[2].strip() for label in labels]
     if any(map(guess.marks, units)):
-        figure.text(0.995, 0.003, f"by guessed {guess.words}", color=RED, ha="right", va="bottom", weight="bold")
+        # The margin there is narrow, and no figure has anything else in it.
+        figure.text(0.999, 0.5, f"by guessed {guess.kinds}", color=RED, size=8, rotation=90, ha="right", va="center")
     return figure
 
 
