@@ -29,12 +29,12 @@ _BARE = ("1", "command")
 
 @dataclass(frozen=True, kw_only=True)
 class Reason:
-    """A cause: its name, the size of it, how sure it is, and what it may be the doing of, in words."""
+    """A cause: its name, the size of it, how sure it is, in words, and whether it may be a guess's doing."""
 
     title: str
     size: str
     sure: str
-    blamed: str = ""
+    blamed: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,7 +158,7 @@ def _reasons(diagnosis: Diagnosis | None, axis: Axis) -> Iterator[Reason]:
         return
     for finding in (*diagnosis.findings, *diagnosis.suspects):
         names = [name_of(effect, axis) for effect in (finding.effect, *finding.undecided)]
-        blamed = finding.estimate.guess.blames(finding.effect.id)
+        blamed = bool(finding.estimate.guess.blames(finding.effect.id))
         yield Reason(title=listed(names, "or"), size=size_of(finding), sure=sureness(finding), blamed=blamed)
     for signal, _ in diagnosis.signals:
         yield Reason(title=axis.words(signal.title), size="", sure="a dependence; its cause has no name yet")
