@@ -192,7 +192,7 @@ def _worst(evidence: Evidence) -> Worst | None:
     number_of, *_ = worst_first(evidence.before)
     before, after, guess = evidence.before[number_of], evidence.after[number_of], evidence.vehicle.guess
     wide = before_after.before_after(before, after, width=5.6, rows=(1.9, 1.0))
-    narrow = before_after.before_after(before, after, width=3.9, rows=(0.8, 0.5))
+    narrow = before_after.before_after(before, after, width=3.9, rows=(0.75, 0.45))
     return Worst(
         caption=f"The worst trial, {before.run.trial.name}, simulated freely.",
         alt=_alt(before, after),

@@ -207,6 +207,8 @@ def _why(evidence: Evidence) -> str:
         return evidence.diagnosis_refusal or "No cause was looked for (--no-diagnosis)."
     if diagnosis.missing:
         return diagnosis.missing
+    if diagnosis.verdict == "unexplained":
+        return "No effect of the catalogue explains what is left, and it follows no logged signal."
     if diagnosis.verdict != "nothing_found":
         return ""
     seen = list(_seen(diagnosis, evidence.vehicle))[:_NAMED]
@@ -243,14 +245,22 @@ def _gain(off: _Off, *, found: bool) -> Gain:
 
 
 def _gained(off: list[_Off]) -> str:
-    """Share of the error that is gone."""
-    shares = [f"{number(100.0 * (1.0 - one.with_it / one.without), '.0f')} %" for one in off]
-    return f"{listed(shares)} of the error gone, on trials that the fit never saw."
+    """Share of each error that is gone; where a restart forgets what the water remembers one may have grown."""
+    gone, grown = [], []
+    for one in off:
+        what, _, _ = one.title.partition(" after")
+        share = 100.0 * (1.0 - one.with_it / one.without) if one.without else 0.0
+        if share >= 0.0:
+            gone.append(f"{number(share, '.0f')} % of the {what}")
+        else:
+            grown.append(f"the {what} {number(-share, '.0f')} % larger")
+    parts = [f"{listed(gone)} gone"] if gone else []
+    return f"{', '.join([*parts, *grown])}, on trials that the fit never saw."
 
 
 def _next(diagnosis: Diagnosis | None) -> tuple[str, str]:
     """The run to make next, and why."""
     if diagnosis is None:
-        return "`rovid diagnose` says what the simulation misses", ""
+        return "diagnosis, by rovid diagnose", "it says what the simulation misses, and why"
     following = next_experiment(diagnosis)
     return str(following["run"]), "" if diagnosis.missing else str(following["reason"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -41,8 +42,26 @@ def test_what_was_found_is_wrong_why_gain_and_next(lagged: Evidence) -> None:
     assert reason.size.endswith("\u00a0s")
     assert reason.sure == "established: odds 32 to 1"
     lost = [round(100 * (1 - gain.bars[1].share)) for gain in answer.gains]
-    assert answer.gained == f"{lost[0]} % and {lost[1]} % of the error gone, on trials that the fit never saw."
+    said = f"{lost[0]} % of the heading error and {lost[1]} % of the yaw rate error gone"
+    assert answer.gained == f"{said}, on trials that the fit never saw."
     assert answer.run
+
+
+def test_an_error_that_grew_is_called_larger(lagged: Evidence) -> None:
+    assert lagged.diagnosis is not None
+    side = lagged.found
+    assert side is not None
+    worse = replace(side, held_out=replace(side.held_out, position_errors={10.0: 9.0, 60.0: 9.0}))
+    assert re.search(
+        r"\d+ % of the yaw rate error gone, the heading error \d+ % larger", answered(lagged, extended=worse).gained
+    )
+
+
+def test_what_nothing_explains_is_said_so(lagged: Evidence) -> None:
+    assert lagged.diagnosis is not None
+    answer = answered(lagged, verdict="unexplained", findings=(), extended=lagged.diagnosis.base)
+    assert not answer.reasons
+    assert answer.why.startswith("No effect of the catalogue explains")
 
 
 @pytest.mark.parametrize(
