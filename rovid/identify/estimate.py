@@ -29,6 +29,7 @@ _ROUNDING = 1e-9
 
 # Standard errors from zero from which on a number may be divided by.
 _FROM_ZERO = 3.0
+_SYMBOLS = {"inertia": "I", "quadratic_drag": "DQ", "linear_drag": "DL"}
 _OVER = {
     ("inertia", "quadratic_drag"): "rad",
     ("inertia", "linear_drag"): "s",
@@ -44,6 +45,11 @@ class Ratio:
     value: float
     standard_error: float
     unit: str
+
+    @property
+    def symbols(self) -> str:
+        """The same in symbols, as "I/DQ"."""
+        return "/".join(_SYMBOLS[name] for name in self.name.split("/"))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

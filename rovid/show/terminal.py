@@ -118,12 +118,12 @@ def show_parameters(console: Console, estimate: Estimate) -> None:
         interval = f"{low:.4g} … {high:.4g}" if math.isfinite(low) else "–"
         value = plus_minus(estimate.value(name), estimate.standard_error(name))
         if estimate.is_placeholder(name):
-            rows.add_row(name, led(f"guessed {value}", style="red"), estimate.unit(name), "–")
+            rows.add_row(name, value, estimate.unit(name), "guessed", style="red")
         else:
             rows.add_row(name, value, estimate.unit(name), interval)
     if estimate.guess.ratios_hold and estimate.guess:
         for ratio in estimate.ratios:
-            rows.add_row(ratio.name, plus_minus(ratio.value, ratio.standard_error), ratio.unit, "")
+            rows.add_row(ratio.symbols, plus_minus(ratio.value, ratio.standard_error), ratio.unit, "")
     console.print(rows)
 
 

@@ -104,12 +104,18 @@ def test_no_guessed_inertia_stands_bare(placeholder: Played) -> None:
     assert "The water adds" not in summary
 
 
+def test_a_fit_marks_each_placeholder(placeholder: Played) -> None:
+    rows = {name: row for row in placeholder.done["fit"].out.splitlines() for name in row.split()[:1]}
+    assert all(rows[name].rstrip().endswith("guessed") for name in ("inertia", "quadratic_drag", "linear_drag"))
+    assert "disturbance torque guessed" in placeholder.done["fit"].out
+
+
 def test_ratios_stand_in_the_place_of_placeholders(placeholder: Played) -> None:
     summary = text_of(placeholder.page.split('<section id="summary"')[1].split("</section>")[0])
     ratio = re.search(r"inertia over quadratic drag I/DQ ([\d.]+) ± ([\d.]+) rad", summary)
     assert ratio is not None
     assert float(ratio[1]) == pytest.approx(INERTIA / DRAG, abs=4 * float(ratio[2]))  # 4 sigma, fixed seed
-    assert re.search(r"inertia/quadratic_drag +1\.4\d* ± 0\.0\d+ +rad", placeholder.done["fit"].out)
+    assert re.search(r"I/DQ +1\.4\d* ± 0\.0\d+ +rad", placeholder.done["fit"].out)
 
 
 def test_nothing_is_handed_on_that_hangs_on_a_guess(placeholder: Played, monkeypatch: pytest.MonkeyPatch) -> None:
