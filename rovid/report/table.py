@@ -27,8 +27,10 @@ class Grid:
     columns: tuple[Column, ...]
 
     def hangs_on(self, guess: Guesswork) -> bool:
-        """Whether a number in it is a placeholder, by its unit."""
-        return any(guess.marks(column.unit) for column in self.columns if column.numeric)
+        """Whether a number in it is a placeholder, by its unit or by its own word."""
+        if any(guess.marks(column.unit) for column in self.columns if column.numeric):
+            return True
+        return any(cell.startswith("guessed ") for column in self.columns for cell in column.cells)
 
     @property
     def rows(self) -> list[tuple[tuple[Column, str], ...]]:
