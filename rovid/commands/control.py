@@ -135,7 +135,7 @@ def control(
     with busy("Closing the loop …"):
         result = control_of(stored, study.vehicle, setting, options)
     if makers:
-        claim.write({output: source(result.law) for output, source in makers.items()})
+        claim.write({output: source(result.law, guess) for output, source in makers.items()})
     warnings = [*study.remarks(), *remarks]
     if json:
         print_json(control_document(result, warnings, guess))

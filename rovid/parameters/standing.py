@@ -9,7 +9,7 @@ from pathlib import Path
 from rovid.campaign.config import find_config, load_config
 from rovid.campaign.settings import Settings
 from rovid.ground.errors import RovidError
-from rovid.parameters.parameters import Origin, Parameters, sha256
+from rovid.parameters.parameters import Origin, Parameters, Source, sha256
 
 _NAMED = 3
 
@@ -72,21 +72,31 @@ def _changed_logs(stored: Parameters, origin: Origin | None) -> Iterator[str]:
     digests = {source.path: source.sha256 for source in known}
     named = {source.name: source.sha256 for source in known if origin is not None and origin.logs == stored.logs}
     for source in stored.sources:
-        if source.path is None:
-            changed = named.get(source.name, source.sha256) != source.sha256
-        elif source.path.is_file():
-            changed = (digests.get(source.path) or sha256(source.path)) != source.sha256
+        place = _place(stored, source)
+        if place is not None:
+            now = digests.get(place) or sha256(place)
+        elif _is_gone(stored, source.path):
+            yield f"{source.name} is gone"
+            continue
         else:
-            changed = False
-            if _is_gone(stored, source.path):
-                yield f"{source.name} is gone"
-        if changed:
+            now = named.get(source.name, source.sha256)
+        if now != source.sha256:
             yield f"{source.name} has changed"
 
 
-def _is_gone(stored: Parameters, log: Path) -> bool:
-    """Whether the ``log`` is missing where its folder, or what LOGS were, is still there."""
-    return any(path.exists() for path in (log.parent, *stored.logs))
+def _place(stored: Parameters, source: Source) -> Path | None:
+    """Where a log is: where it was, or else in LOGS, with which it may have moved; None where it is in neither."""
+    if source.path is None:
+        return None
+    places = (source.path, *(logs / source.name for logs in stored.logs))
+    return next((place for place in places if place.is_file()), None)
+
+
+def _is_gone(stored: Parameters, log: Path | None) -> bool:
+    """Whether a ``log`` is missing where its folder, or the LOGS that it was in, are still there."""
+    if log is None:
+        return False
+    return log.parent.exists() or any(logs.exists() and log.is_relative_to(logs) for logs in stored.logs)
 
 
 def _remarks(stored: Parameters, own: Settings | None, origin: Origin | None) -> Iterator[str]:

@@ -95,6 +95,15 @@ def test_what_moved_together_holds(stored: Parameters, day: Path, tmp_path: Path
     assert (found.changed, found.remarks) == ((), ())
 
 
+def test_a_copy_of_the_file_finds_the_logs_that_it_remembers(stored: Parameters, day: Path, tmp_path: Path) -> None:
+    away = replace(stored, sources=tuple(replace(s, path=tmp_path / "away" / s.name) for s in stored.sources))
+    assert standing(away, None).changed == ()
+    (day / "log_1.csv").write_text("another")
+    (day / "log_2.csv").unlink()
+    # What is not there may never have been.
+    assert standing(away, None).changed == ("log_1.csv has changed",)
+
+
 def test_of_an_older_file_logs_alone_are_known(stored: Parameters, day: Path) -> None:
     old = replace(stored, settings=None, sources=tuple(replace(source, path=None) for source in stored.sources))
     old.write()
