@@ -71,7 +71,7 @@ class Study:
             vehicle=self.vehicle.name,
             sources=self._sources,
             settings=self.settings,
-            options="" if self.runs is None or self.runs.chosen else f"--cutoff {self.runs.cutoff:g}",
+            options="" if self.runs is None or self.runs.chosen else f"--cutoff={self.runs.cutoff:g}",
         )
 
     @cached_property

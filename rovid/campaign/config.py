@@ -138,8 +138,10 @@ class Config:
     @property
     def settings(self) -> Settings:
         """What results rest on that come of it."""
-        every = (self.time, *self.signals.values(), *self.commands)
-        return settings_of(self.vehicle, {signal.name: str(signal) for signal in every})
+        further = {name: str(signal) for name, signal in self.signals.items() if name not in UNITS}
+        signals = {name: str(signal) for name, signal in self.signals.items() if name in UNITS}
+        commands = {signal.name.replace(".", " of ", 1): str(signal) for signal in self.commands}
+        return settings_of(self.vehicle, {"time": str(self.time), **signals, **commands}, further)
 
     @property
     def _placing(self) -> tuple[str, ...]:

@@ -21,13 +21,16 @@ class Settings:
     drive
         What it is -> its value, as "yaw_arm of fore" -> "0.43"; of a thrust curve the digest of its points.
     signals
-        Name of each signal -> where it stands, its unit and sense.
+        Name of each signal of the motion -> where it stands, its unit and sense.
+    further
+        The same of channels that are carried along.
     guessed
         What of ``drive`` is a guess of `rovid init`.
     """
 
     drive: Mapping[str, str] = field(default_factory=dict)
     signals: Mapping[str, str] = field(default_factory=dict)
+    further: Mapping[str, str] = field(default_factory=dict)
     guessed: tuple[str, ...] = ()
 
     @property
@@ -37,17 +40,18 @@ class Settings:
         return Guesswork(items=self.guessed, thrusters=thrusters)
 
     def changes(self, now: Settings, *, drive_alone: bool = False) -> list[str]:
-        """What is not as here any more; signals that came new change nothing, unless the model asks for them."""
-        found = list(_changes(self.drive, now.drive))
-        found += [f"{_thruster_of(name)} is new" for name in now.drive if name not in self.drive]
+        """What is not as here any more; a further channel that is new changes nothing."""
+        found = [*_changes(self.drive, now.drive), *_new(self.drive, now.drive)]
         if not drive_alone:
-            found += _changes(self.signals, now.signals)
-            found += [f"{name} is new" for name in _POSE if name in now.signals and name not in self.signals]
+            found += [*_changes(self.signals, now.signals), *_new(self.signals, now.signals)]
+            found += _changes(self.further, now.further)
         return list(dict.fromkeys(found))
 
 
-# Wherever these are logged the rate of a heading becomes the body's.
-_POSE = ("roll", "pitch", "yaw_rate")
+def _new(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
+    for name in now:
+        if name not in before:
+            yield f"{_thruster_of(name)} is new"
 
 
 def _thruster_of(name: str) -> str:
@@ -63,12 +67,12 @@ def _changes(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]
             yield f"{name} has changed" if value.startswith(_DIGEST) else f"{name} was {value} and is {now[name]}"
 
 
-def settings_of(vehicle: Vehicle, signals: Mapping[str, str]) -> Settings:
-    """What torques of ``vehicle`` and these ``signals`` rest on."""
+def settings_of(vehicle: Vehicle, signals: Mapping[str, str], further: Mapping[str, str]) -> Settings:
+    """What torques of ``vehicle``, these ``signals`` and ``further`` channels rest on."""
     drive: dict[str, str] = {}
     for thruster in vehicle.thrusters:
         drive |= _thruster(thruster, vehicle)
-    return Settings(drive=drive, signals=signals, guessed=vehicle.guess.items)
+    return Settings(drive=drive, signals=signals, further=further, guessed=vehicle.guess.items)
 
 
 def _thruster(thruster: Thruster, vehicle: Vehicle) -> dict[str, str]:

@@ -60,9 +60,10 @@ def diagnose(
     stored, notes = standing_now(stored, study)
     with working("Diagnosing …") as report:
         diagnosis = study.diagnosis(report, drag=stored.drag())
+    diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *notes))
     if (side := diagnosis.extended) is not None:
         apart = disagreement(stored.entries_of(study.paths), side.estimate)
-        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *notes, *apart))
+        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *apart))
         put(stored, claim, study, side.estimate)
     if json:
         print_json(diagnosis_document(diagnosis, study))

@@ -118,8 +118,10 @@ def _settings(written: Mapping[str, Any] | None) -> Settings | None:
     """What of rovid.toml the parameters rest on; None of a file of rovid 0.2."""
     if written is None:
         return None
-    drive, signals = ({str(name): str(text) for name, text in written[key].items()} for key in ("drive", "signals"))
-    return Settings(drive=drive, signals=signals, guessed=tuple(map(str, written["guessed"])))
+    told = {
+        key: {str(name): str(text) for name, text in written[key].items()} for key in ("drive", "signals", "further")
+    }
+    return Settings(**told, guessed=tuple(map(str, written["guessed"])))
 
 
 def _number(value: object, place: str, largest: float = LARGEST) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,7 +33,7 @@ class Standing:
     def why(self) -> str:
         """What has changed, in a clause."""
         more = len(self.changed) - _NAMED
-        return "; ".join((*self.changed[:_NAMED], *[f"and {more} more"] * (more > 0)))
+        return "; ".join((*self.changed[:_NAMED], *[f"{more} more"] * (more > 0)))
 
 
 def standing(stored: Parameters, origin: Origin | None) -> Standing:
@@ -108,8 +108,13 @@ def _remarks(stored: Parameters, own: Settings | None, origin: Origin | None) ->
     elif stored.settings.signals and own is None:
         yield f"The logs and rovid.toml of {stored.path.name} are not where they were: whether it holds cannot be told."
     if origin is not None and origin.logs == stored.logs and stored.sources:
-        known = {source.name for source in stored.sources}
-        new = [source.name for source in origin.sources if source.name not in known]
-        if new:
-            more = f" and {len(new) - _NAMED} more" if len(new) > _NAMED else ""
-            yield f"{', '.join(new[:_NAMED])}{more}: came after the fit, and no parameter rests on it."
+        known, here = ({source.name: source for source in sources} for sources in (stored.sources, origin.sources))
+        if new := [name for name in here if name not in known]:
+            yield f"{_several(new)}: came after the fit, and no parameter rests on it."
+        if others := [name for name in known if name not in here]:
+            yield f"{_several(others)}: parameters rest on it too, and it is not among these logs."
+
+
+def _several(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return f"{', '.join(names[:_NAMED])}{more}"

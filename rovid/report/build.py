@@ -166,7 +166,8 @@ def _holding(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
     # Some of the logs that it rests on are no others, wherever they are.
     known = {source.sha256 for source in stored.sources}
     other = bool(known) and any(source.sha256 not in known for source in origin.sources)
-    otherwise = any(origin.options not in entry.options for entry in stored.entries.values())
+    given = set(origin.options.split())
+    otherwise = any(not given <= set(entry.options.split()) for entry in stored.entries.values())
     if not found.changed and not other and not otherwise:
         return stored, list(found.remarks)
     options = f"it was fitted without {origin.options}" if otherwise else ""

@@ -65,7 +65,7 @@ def _trial_simulation(item: TrialSimulation) -> Document:
     }
 
 
-def plan_document(plan: Plan, vehicle: Vehicle, command_file: str, picture: str) -> Document:
+def plan_document(plan: Plan, vehicle: Vehicle, command_file: str, picture: str, warnings: Sequence[str]) -> Document:
     """What `rovid plan --json` prints."""
     between, gain = None, "logarithm of the ratio of variances"
     if len(plan.beliefs) > 1:
@@ -83,6 +83,7 @@ def plan_document(plan: Plan, vehicle: Vehicle, command_file: str, picture: str)
         "picture": picture,
         "commands": commands_by_name(plan),
         **guess_document(vehicle.guess),
+        "warnings": cautions(vehicle.guess, warnings),
     }
 
 

@@ -37,13 +37,14 @@ def settings(folder: Path, toml: str = TOML, curve: str = CURVE) -> Settings:
     [
         ("0.43", "0.44", ["yaw_arm of fore was 0.43 and is 0.44"]),
         ('"curve.csv"', '"curve.csv"\noutside = "clamp"', ["outside of fore was refuse and is clamp"]),
-        ('csv = "fore_V"', 'csv = "aft_V"', ["command.fore was csv fore_V and is csv aft_V"]),
+        ('csv = "fore_V"', 'csv = "aft_V"', ["command of fore was csv fore_V and is csv aft_V"]),
         (
             'unit = "deg"',
             'unit = "deg", sign = -1',
             ["heading was csv heading_deg, deg and is csv heading_deg, deg, turned around"],
         ),
         ("[signals]", '[signals]\nroll = "r"', ["roll is new"]),
+        ('time = { csv = "time_s" }', "", ["time was csv time_s, auto and is auto"]),
         # What the torque and the signals do not come of.
         ('name = "v"', 'name = "w"\nmass = 10.0  # a comment', []),
         ("[signals]", '[signals]\ntemperature = "t"', []),
@@ -65,7 +66,7 @@ def test_thrusters_come_and_go(tmp_path: Path) -> None:
     block = TOML[TOML.index("[[thrusters]]") : TOML.index("[signals]")]
     one, two = settings(tmp_path), settings(tmp_path, TOML + block.replace('"fore"', '"aft"'))
     assert one.changes(two) == ["aft is new"]
-    assert two.changes(one) == ["aft is gone", "command.aft is gone"]
+    assert two.changes(one) == ["aft is gone"]
 
 
 def test_the_drive_alone_may_be_asked_for(tmp_path: Path) -> None:

@@ -34,16 +34,16 @@ def test_options_are_remembered_and_asked_for_anew(day: Path, rovid: Rovid, tmp_
     assert rovid("fit-inertia", "--cutoff", "1").code == 0
     entries = read_parameters(tmp_path / "parameters.toml").entries
     assert {name: entry.options for name, entry in entries.items()} == {
-        "inertia": "--cutoff 1",
+        "inertia": "--cutoff=1",
         "quadratic_drag": "",
         "linear_drag": "",
     }
     # What was chosen for a fit is not undone by a report that says nothing of it.
     assert rovid("report", *quick, "--json").document["warnings"] == []
     (note,) = rovid("report", *quick, "--cutoff", "0.5", "--json").document["warnings"]
-    assert note.endswith("was fitted again: it was fitted without --cutoff 0.5.")
+    assert note.endswith("was fitted again: it was fitted without --cutoff=0.5.")
     entries = read_parameters(tmp_path / "parameters.toml").entries
-    assert {entry.options for entry in entries.values()} == {"--cutoff 0.5"}
+    assert {entry.options for entry in entries.values()} == {"--cutoff=0.5"}
 
 
 def test_a_report_on_other_logs_is_of_those(day: Path, rovid: Rovid, tmp_path: Path) -> None:

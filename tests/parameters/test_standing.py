@@ -57,7 +57,7 @@ def test_each_change_is_told(stored: Parameters, day: Path) -> None:
         "log_1.csv has changed",
         "log_2.csv is gone",
     )
-    assert found.why.endswith("log_1.csv has changed; and 1 more")
+    assert found.why.endswith("log_1.csv has changed; 1 more")
 
 
 def test_a_log_that_came_after_the_fit_is_remarked(stored: Parameters, day: Path) -> None:
@@ -128,6 +128,9 @@ def test_a_file_keeps_the_logs_of_each_of_its_parameters(stored: Parameters, day
     (other / "log_9.csv").write_text("x")
     both = stored.with_estimate(estimate(("inertia",)), origin_of(other))
     assert [source.name for source in both.sources] == ["log_1.csv", "log_2.csv", "log_9.csv"]
+    found = standing(both, origin_of(other))
+    assert found.changed == ()
+    assert found.remarks == ("log_1.csv, log_2.csv: parameters rest on it too, and it is not among these logs.",)
     assert both.logs == absolute([other])
     whole = both.with_estimate(estimate(), origin_of(day))
     assert [source.name for source in whole.sources] == ["log_1.csv", "log_2.csv"]

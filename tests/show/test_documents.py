@@ -46,7 +46,9 @@ def test_a_plan_lists_its_commands_beside_the_times_at_which_they_change() -> No
     run = Planned(name="step", time=np.arange(5.0), commands=commands)
     worth = Worth(run=run, gain=3.0, rates=np.zeros((1, 5)))
     found = Plan(beliefs=(), narrow="inertia", runs=(worth,), thrusters=("fore", "aft"), noise_rate=0.0)
-    document = plan_document(found, Vehicle(name="v", thrusters=(), axis=AXES["heave"]), "plan.csv", "plan.png")
+    document = plan_document(
+        found, Vehicle(name="v", thrusters=(), axis=AXES["heave"]), "plan.csv", "plan.png", ["a note"]
+    )
     assert document["axis"] == "heave"
     assert document["commands"] == {
         "time_s": [0.0, 2.0, 3.0, 4.0],
