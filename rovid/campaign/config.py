@@ -52,9 +52,10 @@ _VEHICLE_NUMBERS = ("mass", "length", "width", "height", "rigid_body_inertia")
 _VEHICLE_KEYS = ("name", *_VEHICLE_NUMBERS)
 _ARMS = tuple(axis.arm for axis in AXES.values())
 # Behind a key's name: whether its value is a guess of `rovid init`.
-GUESSED = "_guessed"
+_GUESSED = "_guessed"
+# How a file begins in which it did not say so.
 _OLD_GUESSES = b"# Written by `rovid init`, which looked at "
-_MARKS = tuple(f"{key}{GUESSED}" for key in (*_ARMS, "curve"))
+_MARKS = tuple(f"{key}{_GUESSED}" for key in (*_ARMS, "curve"))
 _THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside", *_MARKS)
 _NOT_SOURCES = ("unit", "sign")
 
@@ -222,9 +223,9 @@ def _mark_old_guesses(document: Mapping[str, Any]) -> None:
     blocks = document.get("thrusters", [])
     for block in filter(lambda one: isinstance(one, dict), blocks if isinstance(blocks, list) else ()):
         if block.get(YAW.arm) in {1.0, -1.0}:
-            block.setdefault(YAW.arm + GUESSED, True)
+            block.setdefault(YAW.arm + _GUESSED, True)
         if block.get("curve") == "thrust_guess.csv":
-            block.setdefault("curve" + GUESSED, True)
+            block.setdefault("curve" + _GUESSED, True)
 
 
 def vehicle_of_tables(paths: Sequence[Path]) -> Vehicle:
@@ -377,9 +378,9 @@ class _Reader:
                 raise self.complain(place, f"has no {key}.", f"Add {key} = {example}.")
 
     def _guessed(self, block: Mapping[str, Any], key: str, place: str) -> bool:
-        guessed = block.get(key + GUESSED, False)
+        guessed = block.get(key + _GUESSED, False)
         if not isinstance(guessed, bool):
-            raise self.complain(f"{place} {key}{GUESSED}", f"is {guessed!r}; true or false was expected.")
+            raise self.complain(f"{place} {key}{_GUESSED}", f"is {guessed!r}; true or false was expected.")
         return guessed
 
     def _clamps(self, block: Mapping[str, Any], place: str) -> bool:

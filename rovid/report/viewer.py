@@ -190,16 +190,19 @@ def _panels(axis: Axis, guess: Guesswork) -> list[dict[str, Any]]:
     """Each panel from the top: its words, its height in pixels, and its lines."""
     shown, _ = axis.shown
     rate, off = _FIRST_STAGE, _FIRST_STAGE + 1
-    by = f", by guessed {guess.kinds}" if guess else ""
-    return [
+    panels = [
         _panel(axis.rate_words, axis.rate_unit, 190, [_measured(_MEASURED), *_simulated(rate)]),
         _panel(f"{axis.rate_words} error", axis.rate_unit, 90, _simulated(rate, less=_MEASURED)),
         _panel(
             f"{axis.position_words} from the start", shown, 120, [_measured(_POSITION), *_simulated(off, _POSITION)]
         ),
         _panel(f"{axis.position_words} error", shown, 90, _simulated(off)),
-        _panel(axis.push + by, axis.push_unit, 70, [_line("applied", _TORQUE)]),
+        _panel(axis.push, axis.push_unit, 70, [_line("applied", _TORQUE)]),
     ]
+    for panel in panels:
+        if guess.marks(panel["unit"]):
+            panel["title"] += f", by guessed {guess.kinds}"
+    return panels
 
 
 def _panel(title: str, unit: str, height: int, lines: list[dict[str, Any]]) -> dict[str, Any]:

@@ -90,6 +90,7 @@ def test_the_worst_trial_comes_first(day: Evidence) -> None:
 
 def test_every_panel_draws_what_it_is_given(day: Evidence) -> None:
     document = viewer_document(day)
+    assert not any("guessed" in panel["title"] for panel in document["panels"])
     panels = {panel["title"]: [line["look"] for line in panel["lines"]] for panel in document["panels"]}
     assert panels == {
         "yaw rate": ["measured", "without", "simulated"],
@@ -208,3 +209,15 @@ def test_without_simulation_there_is_no_viewer(day: Evidence) -> None:
     assert "<script" not in page
     assert "script-src 'none'" in page
     assert 'id="trials"' not in page
+
+
+def test_panels_that_hang_on_a_guess_say_so(day: Evidence) -> None:
+    def titles(*, arm: bool = False, curve: bool = False) -> list[str]:
+        thrusters = tuple(replace(one, arm_guessed=arm, curve_guessed=curve) for one in day.vehicle.thrusters)
+        vehicle = replace(day.vehicle, thrusters=thrusters)
+        return [panel["title"] for panel in viewer_document(replace(day, vehicle=vehicle))["panels"]]
+
+    torque, *others = titles(arm=True)
+    assert torque == "torque, by guessed yaw_arm"
+    assert not any("guessed" in title for title in others)
+    assert all(title.endswith("by guessed curve") for title in titles(curve=True))
