@@ -378,10 +378,14 @@ class _Reader:
                 raise self.complain(place, f"has no {key}.", f"Add {key} = {example}.")
 
     def _guessed(self, block: Mapping[str, Any], key: str, place: str) -> bool:
+        """Whether the mark beside a value says so: as long as that is the one that was guessed, or in any case."""
         guessed = block.get(key + _GUESSED, False)
-        if not isinstance(guessed, bool):
-            raise self.complain(f"{place} {key}{_GUESSED}", f"is {guessed!r}; true or false was expected.")
-        return guessed
+        if isinstance(guessed, bool):
+            return guessed
+        if isinstance(guessed, str) is not isinstance(block[key], str):
+            wanted = f"the value of {key} that was guessed, true or false was expected."
+            raise self.complain(f"{place} {key}{_GUESSED}", f"is {guessed!r}; {wanted}")
+        return bool(guessed == block[key])
 
     def _clamps(self, block: Mapping[str, Any], place: str) -> bool:
         outside = block.get("outside", "refuse")

@@ -87,7 +87,8 @@ class Guesswork:
             return ""
         return (
             f"rests on a guess of rovid init, {self.words}: torques, gains and inertia would be placeholders. Put what "
-            "was measured into rovid.toml, delete its _guessed line, and run `rovid report`."
+            "was measured into rovid.toml, and run `rovid report`. Of a guess that is right delete the line with "
+            "_guessed."
         )
 
     @property

@@ -317,7 +317,7 @@ def logs_in_words(survey: Survey) -> str:
 
 def _head(survey: Survey) -> Iterator[str]:
     yield f"# Written by `rovid init` from {logs_in_words(survey)}. Each guess says why: correct what is wrong. A line"
-    yield "# *_guessed = true marks what no log can tell, and every number that hangs on it."
+    yield "# *_guessed marks what no log can tell, and every number that hangs on it."
     yield ""
     yield "[vehicle]"
     yield f"name = {toml_text(survey.folder.resolve().name)}"
@@ -340,10 +340,10 @@ def _thrusters(survey: Survey) -> Iterator[str]:
         yield f"{mark}[[thrusters]]"
         yield f"{mark}name = {toml_text(name)}"
         yield f"{mark}yaw_arm = {way:.1f}            # m: the sense is that of the logs, the distance is not in them"
-        yield f"{mark}yaw_arm_guessed = true   # put the distance there, then delete this line"
+        yield f"{mark}yaw_arm_guessed = {way:.1f}    # as long as both are the same; put the distance into yaw_arm"
         yield f"{mark}curve = {toml_text(survey.curve)}"
         if survey.curve_guessed is not None:
-            yield f"{mark}curve_guessed = true     # put a bench curve there, then delete this line"
+            yield f"{mark}curve_guessed = {toml_text(survey.curve)}   # as above; put a bench curve into curve"
         sources = {kind: one.source for kind, one in ones.items()}
         yield f"{mark}command = {_sources(sources)}"
 

@@ -361,7 +361,7 @@ def show_survey(console: Console, survey: Survey, written: Sequence[Path]) -> No
     for path in written:
         console.print(f"written: {path}", highlight=False, soft_wrap=True)
     then = (
-        f"measure {guess.words}, put that into {written[0]} and delete its _guessed lines; then "
+        f"measure {guess.words}, put that into {written[0]}; then "
         f"rovid check {survey.folder} and rovid report {survey.folder}"
     )
     console.print(led("Next:", then), highlight=False, soft_wrap=True)

@@ -160,8 +160,7 @@ def put_right(placeholder: Played, tmp_path_factory: pytest.TempPathFactory) -> 
     folder = tmp_path_factory.mktemp("right") / "all"
     shutil.copytree(placeholder.folder, folder)
     config = folder / "day" / "rovid.toml"
-    lines = [line for line in config.read_text().splitlines() if "_guessed" not in line]
-    config.write_text("\n".join(lines).replace("yaw_arm = 1.0", "yaw_arm = 0.43") + "\n")
+    config.write_text(config.read_text().replace("yaw_arm = 1.0", "yaw_arm = 0.43"))
     done = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
