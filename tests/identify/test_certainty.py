@@ -50,7 +50,7 @@ def test_horizons_that_disagree_widen_the_errors_and_are_named() -> None:
     doubt, said = form_doubt(right)
     assert not said
     assert np.sqrt(doubt[0, 0]) < 0.002 * synthetic.ROSUB.inertia
-    late = 0.1 * np.convolve(TORQUE, np.ones(60) / 60.0)[: len(TORQUE)]
+    late = 0.5 * np.convolve(TORQUE, np.ones(60) / 60.0)[: len(TORQUE)]
     cuts = [slice(start, start + 2000) for start in (0, 2000, 4000)]
     runs = [synthetic.run(TIME[:2000], TORQUE[cut], noise=NOISE[:2000], disturbance=late[cut]) for cut in cuts]
     wrong = fitted_ahead(runs)

@@ -191,7 +191,7 @@ def test_a_constant_torque_of_another_size_in_each_trial_is_named(tmp_path: Path
     print(f"seed {seed}")
     day = tmp_path / "day"
     write_trial_day(day, seed=seed, formats="csv", campaign=SHORT)
-    torques = dict(zip(sorted(f"{run.name}.csv" for run in SHORT), (30.0, -20.0, 10.0, -40.0, 25.0), strict=True))
+    torques = dict(zip(sorted(f"{run.name}.csv" for run in SHORT), (60.0, -40.0, 20.0, -80.0, 50.0), strict=True))
     for name, torque in torques.items():
         truth = replace(ROSUB, hidden=(Hidden(effect="bias_torque", form="constant", parameters={"torque": torque}),))
         (run,) = (run for run in SHORT if name == f"{run.name}.csv")

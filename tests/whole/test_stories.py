@@ -191,6 +191,30 @@ def test_a_report_fits_them_again_and_shows_no_old_number(put_right: Played) -> 
     assert put_right.done["control --json"].document["guessed"] == []
 
 
+def test_a_browser_shows_guesses_in_red_and_none_once_they_are_put_right(
+    placeholder: Played, put_right: Played, tmp_path: Path
+) -> None:
+    pytest.importorskip("fcntl", reason="Chromium is driven over a POSIX pipe")
+    from tests.report.chromium import NAMES, chromium, find_chromium
+
+    if find_chromium() is None:
+        pytest.skip(f"no browser: none of {', '.join(NAMES)} on the PATH")
+    first = "document.querySelector('p.guessed')"
+    page = tmp_path / "guessed.html"
+    page.write_text(placeholder.page)
+    with chromium(tmp_path / "profile", "--window-size=1280,800") as tab:
+        for scheme, colour in (("light", "rgb(179, 0, 27)"), ("dark", "rgb(255, 138, 138)")):
+            tab.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+            tab.open(page)
+            assert tab.ask(f"getComputedStyle({first}).color") == colour
+        assert tab.ask(f"{first}.innerText").startswith("Guessed by rovid init")
+        # On the first screen, before any number.
+        assert tab.ask(f"{first}.getBoundingClientRect().bottom") < 400
+        tab.open(put_right.folder / "report" / "index.html")
+        assert tab.ask("document.querySelectorAll('.guessed').length") == 0
+        assert tab.complaints == []
+
+
 @pytest.fixture(scope="module")
 def lagged(tmp_path_factory: pytest.TempPathFactory) -> Played:
     """The README's own order, on a day with a lag and weak reverse thrust."""
