@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.hard_scores import PARAMETERS, VISIBILITY, reliability, score
+from benchmarks.hard_scores import PARAMETERS, VISIBILITY, Odds, reliability, score
 
 ROWS = [*[name for _, name in VISIBILITY], "nothing hidden"]
 
@@ -139,19 +139,20 @@ def _by_effect(scores: list[dict[str, Any]]) -> str:
     return "## By cause\n\n*Visible* by a quarter or more.\n\n" + _table(head, rows) if rows else ""
 
 
-def _odds(odds: list[tuple[float, bool]], with_picture: bool) -> str:
+def _odds(odds: Odds, with_picture: bool) -> str:
     if not odds:
         return "## Odds\n\nNo finding or suspect had a confidence."
     table, brier = reliability(odds)
     rows = [
-        [f"{index / 10:.1f} to {(index + 1) / 10:.1f}", str(number), f"{mean:.2f}" if number else "-",
-         f"{acts:.2f}" if number else "-"]
-        for index, (number, mean, acts) in enumerate(table)
-    ]  # fmt: skip
+        [f"{index / 10:.1f} to {(index + 1) / 10:.1f}", str(number), *(f"{x:.2f}" if number else "-" for x in shares)]
+        for index, (number, *shares) in enumerate(table)
+    ]
     picture = "\n\n![Reliability diagram](pictures/hard_reliability.png)" if with_picture else ""
     return (
-        f"## Odds\n\nOf each finding and suspect: its confidence, and whether it or its class acts. Brier score "
-        f"{brier:.3f}, {len(odds)} of them.\n\n" + _table(["confidence", "number", "mean", "acts"], rows) + picture
+        "## Odds\n\nOf each finding and suspect: its confidence, and whether it acts, by two judges. One counts what "
+        "it is not told from and its class, as the confidence does; the other counts it by itself alone, where it was "
+        f"hidden or moves the heading error by a twentieth. Brier score by the first {brier:.3f}, {len(odds)} of "
+        "them.\n\n" + _table(["confidence", "number", "mean", "it or its class acts", "it acts"], rows) + picture
     )
 
 
@@ -211,20 +212,21 @@ def _failures(records: list[dict[str, Any]], scores: list[dict[str, Any]]) -> st
     )
 
 
-def _plot(odds: list[tuple[float, bool]], path: Path) -> None:
+def _plot(odds: Odds, path: Path) -> None:
     from matplotlib.figure import Figure
 
     table, _ = reliability(odds)
     figure = Figure(figsize=(5.0, 4.2), layout="constrained")
     axes, counts = figure.subplots(2, 1, height_ratios=[3, 1], sharex=True)
     axes.plot([0, 1], [0, 1], color="0.6", linewidth=1)
-    full = [(mean, acts, number) for number, mean, acts in table if number]
-    means, shares, numbers = (np.array(column) for column in zip(*full, strict=True))
-    doubt = np.sqrt(np.maximum(shares * (1 - shares), 0.25 / numbers) / numbers)
-    axes.errorbar(means, shares, yerr=doubt, fmt="o-", capsize=3)
+    numbers, means, *judged = np.array([row for row in table if row[0]]).T
+    for shares, label in zip(judged, ("it or its class", "it alone"), strict=True):
+        doubt = np.sqrt(np.maximum(shares * (1 - shares), 0.25 / numbers) / numbers)
+        axes.errorbar(means, shares, yerr=doubt, fmt="o-", capsize=3, label=label)
+    axes.legend(frameon=False)
     axes.set_ylabel("share that acts")
     axes.set_ylim(-0.03, 1.03)
-    counts.bar(np.arange(10) / 10 + 0.05, [number for number, _, _ in table], width=0.09)
+    counts.bar(np.arange(10) / 10 + 0.05, [row[0] for row in table], width=0.09)
     counts.set_xlabel("confidence")
     counts.set_ylabel("number")
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -72,6 +72,12 @@ def is_strictly_right(named: dict[str, Any], truth: dict[str, Any]) -> bool:
     return named["effect"] in {*hidden, *truth["also_true"]}
 
 
+def acts_itself(named: dict[str, Any], truth: dict[str, Any]) -> bool:
+    """Whether what is named acts itself, and is no more than of a class with what does."""
+    waves = named["effect"] == "wave_torque" and "wave_torque" in _there(truth)
+    return waves or is_strictly_right(named, truth) or verdict_on({"effect": named["effect"]}, truth) == "exact"
+
+
 def _is_nominal(named: dict[str, Any], truth: dict[str, Any]) -> bool:
     """Whether what is named is what the vehicle's own thrusters have, in its size."""
     parameter, known = NOMINAL.get(named["effect"], ("", ""))
@@ -126,7 +132,7 @@ def score(record: dict[str, Any]) -> dict[str, Any]:
         "first_right": bool(counted) and counted[0] in {"exact", "class"},
         "rank": hits[0] + 1 if hits else None,
         "odds": [
-            (float(one["confidence"]), worth != "wrong")
+            (float(one["confidence"]), worth != "wrong", acts_itself(one, truth))
             for one, worth in zip([*findings, *suspects], ranked, strict=True)
             if one.get("confidence") is not None
         ],
@@ -147,15 +153,17 @@ def score(record: dict[str, Any]) -> dict[str, Any]:
     return result
 
 
-def reliability(odds: list[tuple[float, bool]]) -> tuple[list[tuple[int, float, float]], float | None]:
-    """Ten bins of (number, mean confidence, share that acts), and the Brier score."""
-    bins: list[list[tuple[float, bool]]] = [[] for _ in range(10)]
-    for confidence, acts in odds:
-        bins[min(int(confidence * 10), 9)].append((confidence, acts))
+Odds = list[tuple[float, bool, bool]]
+
+
+def reliability(odds: Odds) -> tuple[list[tuple[int, float, float, float]], float | None]:
+    """Ten bins of (number, mean confidence, share whose class acts, share that acts itself), and the Brier score."""
+    bins: list[Odds] = [[] for _ in range(10)]
+    for one in odds:
+        bins[min(int(one[0] * 10), 9)].append(one)
     table = []
-    for one in bins:
-        mean = sum(confidence for confidence, _ in one) / len(one) if one else math.nan
-        acting = sum(acts for _, acts in one) / len(one) if one else math.nan
-        table.append((len(one), mean, acting))
-    brier = sum((confidence - acts) ** 2 for confidence, acts in odds) / len(odds) if odds else None
+    for few in bins:
+        mean, acting, itself = (sum(column) / len(few) for column in zip(*few, strict=True)) if few else [math.nan] * 3
+        table.append((len(few), mean, acting, itself))
+    brier = sum((confidence - acts) ** 2 for confidence, acts, _ in odds) / len(odds) if odds else None
     return table, brier

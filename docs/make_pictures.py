@@ -1,10 +1,12 @@
 """Run the commands of docs/tutorial.md and keep the pictures that the page shows.
 
-Run from the checkout as ``python docs/make_pictures.py``. A test compares them with what the commands draw.
+Run from the checkout as ``python -m docs.make_pictures``. A test compares them with what the commands draw. What a
+reader sees of the page is taken by a browser, where the machine has one.
 """
 
 from __future__ import annotations
 
+import base64
 import re
 import shlex
 import shutil
@@ -18,11 +20,47 @@ HERE = Path(__file__).parent
 FOLDER = HERE / "pictures"
 # Picture -> where the commands of the tutorial write it.
 PICTURES: Mapping[str, str] = {
+    "misfit.png": "hidden/plots/diagnosis_gain.png",
+    "missing_lag.png": "hidden/plots/missing_thruster_lag.png",
+    "missing_reverse.png": "hidden/plots/missing_thrust_asymmetry.png",
     "steady_torque.png": "report/plots/steady_torque.png",
     "inertia.png": "report/plots/inertia.png",
     "sine_40s_a.png": "report/plots/trial_14_sine_40s_a_csv.png",
     "plan.png": "plan.png",
 }
+# Picture -> what is done on the page first, and the part of the page that it shows.
+SCREENS: Mapping[str, tuple[str, str]] = {
+    "page.png": ("", "#summary"),
+    "switches.png": ("document.querySelector('#viewer-causes input').click()", "#viewer-root"),
+}
+PAGE = "hidden/index.html"
+
+
+def has_browser() -> bool:
+    """Whether there is one that can be driven from here."""
+    try:
+        from tests.report.chromium import find_chromium
+    except ImportError:  # it is driven over a pipe of POSIX
+        return False
+    return find_chromium() is not None
+
+
+def screens(page: Path, folder: Path) -> None:
+    """Take the pictures of ``page`` as a browser shows it, into ``folder``."""
+    from tests.report.chromium import chromium
+
+    with tempfile.TemporaryDirectory() as profile, chromium(Path(profile), "--hide-scrollbars") as tab:
+        tab.call("Emulation.setDeviceMetricsOverride", width=1280, height=800, deviceScaleFactor=1, mobile=False)
+        tab.call("Emulation.setEmulatedMedia", media="", features=[{"name": "prefers-color-scheme", "value": "light"}])
+        for name, (action, part) in SCREENS.items():
+            tab.open(page)
+            tab.ask(f"{action}; new Promise(requestAnimationFrame)")
+            place = tab.ask(
+                f"(() => {{ const box = document.querySelector({part!r}).getBoundingClientRect();"
+                " return { x: box.x, y: box.y + scrollY, width: box.width, height: box.height, scale: 1 }; })()"
+            )
+            taken = tab.call("Page.captureScreenshot", format="png", captureBeyondViewport=True, clip=place)
+            (folder / name).write_bytes(base64.b64decode(taken["data"]))
 
 
 def main() -> None:
@@ -38,6 +76,10 @@ def main() -> None:
             subprocess.run(words, cwd=folder, check=True, stdout=subprocess.DEVNULL)  # noqa: S603 - the page's own
         for picture, made in PICTURES.items():
             shutil.copy(folder / made, FOLDER / picture)
+        if has_browser():
+            screens(folder / PAGE, FOLDER)
+        else:
+            sys.stdout.write(f"no browser: {', '.join(SCREENS)} stay as they are\n")
 
 
 if __name__ == "__main__":

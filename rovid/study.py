@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.config import find_config, load_config, vehicle_of_tables
+from rovid.campaign.settings import Settings
 from rovid.campaign.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_table
 from rovid.campaign.trial import Campaign, said_once
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes, explain
 from rovid.diagnose.diagnosis import diagnose
-from rovid.diagnose.record import Diagnosis
-from rovid.effects import Effect, forms_for, supply_sag
+from rovid.diagnose.record import Diagnosis, Finding, Side
+from rovid.effects import Effect, forms_for
+from rovid.effects.by_trial import trials_of
 from rovid.ground.errors import ConfigError, DataError, nearest
 from rovid.ground.files.form import PLAN
 from rovid.ground.toml import read_toml
@@ -28,6 +31,7 @@ from rovid.identify.likelihood import LikelihoodFit, fit_likelihood
 from rovid.identify.steady import DragFit, fit_drag
 from rovid.identify.steady_points import points_from_table, steady_points
 from rovid.motion.runs import Runs, channels, prepare
+from rovid.parameters.parameters import Origin, Source, absolute, source_of
 from rovid.plan.programme import Limits
 from rovid.plan.run_design import Plan, belief_of, plan, require_drive
 from rovid.plan.worth import Belief
@@ -47,6 +51,8 @@ class Study:
         None where there are tables.
     steady, sine
         Tables of steady states and of sine trials; None where there are logs, or no such table.
+    settings
+        What of rovid.toml the logs were read by.
     """
 
     paths: tuple[Path, ...]
@@ -55,6 +61,25 @@ class Study:
     runs: Runs | None = None
     steady: Path | None = None
     sine: Path | None = None
+    settings: Settings = field(default_factory=Settings)
+
+    @property
+    def origin(self) -> Origin:
+        """What an estimate of this study comes of; every log is read for its digest."""
+        return Origin(
+            logs=absolute(self.paths),
+            vehicle=self.vehicle.name,
+            sources=self._sources,
+            settings=self.settings,
+            options="" if self.runs is None or self.runs.chosen else f"--cutoff={self.runs.cutoff:g}",
+        )
+
+    @cached_property
+    def _sources(self) -> tuple[Source, ...]:
+        trials = () if self.campaign is None else self.campaign.trials
+        logs = [source_of(trial.name, trial.path, int(trial.measured.sum())) for trial in trials]
+        tables = [table for table in (self.steady, self.sine) if table is not None]
+        return (*logs, *(source_of(table.name, table, len(read_table(table).rows)) for table in dict.fromkeys(tables)))
 
     def remarks(self) -> list[str]:
         """What was noticed in the logs, so that nothing is dropped silently."""
@@ -77,7 +102,9 @@ class Study:
                     f"no constant torque keeps {self.vehicle.axis.name} turning: drag is found with the inertia.",
                     mend="Run `rovid fit-inertia`.",
                 )
-            return fit_drag(steady_points(self.runs.items, self.vehicle), self.vehicle.axis)
+            fit = fit_drag(steady_points(self.runs.items, self.vehicle), self.vehicle.axis)
+            directions = {name: self._guessing(each) for name, each in fit.directions.items()}
+            return replace(fit, estimate=self._guessing(fit.estimate), directions=directions)
         if self.steady is None:
             raise DataError(f"there is no table of steady states (columns {', '.join(STEADY_COLUMNS)}).")
         return fit_drag(points_from_table(read_table(self.steady)))
@@ -90,9 +117,11 @@ class Study:
         DataError
             There is nothing to read it from.
         """
-        rigid_body = self.vehicle.rigid_body_inertia
+        rigid_body = self.vehicle.measured_inertia
         if self.runs is not None:
-            return fit_inertia(self.runs.items, drag=drag, rigid_body=rigid_body)
+            fit = fit_inertia(self.runs.items, drag=drag, rigid_body=rigid_body)
+            regression = fit.regression and replace(fit.regression, estimate=self._guessing(fit.regression.estimate))
+            return replace(fit, estimate=self._guessing(fit.estimate), regression=regression)
         if self.sine is None:
             raise DataError(f"there is no table of sine trials (columns {', '.join(SINE_COLUMNS)}).")
         return fit_inertia_table(read_table(self.sine), drag=drag, rigid_body=rigid_body)
@@ -106,10 +135,10 @@ class Study:
             There is such an effect; those of this vehicle are offered.
         """
         known = [form.key for form in forms_for(self.vehicle) if form.each_thruster]
-        trials = [supply_sag.of_trial(run.trial.name).key for run in (self.runs.items if self.runs else ())]
+        trials = [run.trial.name for run in (self.runs.items if self.runs else ())]
         for effect in effects:
-            if effect.form.startswith(supply_sag.TRIAL) and effect.key not in trials:
-                raise ConfigError(f"names none of these trials. {nearest(effect.key, trials)}", where=effect.key)
+            for name in set(trials_of(effect.form)).difference(trials):
+                raise ConfigError(f"there is no trial {name!r} among these. {nearest(name, trials)}", where=effect.key)
             if effect.axes and self.vehicle.axis.name not in effect.axes:
                 raise ConfigError(f"is nothing that acts in {self.vehicle.axis.name}.", where=effect.key)
             if effect.each_thruster and effect.key not in known:
@@ -134,8 +163,13 @@ class Study:
         for effect in effects:
             _require_channels(effect, logged)
         fit = fit_likelihood(self.runs.items, self.vehicle, effects, gyro=gyro)
-        odd = unlike_rigid_body(fit.estimate, self.vehicle.rigid_body_inertia)
-        return replace(fit, estimate=replace(fit.estimate, warnings=(*fit.estimate.warnings, *odd)))
+        odd = unlike_rigid_body(fit.estimate, self.vehicle.measured_inertia)
+        estimate = replace(fit.estimate, warnings=(*fit.estimate.warnings, *odd))
+        return replace(fit, estimate=self._guessing(estimate))
+
+    def _guessing(self, estimate: Estimate) -> Estimate:
+        """``estimate``, which knows what of the vehicle is a guess."""
+        return replace(estimate, guess=self.vehicle.guess)
 
     def plan(
         self,
@@ -215,8 +249,21 @@ class Study:
             return Diagnosis(verdict="too_little_data", missing=amplitudes.missing, amplitudes=amplitudes)
         diagnosis = diagnose(self.runs, self.vehicle, report)
         side = diagnosis.extended or diagnosis.base
-        odd = unlike_rigid_body(side.estimate, self.vehicle.rigid_body_inertia) if side else ()
-        return replace(diagnosis, warnings=(*diagnosis.warnings, *odd))
+        odd = unlike_rigid_body(side.estimate, self.vehicle.measured_inertia) if side else ()
+        return replace(
+            diagnosis,
+            base=self._guessing_side(diagnosis.base),
+            extended=self._guessing_side(diagnosis.extended),
+            findings=tuple(map(self._guessing_finding, diagnosis.findings)),
+            suspects=tuple(map(self._guessing_finding, diagnosis.suspects)),
+            warnings=(*diagnosis.warnings, *odd),
+        )
+
+    def _guessing_side(self, side: Side | None) -> Side | None:
+        return None if side is None else replace(side, estimate=self._guessing(side.estimate))
+
+    def _guessing_finding(self, finding: Finding) -> Finding:
+        return replace(finding, estimate=self._guessing(finding.estimate))
 
 
 def files_at_hand(paths: Sequence[Path]) -> list[Path]:
@@ -261,4 +308,4 @@ def open_study(paths: Sequence[Path], *, cutoff: float | None = None, axis: Axis
     campaign = read_campaign(paths, config)
     vehicle = config.vehicle.used(campaign.trials)
     runs = prepare(campaign, vehicle, cutoff=cutoff)
-    return Study(paths=tuple(paths), vehicle=vehicle, campaign=campaign, runs=runs)
+    return Study(paths=tuple(paths), vehicle=vehicle, campaign=campaign, runs=runs, settings=config.settings)

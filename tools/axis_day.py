@@ -15,8 +15,8 @@ import numpy as np
 
 from tools.axis_programme import axis_campaign, commanded
 from tools.axis_truth import AXIS_EFFECTS, AXIS_VEHICLES, METERS, Meter, Vehicle
-from tools.cases import all_cases
-from tools.hidden import FORMS, Hidden
+from tools.cases import hide
+from tools.hidden import Hidden
 from tools.logs import command_column, write_table
 from tools.programme import Run
 from tools.simulate import MICRO, Held, Motion, simulate
@@ -96,25 +96,6 @@ def with_hidden(truth: Truth, hidden: Iterable[Hidden | str]) -> Truth:
             msg = f"{one.effect} cannot be hidden in {truth.axis}"
             raise ValueError(msg)
     return replace(truth, hidden=(*truth.hidden, *found))
-
-
-def hide(truth: Truth, text: str) -> Hidden:
-    """Effect of ``text``, which is EFFECT[/FORM][@THRUSTER]:SIZE.
-
-    The form is the first of `FORMS` where none is named, the thruster the vehicle's first. The form's further
-    parameters are those of the sweep's cases (tools/cases.py).
-    """
-    head, colon, size = text.partition(":")
-    head, _, thruster = head.partition("@")
-    effect, _, form = head.partition("/")
-    form = form or next(iter(FORMS.get(effect, {})), "")
-    name = f"{effect}-{form}-strong"
-    templates = [one for case in all_cases(truth) if case.name == name for one in case.hidden]
-    if not colon or not templates:
-        msg = f"{text}: wanted EFFECT[/FORM][@THRUSTER]:SIZE, with an effect and a form of tools/hidden.py"
-        raise ValueError(msg)
-    (one,) = templates
-    return replace(one, parameters={**one.parameters, one.law.size: float(size)}, thruster=thruster or one.thruster)
 
 
 def course(run: Run, truth: Truth, meter: Meter, rng: np.random.Generator) -> tuple[dict[str, Held], Motion]:

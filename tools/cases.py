@@ -308,3 +308,22 @@ def truth_of(vehicle: Truth, group: tuple[Case, ...]) -> Truth:
     for case in group:
         vehicle = case.of(vehicle)
     return vehicle
+
+
+def hide(truth: Truth, text: str) -> Hidden:
+    """Effect of ``text``, which is EFFECT[/FORM][@THRUSTER]:SIZE.
+
+    The form is the first of `FORMS` where none is named, the thruster the vehicle's first. The form's further
+    parameters are those of the sweep's cases (tools/cases.py).
+    """
+    head, colon, size = text.partition(":")
+    head, _, thruster = head.partition("@")
+    effect, _, form = head.partition("/")
+    form = form or next(iter(FORMS.get(effect, {})), "")
+    name = f"{effect}-{form}-strong"
+    templates = [one for case in all_cases(truth) if case.name == name for one in case.hidden]
+    if not colon or not templates:
+        msg = f"{text}: wanted EFFECT[/FORM][@THRUSTER]:SIZE, with an effect and a form of tools/hidden.py"
+        raise ValueError(msg)
+    (one,) = templates
+    return replace(one, parameters={**one.parameters, one.law.size: float(size)}, thruster=thruster or one.thruster)

@@ -1,21 +1,23 @@
 """A synthetic trial day: every run of the programme through the simulator, logged as real instruments would.
 
-Run ``python -m tools.trial_day OUT --seed 1``.
+Run ``python -m tools.trial_day OUT --seed 1``, with ``--hide thruster_lag:0.6`` for what acts besides the plain model.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from tools.cases import hide
 from tools.channels import CHANNELS, SUPPLY, column, needed
 from tools.hidden import acting
 from tools.logs import WRITERS, Recording, command_column
-from tools.programme import Format, Run, campaign_for
+from tools.programme import CAMPAIGN, Format, Run, campaign_for
 from tools.simulate import MICRO, Held, Motion, simulate
 from tools.truth import ROSUB, BenchCurve, FloatArray, Instruments, IntArray, Thruster, Truth, Unit
 
@@ -245,8 +247,28 @@ def main() -> None:
     parser.add_argument("out", type=Path, help="folder to write; made if it is not there")
     parser.add_argument("--seed", type=int, default=1, help="of disturbance, noise and start headings")
     parser.add_argument("--formats", choices=("mixed", "csv"), default="mixed")
+    parser.add_argument("--rate", type=float, default=ROSUB.instruments.rate, help="Hz, of heading, roll and pitch")
+    parser.add_argument("--runs", nargs="+", choices=[run.name for run in CAMPAIGN], help="all if not given")
+    parser.add_argument(
+        "--hide",
+        action="append",
+        default=[],
+        metavar="EFFECT[/FORM][@THRUSTER]:SIZE",
+        help="what acts besides the plain model, by the names of tools/hidden.py; may be given again",
+    )
     arguments = parser.parse_args()
-    write_trial_day(arguments.out, seed=arguments.seed, formats=arguments.formats)
+    try:
+        hidden = tuple(hide(ROSUB, text) for text in arguments.hide)
+    except ValueError as error:
+        parser.error(str(error))
+    instruments = replace(ROSUB.instruments, rate=arguments.rate)
+    write_trial_day(
+        arguments.out,
+        seed=arguments.seed,
+        formats=arguments.formats,
+        truth=replace(ROSUB, instruments=instruments, hidden=hidden),
+        campaign=[run for run in CAMPAIGN if arguments.runs is None or run.name in arguments.runs],
+    )
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import sqlite3
 import tempfile
@@ -293,12 +294,11 @@ def _parameters() -> list[Sample]:
             stored.write()
             # Without the moment it was written at: the same bytes each time.
             lines = [line for line in path.read_text().splitlines() if not line.startswith("written")]
-        text = "\n".join(lines).replace("sources = []", _SOURCES) + "\n"
+        digest = hashlib.sha256(folder["dive.csv"]).hexdigest()
+        sources = f'sources = [\n    {{ name = "dive.csv", sha256 = "{digest}", samples = {ROWS} }},\n]'
+        text = "\n".join(lines).replace("sources = []", sources) + "\n"
         made.append(Sample(name="parameters.toml", data=text.encode(), beside=folder))
     return made
-
-
-_SOURCES = f'sources = [\n    {{ name = "dive.csv", sha256 = "{"0" * 64}", samples = {ROWS} }},\n]'
 
 
 def _bombs() -> list[Sample]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from rovid.campaign.axis import AXES, YAW, Axis, described
 from rovid.campaign.formats import KINDS
+from rovid.campaign.settings import Settings, settings_of
 from rovid.campaign.tables import read_curve
 from rovid.campaign.vehicle import Thruster, Vehicle
 from rovid.ground.errors import NAME_LENGTH, ConfigError, nearest
@@ -50,7 +51,12 @@ _DEFAULT_UNIT = {name: list(units)[-1 if units is ANGULAR_RATE else 0] for name,
 _VEHICLE_NUMBERS = ("mass", "length", "width", "height", "rigid_body_inertia")
 _VEHICLE_KEYS = ("name", *_VEHICLE_NUMBERS)
 _ARMS = tuple(axis.arm for axis in AXES.values())
-_THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside")
+# Behind a key's name: whether its value is a guess of `rovid init`.
+_GUESSED = "_guessed"
+# How a file begins in which it did not say so.
+_OLD_GUESSES = b"# Written by `rovid init`, which looked at "
+_MARKS = tuple(f"{key}{_GUESSED}" for key in (*_ARMS, "curve"))
+_THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside", *_MARKS)
 _NOT_SOURCES = ("unit", "sign")
 
 _ATTITUDE = {"heading": "yaw", "roll": "roll", "pitch": "pitch"}
@@ -89,6 +95,11 @@ class Signal:
     factor: float = 1.0
     optional: bool = False
 
+    def __str__(self) -> str:
+        """Where it stands, in what unit, of what sense."""
+        places = [f"{kind} {source}" for kind, source in self.sources.items()]
+        return ", ".join([*places, *filter(None, [self.unit]), *["turned around"] * (self.factor < 0.0)])
+
     def of(self, kind: str) -> Signal:
         """With a source for the format ``kind`` where one for its like is named."""
         other = SHARED.get(kind, kind)
@@ -124,6 +135,14 @@ class Config:
     def needed(self) -> tuple[str, ...]:
         """Names of the signals without which a log says nothing."""
         return (*self._placing, *(signal.name for signal in self.commands))
+
+    @property
+    def settings(self) -> Settings:
+        """What results rest on that come of it."""
+        further = {name: str(signal) for name, signal in self.signals.items() if name not in UNITS}
+        signals = {name: str(signal) for name, signal in self.signals.items() if name in UNITS}
+        commands = {signal.name.replace(".", " of ", 1): str(signal) for signal in self.commands}
+        return settings_of(self.vehicle, {"time": str(self.time), **signals, **commands}, further)
 
     @property
     def _placing(self) -> tuple[str, ...]:
@@ -193,7 +212,20 @@ def load_config(path: Path, axis: Axis = YAW) -> Config:
     ConfigError
         With the place inside the file, what was found and what was wanted.
     """
-    return _Reader(path, axis).config(read_toml(path))
+    document = read_toml(path)
+    if path.read_bytes().startswith(_OLD_GUESSES):
+        _mark_old_guesses(document)
+    return _Reader(path, axis).config(document)
+
+
+def _mark_old_guesses(document: Mapping[str, Any]) -> None:
+    """Put in the marks that `rovid init` did not write before 0.3, where the values are still its own."""
+    blocks = document.get("thrusters", [])
+    for block in filter(lambda one: isinstance(one, dict), blocks if isinstance(blocks, list) else ()):
+        if block.get(YAW.arm) in {1.0, -1.0}:
+            block.setdefault(YAW.arm + _GUESSED, True)
+        if block.get("curve") == "thrust_guess.csv":
+            block.setdefault("curve" + _GUESSED, True)
 
 
 def vehicle_of_tables(paths: Sequence[Path]) -> Vehicle:
@@ -331,6 +363,8 @@ class _Reader:
             arm=self.number(block[self.axis.arm], f"{place} {self.axis.arm}"),
             curve=read_curve(self.path.parent / str(block["curve"])),
             ahead=self.number(block.get("surge", 0.0), f"{place} surge"),
+            arm_guessed=self._guessed(block, self.axis.arm, place),
+            curve_guessed=self._guessed(block, "curve", place),
         )
         return thruster, self.signal(f"command.{name}", block["command"], f"{place} command")
 
@@ -342,6 +376,16 @@ class _Reader:
         for key, example in examples.items():
             if key not in block:
                 raise self.complain(place, f"has no {key}.", f"Add {key} = {example}.")
+
+    def _guessed(self, block: Mapping[str, Any], key: str, place: str) -> bool:
+        """Whether the mark beside a value says so: as long as that is the one that was guessed, or in any case."""
+        guessed = block.get(key + _GUESSED, False)
+        if isinstance(guessed, bool):
+            return guessed
+        if isinstance(guessed, str) is not isinstance(block[key], str):
+            wanted = f"the value of {key} that was guessed, true or false was expected."
+            raise self.complain(f"{place} {key}{_GUESSED}", f"is {guessed!r}; {wanted}")
+        return bool(guessed == block[key])
 
     def _clamps(self, block: Mapping[str, Any], place: str) -> bool:
         outside = block.get("outside", "refuse")

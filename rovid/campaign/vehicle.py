@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rovid.campaign.axis import YAW, Axis
+from rovid.campaign.guesswork import Guesswork
 from rovid.campaign.trial import Trial, read_only
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import ConfigError
@@ -67,7 +68,7 @@ class Thruster:
     ``ahead`` is the share of its thrust that drives the vehicle ahead, 0 where that is not told.
 
     ``clamp`` allows commands outside the curve, at the curve's end values; ``most`` is the largest size of a logged
-    torque.
+    torque; ``arm_guessed`` and ``curve_guessed`` say what of it `rovid init` made up, and nobody put right since.
     """
 
     name: str
@@ -76,6 +77,8 @@ class Thruster:
     clamp: bool = False
     most: float = 1.0
     ahead: float = 0.0
+    arm_guessed: bool = False
+    curve_guessed: bool = False
 
     @property
     def full_thrust(self) -> float:
@@ -142,6 +145,15 @@ class Vehicle:
             return np.ones(len(told))
         return told
 
+    @property
+    def guess(self) -> Guesswork:
+        """What of its thrusters is no measurement."""
+        items: list[str] = []
+        for thruster in self.thrusters:
+            items += [f"{self.axis.arm} of {thruster.name}"] * thruster.arm_guessed
+            items += [f"curve of {thruster.name}"] * thruster.curve_guessed
+        return Guesswork(items=tuple(items), thrusters=len(self.thrusters))
+
     def _inertia(self) -> float | None:
         """Of the body alone, if it were a uniform box."""
         if not self.axis.angular or self.mass is None:
@@ -151,6 +163,11 @@ class Vehicle:
         if first is None or second is None:
             return None
         return box_inertia(self.mass, first, second)
+
+    @property
+    def measured_inertia(self) -> float | None:
+        """The rigid body's inertia where a fitted inertia may be held against it; None beside guessed arms."""
+        return None if self.guess else self.rigid_body_inertia
 
     def used(self, trials: Sequence[Trial]) -> Self:
         """With what a logged torque comes to in ``trials``."""

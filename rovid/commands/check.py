@@ -37,13 +37,15 @@ def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
     from rovid.inspect.check import check_logs
     from rovid.show.documents import check_document
     from rovid.show.readiness import show_check
+    from rovid.show.terminal import show_caution
 
     announce_compilation()
     config = load_config(find_config(logs), axis_named(axis) if axis else YAW)
     checked = check_logs(logs, config)
     if json:
-        print_json(check_document(checked, config.axis))
+        print_json(check_document(checked, config.vehicle))
     else:
+        show_caution(console(), config.vehicle.guess)
         show_check(console(), checked)
     if checked.problems:
         raise DataError(_first_problem(checked))

@@ -8,8 +8,20 @@ from typing import Annotated
 import typer
 
 from rovid.commands.manual import Page
-from rovid.commands.options import Force, Json, OptionalLogs, ParameterFile
-from rovid.commands.session import busy, claim_of, console, known_at, of_yaw, opened, print_json, remembered
+from rovid.commands.options import ForceGuess, Json, OptionalLogs, ParameterFile
+from rovid.commands.session import (
+    busy,
+    claim_of,
+    console,
+    guess_of,
+    known_at,
+    of_yaw,
+    opened,
+    print_json,
+    remembered,
+    require_holding,
+    require_measured,
+)
 
 PAGE = Page(
     text="""
@@ -19,6 +31,7 @@ PAGE = Page(
     that the file holds. --c and --python write the controller as source.
 
     Use it for gains, or to judge your own. The damping ratio is that of the identified yaw inertia. Yaw alone.
+    Parameters that no longer hold are refused, and those that rest on guessed arms or curves without --force.
     """,
     examples=(
         ("Gains, margins and runs for the identified vehicle", "rovid control"),
@@ -82,7 +95,7 @@ def control(
         typer.Option("--python", metavar="FILE", help="Write it as Python into this file.", show_default=False),
     ] = None,
     parameters: ParameterFile = None,
-    force: Force = False,
+    force: ForceGuess = False,
     json: Json = False,
 ) -> None:
     """Design a heading controller."""
@@ -93,7 +106,7 @@ def control(
     from rovid.ground.files.form import C_SOURCE, PYTHON_SOURCE
     from rovid.show.account import show_control
     from rovid.show.documents import control_document
-    from rovid.show.terminal import show_warnings
+    from rovid.show.terminal import show_caution, show_warnings
 
     options = Options(
         kp=kp,
@@ -116,14 +129,17 @@ def control(
     claim = claim_of(list(makers), paths, stored.path, force=force)
     study = opened(paths, None, stored.axis)
     study.require(model.effects)
+    remarks, guess = require_holding(stored, study), guess_of(stored, study)
+    require_measured(stored, guess, force=force)
     setting = setting_of(options, model, study.position_noise(), study.torque_in_use())
     with busy("Closing the loop …"):
         result = control_of(stored, study.vehicle, setting, options)
     if makers:
-        claim.write({output: source(result.law) for output, source in makers.items()})
-    warnings = [*study.remarks(), *(stored.changed_sources(study.campaign) if study.campaign else ())]
+        claim.write({output: source(result.law, guess) for output, source in makers.items()})
+    warnings = [*study.remarks(), *remarks]
     if json:
-        print_json(control_document(result, warnings))
+        print_json(control_document(result, warnings, guess))
     else:
-        show_control(console(), result)
+        show_caution(console(), guess)
+        show_control(console(), result, guess)
         show_warnings(console(), warnings)

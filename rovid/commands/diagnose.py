@@ -6,7 +6,17 @@ from dataclasses import replace
 
 from rovid.commands.manual import Page
 from rovid.commands.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
-from rovid.commands.session import claim_of, console, opened, print_json, put, remembered, stored_at, working
+from rovid.commands.session import (
+    claim_of,
+    console,
+    opened,
+    print_json,
+    put,
+    remembered,
+    standing_now,
+    stored_at,
+    working,
+)
 
 PAGE = Page(
     text="""
@@ -41,20 +51,23 @@ def diagnose(
     from rovid.parameters.agreement import disagreement
     from rovid.show.account import show_diagnosis
     from rovid.show.diagnosis_documents import diagnosis_document
-    from rovid.show.terminal import show_warnings
+    from rovid.show.terminal import show_caution, show_warnings
 
     stored = stored_at(parameters, axis, force=force)
     paths = logs or remembered(stored)
     claim = claim_of([stored.output], paths, force=force)
     study = opened(paths, cutoff, stored.axis)
+    stored, notes = standing_now(stored, study)
     with working("Diagnosing …") as report:
         diagnosis = study.diagnosis(report, drag=stored.drag())
+    diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *notes))
     if (side := diagnosis.extended) is not None:
         apart = disagreement(stored.entries_of(study.paths), side.estimate)
         diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *apart))
-        put(stored, claim, study, side.estimate, new_logs=bool(logs))
+        put(stored, claim, study, side.estimate)
     if json:
         print_json(diagnosis_document(diagnosis, study))
     else:
+        show_caution(console(), study.vehicle.guess)
         show_diagnosis(console(), diagnosis, study.vehicle)
         show_warnings(console(), [*study.remarks(), *diagnosis.warnings])

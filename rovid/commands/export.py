@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -9,8 +10,19 @@ import typer
 
 from rovid.commands import completion
 from rovid.commands.manual import Page
-from rovid.commands.options import Force, Json, ParameterFile
-from rovid.commands.session import busy, claim_of, console, known_at, of_yaw, opened, print_json
+from rovid.commands.options import ForceGuess, Json, ParameterFile
+from rovid.commands.session import (
+    busy,
+    claim_of,
+    console,
+    guess_of,
+    known_at,
+    of_yaw,
+    opened,
+    print_json,
+    require_holding,
+    require_measured,
+)
 from rovid.export import FORMATS
 
 PAGE = Page(
@@ -21,6 +33,7 @@ PAGE = Page(
     size. Yaw alone.
 
     Thrusters and the largest rate come from the logs that the parameter file remembers, where they are there.
+    Parameters that no longer hold are refused, and those that rest on guessed arms or curves without --force.
     """,
     examples=(
         ("For Gazebo", "rovid export gz-sim -o model.sdf"),
@@ -52,7 +65,7 @@ def export(
         ),
     ] = None,
     parameters: ParameterFile = None,
-    force: Force = False,
+    force: ForceGuess = False,
     json: Json = False,
 ) -> None:
     """Write the model in the format of a simulator."""
@@ -60,7 +73,7 @@ def export(
     from rovid.export.exporting import exporter
     from rovid.export.subject import subject_of
     from rovid.show.documents import export_document
-    from rovid.show.terminal import show_export
+    from rovid.show.terminal import show_caution, show_export
 
     function, target = exporter(format, output)
     stored = of_yaw(known_at(parameters))
@@ -68,10 +81,14 @@ def export(
     claim = claim_of([target], stored.logs, stored.path, force=force)
     there = bool(stored.logs) and all(path.exists() for path in stored.logs)
     study = opened(stored.logs, None, stored.axis) if there else None
+    remarks, guess = require_holding(stored, study), guess_of(stored, study)
+    require_measured(stored, guess, force=force)
     with busy("Simulating …"):
-        made = make(function, subject_of(stored, study))
+        made = make(function, replace(subject_of(stored, study), guess=guess))
+    made = replace(made, warnings=(*made.warnings, *remarks))
     claim.write({target: made.content})
     if json:
-        print_json(export_document(format, str(target.path), made))
+        print_json(export_document(format, str(target.path), made, guess))
     else:
+        show_caution(console(), guess)
         show_export(console(), target.path, made)

@@ -10,7 +10,18 @@ import typer
 from rovid.commands import completion
 from rovid.commands.manual import Page
 from rovid.commands.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
-from rovid.commands.session import busy, claim_of, compared, console, opened, print_json, put, remembered, stored_at
+from rovid.commands.session import (
+    busy,
+    claim_of,
+    compared,
+    console,
+    opened,
+    print_json,
+    put,
+    remembered,
+    standing_now,
+    stored_at,
+)
 
 PAGE = Page(
     text="""
@@ -66,10 +77,11 @@ def fit(
     paths = logs or remembered(stored)
     claim = claim_of([stored.output], paths, force=force)
     study = opened(paths, cutoff, stored.axis)
+    stored, notes = standing_now(stored, study)
     with busy("Maximising the likelihood …"):
         result = study.likelihood(effects, gyro=gyro)
-    result = replace(result, estimate=compared(stored, study, result.estimate))
-    stored = put(stored, claim, study, result.estimate, new_logs=bool(logs))
+    result = replace(result, estimate=compared(stored, study, result.estimate, notes))
+    stored = put(stored, claim, study, result.estimate, "--gyro" * gyro)
     if json:
         print_json(likelihood_document(result, study))
     else:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from rovid.commands.fit_inertia import estimate_inertia
 from rovid.commands.manual import Page
 from rovid.commands.options import AxisName, Cutoff, Force, Json, Logs, ParameterFile
-from rovid.commands.session import busy, claim_of, compared, console, opened, print_json, put, stored_at
+from rovid.commands.session import busy, claim_of, compared, console, opened, print_json, put, standing_now, stored_at
 
 PAGE = Page(
     text="""
@@ -48,12 +48,13 @@ def fit_drag(
     study = opened(logs, cutoff, stored.axis)
     if stored.axis.rights:
         # No constant torque turns what rights itself steadily: drag comes with the inertia.
-        estimate_inertia(study, stored, claim, new_logs=True, json=json)
+        estimate_inertia(study, stored, claim, json=json)
         return
+    stored, notes = standing_now(stored, study)
     with busy("Fitting drag …"):
         result = study.drag()
-    result = replace(result, estimate=compared(stored, study, result.estimate))
-    stored = put(stored, claim, study, result.estimate, new_logs=True)
+    result = replace(result, estimate=compared(stored, study, result.estimate, notes))
+    stored = put(stored, claim, study, result.estimate)
     if json:
         print_json(drag_document(result, study))
     else:

@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING
 
 from rovid.commands.manual import Page
 from rovid.commands.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
-from rovid.commands.session import busy, claim_of, compared, console, opened, print_json, put, remembered, stored_at
+from rovid.commands.session import (
+    busy,
+    claim_of,
+    compared,
+    console,
+    opened,
+    print_json,
+    put,
+    remembered,
+    standing_now,
+    stored_at,
+)
 
 if TYPE_CHECKING:
     from rovid.ground.files import Claim
@@ -51,18 +62,19 @@ def fit_inertia(
     paths = logs or remembered(stored)
     claim = claim_of([stored.output], paths, force=force)
     study = opened(paths, cutoff, stored.axis)
-    estimate_inertia(study, stored, claim, new_logs=bool(logs), json=json)
+    estimate_inertia(study, stored, claim, json=json)
 
 
-def estimate_inertia(study: Study, stored: Parameters, claim: Claim, *, new_logs: bool, json: bool) -> None:
+def estimate_inertia(study: Study, stored: Parameters, claim: Claim, *, json: bool) -> None:
     """Fit, put what was found into the parameter file, and print it."""
     from rovid.show.fit_documents import inertia_document
     from rovid.show.terminal import show_fit, show_inertia
 
+    stored, notes = standing_now(stored, study)
     with busy("Fitting inertia …"):
         result = study.inertia(stored.drag())
-    result = replace(result, estimate=compared(stored, study, result.estimate))
-    stored = put(stored, claim, study, result.estimate, new_logs=new_logs)
+    result = replace(result, estimate=compared(stored, study, result.estimate, notes))
+    stored = put(stored, claim, study, result.estimate)
     if json:
         print_json(inertia_document(result, study))
     else:

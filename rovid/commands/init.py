@@ -14,10 +14,10 @@ PAGE = Page(
     text="""
     Reads the logs and guesses which column or topic is the heading, which are thruster commands, in what unit and
     of what sense. Writes rovid.toml beside the logs, each guess with its reason as a comment; where there is no
-    thrust curve also thrust_guess.csv, whose scale is a guess.
+    thrust curve also thrust_guess.csv. Lever arms, and such a curve, are marked there as guessed, and so is every
+    number that hangs on them until the marks are gone.
 
-    Use it first, on a new folder of logs. Then read rovid.toml: mass, length, width and the lever arms of the
-    thrusters have to be yours before any number can be believed.
+    Use it first, on a new folder of logs. Then read rovid.toml, put in what was measured, and delete the marks.
     """,
     examples=(
         ("A first my_logs/rovid.toml", "rovid init my_logs"),

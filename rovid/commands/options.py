@@ -53,6 +53,14 @@ Force = Annotated[
     bool,
     typer.Option("--force", help="Write over files that rovid did not write; never over what it reads here."),
 ]
+ForceGuess = Annotated[
+    bool,
+    typer.Option(
+        "--force",
+        help="Go on where arms or thrust curves are guesses; write over files that rovid did not write, never over "
+        "what it reads here.",
+    ),
+]
 Json = Annotated[
     bool, typer.Option("--json", help="Print one JSON document on standard output, and nothing else there.")
 ]

@@ -92,11 +92,12 @@ def plan(
     from rovid.effects import effect_named
     from rovid.ground.files import Output
     from rovid.ground.files.form import PLAN, png_form
+    from rovid.parameters.standing import standing
     from rovid.plan.programme import Limits
     from rovid.plan.run_design import command_text
     from rovid.report.plots.planned import picture
     from rovid.show.documents import plan_document
-    from rovid.show.terminal import show_plan
+    from rovid.show.terminal import show_caution, show_plan, show_warnings
 
     rivals = tuple(effect_named(name) for name in between or ())
     if len({rival.id for rival in rivals}) not in {0, 2} or len(rivals) > 2:
@@ -117,7 +118,11 @@ def plan(
     with busy("Fitting, and trying runs …"):
         runs = study.plan(tuple(effect_named(name) for name in stored.effects), rivals, limits, narrow or "")
     claim.write({commands: command_text(runs), drawing: picture(runs, stored.axis)})
+    why = standing(stored, study.origin).why if stored.effects else ""
+    warnings = [f"{stored.path.name} no longer holds: {why}. Of it only which effects act was taken."] * bool(why)
     if json:
-        print_json(plan_document(runs, stored.axis, str(output), str(drawn)))
+        print_json(plan_document(runs, study.vehicle, str(output), str(drawn), warnings))
     else:
+        show_caution(console(), study.vehicle.guess)
         show_plan(console(), runs, [output, drawn])
+        show_warnings(console(), warnings)

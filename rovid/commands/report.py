@@ -13,16 +13,19 @@ from rovid.commands.session import console, opened, print_json, remembered, stor
 
 PAGE = Page(
     text="""
-    Reads the logs and the parameter file; drag and inertia that the file does not hold yet are fitted and written
-    to it. Writes a folder with index.html, which needs no other file and no network, and the plots as PNG and SVG:
-    verdict, parameters, every trial to zoom in, diagnosis, controller and exports. Prints where the page is.
+    Reads the logs, fits and diagnoses them, and writes the model that it ends with to the parameter file, as rovid
+    diagnose does. Writes a folder with index.html, which needs no other file and no network, and the plots as PNG and
+    SVG. The first screen, and the first sheet of paper, says what is wrong, why, what it gains and what to run next;
+    in the viewer below it each cause is a switch. Everything is of that one model, trials, controller and exports
+    too; the model without what was found stands beside it as the one before. Prints where the page is.
 
-    Use it last, or at once on a new folder of logs. The diagnosis takes most of the time; unlike that of rovid
-    diagnose, it leaves the parameter file as it is.
+    Use it last, or at once on a new folder of logs. The diagnosis takes most of the time. With --no-diagnosis the
+    parameters of the file are kept where they still hold, and what it lacks is fitted.
     """,
     examples=(
         ("With the logs that fit-drag remembered, into report/", "rovid report"),
         ("At once, on a folder of logs", "rovid report my_logs -p tank.toml -o tank_report"),
+        ("On paper too, for the trial record", "rovid report --pdf"),
         ("Quickly: fits and simulation alone", "rovid report --no-diagnosis --no-control --no-export"),
     ),
     see=("rovid diagnose", "rovid control", "rovid export"),
@@ -53,31 +56,45 @@ def report(
     export: Annotated[
         bool, typer.Option("--export/--no-export", help="With or without what each simulator's format holds.")
     ] = True,
+    pdf: Annotated[
+        bool,
+        typer.Option("--pdf", help="Print it too, as report.pdf, by a Chromium, Chrome or Edge of this machine."),
+    ] = False,
     cutoff: Cutoff = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Write everything on one page."""
     from rovid.campaign.axis import YAW
-    from rovid.report.build import build_report
-    from rovid.show.fit_documents import axis_document
+    from rovid.report.build import build_report, printed_page
+    from rovid.show.fit_documents import axis_document, cautions, guess_document
+    from rovid.show.terminal import show_caution, show_warnings
 
     stored = stored_at(parameters, axis, force=force)
     study = opened(logs or remembered(stored), cutoff, stored.axis)
     folder = output or Path("report" if stored.axis is YAW else f"report_{stored.axis.name}")
     with working("Fitting drag and inertia …") as progress:
-        page = build_report(
+        page, evidence = build_report(
             stored,
             study,
             folder,
             diagnosed=diagnosis,
             controlled=control,
             exported=export,
+            pdf=pdf,
             force=force,
             report=progress,
         )
+    guess = study.vehicle.guess
+    written = {"page": str(page)}
+    if pdf:
+        written["pdf"] = str(printed_page(folder).path)
     if json:
-        written = {"page": str(page), "parameters": str(stored.path)}
-        print_json({"schema": "rovid-report/1", **axis_document(stored.axis), **written})
-    else:
-        console().print(str(page), highlight=False, soft_wrap=True)
+        paths = {**written, "parameters": str(stored.path)}
+        said = {**guess_document(guess), "warnings": cautions(guess, evidence.notes)}
+        print_json({"schema": "rovid-report/1", **axis_document(stored.axis), **paths, **said})
+        return
+    show_caution(console(), guess)
+    show_warnings(console(), evidence.notes)
+    for path in written.values():
+        console().print(path, highlight=False, soft_wrap=True)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from rovid.campaign.axis import Axis
+    from rovid.campaign.guesswork import Guesswork
     from rovid.ground.files import Claim, Output
     from rovid.identify.estimate import Estimate
     from rovid.parameters.parameters import Parameters
@@ -36,22 +37,51 @@ def claim_of(outputs: Sequence[Output], logs: Sequence[Path], *read: Path, force
     return Claim(outputs, force=force, protected=[*files_at_hand(logs), *read])
 
 
-def compared(stored: Parameters, study: Study, estimate: Estimate) -> Estimate:
-    """``estimate``, with a warning where another method said another thing of the same logs."""
+def standing_now(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
+    """``stored`` for a new fit, without what no longer holds, and the word that has to be said of that."""
+    from rovid.parameters.standing import standing
+
+    found = standing(stored, study.origin)
+    if not found.changed:
+        return stored, []
+    names = ", ".join(stored.entries)
+    return stored.emptied(), [f"{stored.path.name} no longer held, and was begun anew without {names}: {found.why}."]
+
+
+def require_holding(stored: Parameters, study: Study | None) -> list[str]:
+    """Refuse a parameter file that no longer holds; what cannot be told of one that does.
+
+    Raises
+    ------
+    ConfigError
+        What it rests on has changed.
+    """
+    from rovid.parameters.standing import standing
+
+    found = standing(stored, None if study is None else study.origin)
+    if found.changed:
+        mend = "Fit again: `rovid report`, `rovid diagnose` or `rovid fit`."
+        raise ConfigError(f"no longer holds: {found.why}.", where=stored.path, mend=mend)
+    return list(found.remarks)
+
+
+def compared(stored: Parameters, study: Study, estimate: Estimate, notes: Sequence[str] = ()) -> Estimate:
+    """``estimate``, with ``notes`` and a warning where another method said another thing of the same logs."""
     from rovid.parameters.agreement import disagreement
 
     apart = disagreement(stored.entries_of(study.paths), estimate)
-    return replace(estimate, warnings=(*estimate.warnings, *apart))
+    return replace(estimate, warnings=(*estimate.warnings, *notes, *apart))
 
 
-def put(stored: Parameters, claim: Claim, study: Study, estimate: Estimate, *, new_logs: bool) -> Parameters:
-    """Put an estimate into the parameter file, and the logs that it is of where they are new to the file."""
+def put(stored: Parameters, claim: Claim, study: Study, estimate: Estimate, *options: str) -> Parameters:
+    """Put an estimate into the parameter file, with what it comes of, and take out what no longer holds beside it."""
     from rovid.parameters.update import update
 
     def change(now: Parameters) -> Parameters:
-        if new_logs:
-            now = now.with_logs(study.paths, study.vehicle.name, study.campaign)
-        return now.with_estimate(estimate)
+        held, _ = standing_now(now, study)
+        origin = study.origin
+        given = " ".join(filter(None, (origin.options, *options)))
+        return held.with_estimate(estimate, replace(origin, options=given))
 
     return update(stored, claim, change)
 
@@ -163,6 +193,29 @@ def print_json(document: Any) -> None:
     from rovid.ground.numbers import to_json
 
     typer.echo(to_json(document))
+
+
+def guess_of(stored: Parameters, study: Study | None) -> Guesswork:
+    """What is guessed of the vehicle that the parameters are of, and of that of the logs."""
+    from rovid.campaign.guesswork import Guesswork
+
+    own = Guesswork() if stored.settings is None else stored.settings.guess
+    if study is None:
+        return own
+    # Where the logs are those of the parameters, a guess that was confirmed since is none.
+    return study.vehicle.guess if study.origin.logs == stored.logs else own | study.vehicle.guess
+
+
+def require_measured(stored: Parameters, guess: Guesswork, *, force: bool) -> None:
+    """Refuse to hand on what hangs on a guess, unless that is asked for.
+
+    Raises
+    ------
+    ConfigError
+        It does.
+    """
+    if guess and not force:
+        raise ConfigError(guess.refusal, where=stored.path, mend="Or give --force, and keep what comes of it apart.")
 
 
 def console() -> Console:

@@ -9,7 +9,17 @@ import typer
 
 from rovid.commands.manual import Page
 from rovid.commands.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
-from rovid.commands.session import busy, claim_of, console, known_at, opened, print_json, remembered
+from rovid.commands.session import (
+    busy,
+    claim_of,
+    console,
+    guess_of,
+    known_at,
+    opened,
+    print_json,
+    remembered,
+    require_holding,
+)
 from rovid.ground.errors import DataError
 
 PAGE = Page(
@@ -17,6 +27,8 @@ PAGE = Page(
     Reads the parameter file and the logs. Simulates each run freely from its first sample, by the logged commands
     alone, and prints R^2, fit % and root mean square error of the rate, and the error of the heading after 10 s
     and 60 s. --mcap writes measurement, simulation and what is left over as recordings.
+
+    Parameters that no longer hold, because rovid.toml, a thrust curve or a log has changed since, are refused.
 
     Use it to judge a model: a free simulation hides nothing. Give LOGS that the fit never saw for an honest test.
     """,
@@ -53,7 +65,7 @@ def simulate(
     from rovid.model.simulation import simulate_runs
     from rovid.report.recordings import recording_outputs, write_recordings
     from rovid.show.documents import simulation_document
-    from rovid.show.terminal import show_simulation, show_warnings
+    from rovid.show.terminal import show_caution, show_simulation, show_warnings
 
     stored = known_at(parameters, axis)
     model = stored.model()
@@ -61,6 +73,7 @@ def simulate(
     if study.campaign is None or study.runs is None:
         raise DataError("are tables; only logs can be simulated.", where="LOGS", mend="Give LOGS.")
     study.require(model.effects)
+    remarks = require_holding(stored, study)
     outputs = recording_outputs(mcap, [run.trial for run in study.runs.items]) if mcap else []
     claim = claim_of(outputs, study.paths, stored.path, force=force)
     with busy("Simulating …"):
@@ -68,9 +81,12 @@ def simulate(
         if outputs:
             write_recordings(claim, outputs, simulations, study.runs, model, study.vehicle)
     recordings = [output.path for output in outputs]
-    warnings = [*study.remarks(), *stored.changed_sources(study.campaign)]
+    warnings, guess = [*study.remarks(), *remarks], guess_of(stored, study)
     if json:
-        print_json(simulation_document(stored, simulations, warnings) | {"recordings": list(map(str, recordings))})
+        print_json(
+            simulation_document(stored, simulations, warnings, guess) | {"recordings": list(map(str, recordings))}
+        )
     else:
-        show_simulation(console(), simulations)
+        show_caution(console(), guess)
+        show_simulation(console(), simulations, guess)
         show_warnings(console(), warnings)

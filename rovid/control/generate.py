@@ -6,10 +6,11 @@ import math
 from string import Template
 
 from rovid import __version__
+from rovid.campaign.guesswork import Guesswork
 from rovid.control.law import Law
 
 _C = Template("""\
-/* Heading controller, model-aided PD (Ramesh et al. 2013, eq. 12). Written by rovid $version.
+/* Heading controller, model-aided PD (Ramesh et al. 2013, eq. 12). Written by rovid $version.$stamp
  *
  * Call rovid_control_start once with the heading, then rovid_control_step every $period s with the heading just read.
  * Angles in rad, wrapped or not; torque in N m, positive where it turns the heading up. No memory is allocated.
@@ -54,7 +55,7 @@ $limits    return torque;
 """)
 
 _PYTHON = Template('''\
-"""Heading controller, model-aided PD (Ramesh et al. 2013, eq. 12). Written by rovid $version.
+"""Heading controller, model-aided PD (Ramesh et al. 2013, eq. 12). Written by rovid $version.$stamp
 
 Make one with the heading, then call ``step`` every $period s with the heading just read. Angles in rad, wrapped or not;
 torque in N m, positive where it turns the heading up.
@@ -91,16 +92,20 @@ $limits        return torque
 ''')
 
 
-def c_source(law: Law) -> str:
-    """C99 of ``law``, without allocation."""
+def c_source(law: Law, guess: Guesswork) -> str:
+    """C99 of ``law``, without allocation; with a word on what of it is guessed."""
     limits = _limits(law, ("<", ">"), "    if (torque {way} {value!r}) torque = {value!r};\n")
-    return _C.substitute(_numbers(law), limits=limits)
+    return _C.substitute(_numbers(law), limits=limits, stamp=_stamp(guess))
 
 
-def python_source(law: Law) -> str:
-    """Python of ``law``, with the standard library alone."""
+def python_source(law: Law, guess: Guesswork) -> str:
+    """Python of ``law``, with the standard library alone; with a word on what of it is guessed."""
     limits = _limits(law, ("max", "min"), "        torque = {way}(torque, {value!r})\n")
-    return _PYTHON.substitute(_numbers(law), limits=limits)
+    return _PYTHON.substitute(_numbers(law), limits=limits, stamp=_stamp(guess))
+
+
+def _stamp(guess: Guesswork) -> str:
+    return f" {guess.stamp}" if guess else ""
 
 
 def _limits(law: Law, ways: tuple[str, str], statement: str) -> str:

@@ -9,6 +9,8 @@ from dataclasses import replace
 import numpy as np
 from scipy import linalg
 
+from rovid.diagnose.between import models_between
+from rovid.diagnose.floor import position_floor, rate_floor
 from rovid.diagnose.heldout import errors_ahead, log_likelihood, simulate_folds
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE
 from rovid.diagnose.record import Ahead, Diagnosis, Finding, Side
@@ -29,6 +31,7 @@ from rovid.identify.horizons import time_constant
 from rovid.identify.likelihood import TRUSTED_R2
 from rovid.identify.regression import require_inertia
 from rovid.model.names import without_form
+from rovid.model.simulation import HORIZONS as SECONDS
 from rovid.plan.programme import Limits
 from rovid.plan.run_design import Plan, plan
 from rovid.plan.worth import Belief
@@ -76,10 +79,18 @@ def concluded(work: Work, causes: Sequence[Cause], warnings: list[str]) -> Diagn
         horizons=_ahead_of(work),
         signals=signals,
         unexplained_share=disturbance**2 / (disturbance**2 + work.full.torque**2),
-        noise_floor=_noise_floor(final),
+        noise_floor=rate_floor(final),
+        position_floors={seconds: position_floor(final, seconds) for seconds in SECONDS},
+        between=models_between(work, _simulated(causes)),
         detectable=_detectable(work),
         warnings=tuple(warnings),
     )
+
+
+def _simulated(causes: Sequence[Cause]) -> list[Effect]:
+    """What of ``causes`` a free-running simulation shows, the strongest first: a wave's phase nobody knows."""
+    strongest = sorted(causes, key=lambda cause: -cause.gain)
+    return [cause.effect for cause in strongest if not cause.effect.wave]
 
 
 def _verdict(*, found: bool, suspected: bool, unexplained: bool) -> str:
@@ -326,12 +337,6 @@ def _telling(work: Work, finding: Finding) -> Plan | None:
         return plan(beliefs, vehicle, [run.trial for run in work.full.runs], Limits())
     except DataError:
         return None
-
-
-def _noise_floor(fitted: Fitted) -> float:
-    """RMS rate that the disturbance drives, and what the low pass leaves of the sensor's noise."""
-    noise = float(np.median([run.rates.rate_noise for run in fitted.records.runs]))
-    return math.hypot(fitted.misfit.driven_rate(fitted.x), noise)
 
 
 def _detectable(work: Work) -> tuple[tuple[Effect, float], ...]:

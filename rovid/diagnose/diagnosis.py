@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.conclusion import concluded
 from rovid.diagnose.lacking import lack_of
@@ -64,8 +66,11 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     except DataError as error:
         return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(notes))
     report("Fitting the model without effects …")
-    forms = forms_for(vehicle, channels(runs), [run.trial.name for run in prepared.items])
     pieces = pieces_of(prepared.items, vehicle, prepared.cutoff)
+    counted = Counter(piece.whole for piece in pieces)
+    trials = [run.trial.name for run in prepared.items]
+    repeated = [name for number, name in enumerate(trials) if counted[number] > 1]
+    forms = forms_for(vehicle, channels(runs), trials, repeated)
     cut = [piece.run for piece in pieces]
     candidates = (*forms, *signal_causes((*prepared.items, *runs, *cut)))
     whole = Readings(prepared.items, vehicle, start)

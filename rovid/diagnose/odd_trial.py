@@ -1,4 +1,4 @@
-"""Whether the thrust of one trial stands out from what trials differ by."""
+"""Whether the thrust of one trial, or of each, stands out from what trials differ by anyway."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ import numpy as np
 from scipy import special
 
 from rovid.diagnose.rivals import quickly_climbed
+from rovid.diagnose.size import sizes_of
 from rovid.effects import Effect, supply_sag
+from rovid.effects.by_trial import trials_of
 from rovid.identify.fitted import Fitted
 
 # By so much, as a share, a supply, a propeller and a temperature differ from trial to trial, before the logs are looked
@@ -17,19 +19,36 @@ _USUAL, _AS_TRIALS = 0.05, 2
 _ITERATIONS = 20
 
 
-def of_one_trial(effect: Effect) -> bool:
-    """Whether ``effect`` is the thrust of one trial."""
-    return effect.id == supply_sag.EFFECT.id and effect.form.startswith(supply_sag.TRIAL)
-
-
 def stands_out(fitted: Fitted, effect: Effect) -> float:
+    """Probability that what ``effect`` says of the thrust of trials is more than they differ by anyway; 1 of others."""
+    count = len(trials_of(effect.form))
+    if count == 0 or effect.id != supply_sag.EFFECT.id:
+        return 1.0
+    return _odd_one(fitted, effect) if count == 1 else _scattered(fitted, effect)
+
+
+def _scattered(fitted: Fitted, effect: Effect) -> float:
+    """Probability that trials differ by more than is usual and than their thrusts are known.
+
+    The test of Fisher's F, as for `_odd_one`.
+    """
+    away, covariance = sizes_of(fitted, effect, sandwich=True)
+    # The last of them is what is left of their mean.
+    last = np.vstack((np.eye(len(away)), np.full(len(away), -1.0)))
+    thrusts, variances = last @ away, np.diag(last @ covariance @ last.T)
+    freedom = len(away)
+    ratio = float(np.sum(thrusts**2)) / freedom / (_USUAL**2 + float(np.mean(variances)))
+    return 1.0 - float(special.fdtrc(freedom, _AS_TRIALS, ratio))
+
+
+def _odd_one(fitted: Fitted, effect: Effect) -> float:
     """Probability that the trial of ``effect`` differs from the others by more than they do from one another.
 
     The outlier's test of Student's t, for as many trials as were looked at: where the model's form is not nature's,
     each kind of run asks for a thrust of its own, and one of them is always the oddest.
     """
     trials = dict.fromkeys(run.trial.whole or run.trial.name for run in fitted.records.runs)
-    others = [one for one in map(supply_sag.of_trial, trials) if one.key != effect.key]
+    others = [one for one in (supply_sag.of_trials([name]) for name in trials) if one.key != effect.key]
     rest, x = fitted.without(effect)
     # The first of the others is what all are measured by.
     free = fitted.misfit.like((*rest, effect, *others[1:]))

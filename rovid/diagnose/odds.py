@@ -9,8 +9,8 @@ from scipy import special
 
 # A cause that is surer is established; one that is less so is not worth a crew's time.
 ESTABLISHED, POSSIBLE = 0.95, 0.2
-# Odds, before the logs are looked at, that one cause more acts than those that are known.
-PRIOR_ODDS = 0.5
+# Odds, before the logs are looked at, that one cause more acts than those that are known: even.
+PRIOR_ODDS = 1.0
 # Nothing that rests on one set of logs is surer.
 _SUREST = 0.97
 # What no equation of the catalogue says is taken up by one that resembles it. In hard water that gains up to

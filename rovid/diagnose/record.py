@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes
@@ -97,8 +98,13 @@ class Diagnosis:
         Logged signals that drive what no effect explains, each with its worth.
     unexplained_share
         Variance of the disturbance torque over that of all torque, the thrusters' and its own.
+    between
+        Models with some of what was found, where there is more than one: each combination of up to three causes; of
+        more, the strongest, the two strongest, and so on.
     noise_floor
         In the unit of the rate; what a perfect model would miss of it.
+    position_floors
+        Horizon in s -> rad or m that a perfect model would be off that far after a restart; NaN where it is not known.
     detectable
         Each effect that was not found, and the size of its first parameter that would have been seen, in its unit;
         infinite where none would.
@@ -116,7 +122,9 @@ class Diagnosis:
     horizons: tuple[Ahead, ...] = ()
     signals: tuple[tuple[Effect, float], ...] = ()
     unexplained_share: float = math.nan
+    between: tuple[Model, ...] = ()
     noise_floor: float = math.nan
+    position_floors: Mapping[float, float] = field(default_factory=dict)
     detectable: tuple[tuple[Effect, float], ...] = ()
     warnings: tuple[str, ...] = ()
     missing: str = ""
@@ -125,7 +133,8 @@ class Diagnosis:
 
 def not_identifiable(vehicle: Vehicle) -> tuple[str, ...]:
     """What data of ``vehicle`` cannot show at all."""
-    if not vehicle.thrusters:
+    # Tables know their torque without a thruster; logs without one are of what rights itself.
+    if not vehicle.thrusters and vehicle.axis.rights:
         return ("inertia", "rate_scale")
     thrusters = [thruster for thruster in vehicle.thrusters if thruster.curve is not None]
     if len(thrusters) > 1:

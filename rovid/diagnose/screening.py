@@ -127,6 +127,8 @@ def _promise(
         return Promise(form, 0.0, begins[0], begins[0], 0.0)
     begins, sides = [begins[k] for k in bears], [sides[k] for k in bears]
     pull, information = past(raw[:, bears])
+    if form.sizes > 1:
+        return _of_several(misfit, begins, pull, information)
     power = np.diag(information)
     size = form.parameters[0]
     sizes = np.ones(len(begins))
@@ -153,13 +155,24 @@ def _promise(
     return Promise(form, max(together, float(gains[best])), start, unscaled, shown)
 
 
+def _of_several(misfit: Misfit, begins: list[FloatArray], pull: FloatArray, information: FloatArray) -> Promise:
+    """Of an effect with several sizes, each of which one of its starts has alone; less the price of all but one."""
+    form = misfit.effects[-1]
+    null = np.array([parameter.null for parameter in form.parameters])
+    asked = np.linalg.pinv(information, rcond=1e-6) @ pull
+    low, high = (bound[-len(null) :] for bound in misfit.coordinates.bounds)
+    start = np.clip(null + asked @ (np.array(begins) - null), low, high)
+    price = 0.5 * math.log(max(misfit.count, 1.0)) * (len(null) - 1)
+    gain = max(0.5 * float(pull @ asked) - price, 0.0)
+    return Promise(form, gain, start, start, float(np.mean(np.diag(information))))
+
+
 def sized(form: Effect, begin: FloatArray, share: float) -> FloatArray:
     """``begin`` with ``share`` times as much of the effect, within its bounds."""
-    size = form.parameters[0]
-    if size.endless:
-        return begin
     sized = begin.copy()
-    sized[0] = np.clip(size.null + share * (begin[0] - size.null), size.low, size.high)
+    for k, size in enumerate(form.parameters[: form.sizes]):
+        if not size.endless:
+            sized[k] = np.clip(size.null + share * (begin[k] - size.null), size.low, size.high)
     return sized
 
 

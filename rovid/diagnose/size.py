@@ -16,11 +16,18 @@ _ITERATIONS = 20
 _SHRUNK, _APART = 0.7, 2.0
 
 
-def size_of(fitted: Fitted, effect: Effect, *, sandwich: bool) -> tuple[float, float]:
+def size_of(fitted: Fitted, effect: Effect, *, sandwich: bool, along: FloatArray | None = None) -> tuple[float, float]:
     """How far the first parameter of ``effect`` is from nothing, and its standard error.
+
+    Of several sizes together it is how far they are ``along`` a direction in them, their own if none is given; by
+    chance as many are farther off than one.
 
     ``sandwich`` is whether that is to hold where the model is not right.
     """
+    if effect.sizes > 1:
+        away, scatter = sizes_of(fitted, effect, sandwich=sandwich)
+        along = direction(away) if along is None else along
+        return float(along @ away), math.sqrt(effect.sizes * max(float(along @ scatter @ along), 0.0))
     size = effect.parameters[0]
     names = fitted.model.names
     at = names.index(f"{effect.key}.{size.name}")
@@ -35,6 +42,20 @@ def size_of(fitted: Fitted, effect: Effect, *, sandwich: bool) -> tuple[float, f
     return value - null, error
 
 
+def sizes_of(fitted: Fitted, effect: Effect, *, sandwich: bool) -> tuple[FloatArray, FloatArray]:
+    """(s,) how far each size of ``effect`` is from nothing, and their (s, s) covariance; see `size_of`."""
+    sizes = effect.parameters[: effect.sizes]
+    at = [fitted.model.names.index(f"{effect.key}.{size.name}") for size in sizes]
+    away = fitted.model.values[at] - [size.null for size in sizes]
+    return away, fitted.covariance(sandwich=sandwich)[np.ix_(at, at)]
+
+
+def direction(away: FloatArray) -> FloatArray:
+    """(s,) of the length one; alike in all where there is nothing."""
+    length = float(np.linalg.norm(away))
+    return away / length if length > 0.0 else np.full(len(away), 1.0 / math.sqrt(len(away)))
+
+
 def one_size(ahead: Fitted, near: Fitted, effect: Effect) -> bool:
     """Whether ``effect`` of ``ahead``, by predictions, is as large in ``near``, by each next reading beside waves.
 
@@ -46,8 +67,11 @@ def one_size(ahead: Fitted, near: Fitted, effect: Effect) -> bool:
         return True
     if effect not in near.effects:
         near = _extended(near, effect, ahead.own(effect))
-    predicted, error = size_of(ahead, effect, sandwich=True)
-    here, other = size_of(near, effect, sandwich=True)
+    along = None
+    if effect.sizes > 1:
+        along = direction(sizes_of(ahead, effect, sandwich=True)[0])
+    predicted, error = size_of(ahead, effect, sandwich=True, along=along)
+    here, other = size_of(near, effect, sandwich=True, along=along)
     if effect.canonical is not None:
         # Turned by half a cycle a negative amplitude is a positive one.
         predicted, here = abs(predicted), abs(here)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 from rovid.diagnose.heldout import Fold, cross_validate, log_likelihood
-from rovid.diagnose.odd_trial import of_one_trial, stands_out
+from rovid.diagnose.odd_trial import stands_out
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence, surest
 from rovid.diagnose.parts import Piece
 from rovid.diagnose.rivals import Cause, Rival, is_beyond, worth
@@ -255,9 +255,7 @@ class Work:
         for name in worths:
             worths[name] -= less
         sure = confidence(worths, alike, self.search.tried, most=surest(held_out_gain - doubt, white=white))
-        if of_one_trial(cause.effect) and not white:
-            return min(sure, stands_out(self.final, cause.effect))
-        return sure
+        return sure if white else min(sure, stands_out(self.final, cause.effect))
 
     def margin(self, worth: float) -> float:
         """By so much a rival is beaten of a cause that is worth so much.
@@ -301,7 +299,7 @@ class Work:
             alike = [other for other in near if acts(other)]
             gain = log_likelihood(self.folds(rival.fitted)) - log_likelihood(self.folds(self.final))
             sure = odds([rival, *alike], max(rival.worth - gain, 0.0), surest(gain - doubt, white=white))
-            if of_one_trial(rival.effect) and not white:
+            if not white:
                 sure = min(sure, stands_out(rival.fitted, rival.effect))
             if sure >= POSSIBLE:
                 suspects.append(Suspected(rival, sure, gain, tuple(alike)))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from importlib import import_module
 
 from rovid.campaign.axis import Axis
 from rovid.campaign.vehicle import Vehicle
-from rovid.effects import restoring, supply_sag, thruster_imbalance
+from rovid.effects import bias_torque, restoring, supply_sag, thruster_imbalance
 from rovid.effects.actuation import SPEEDS, Actuation
 from rovid.effects.base import Effect, EffectParameter, Term
+from rovid.effects.by_trial import trials_of
 from rovid.ground.errors import ConfigError, nearest
 
 # The file of each effect, which is called as it is, in the order in which effects are listed everywhere.
@@ -90,6 +91,13 @@ MOTION: tuple[Effect, ...] = (
     restoring.LIFT,
     restoring.RIGHTING,
 )
+# What makes forms of another size in each trial. Of so many trials each is asked for; of more it would take longer than
+# all else.
+_BY_TRIAL: Mapping[str, Callable[[Sequence[str]], Effect]] = {
+    supply_sag.EFFECT.id: supply_sag.of_trials,
+    bias_torque.EFFECT.id: bias_torque.of_trials,
+}
+_FEWEST_TRIALS, _MOST_TRIALS = 3, 24
 TERMS = tuple(effect.acts for effect in MOTION if isinstance(effect.acts, Term))
 
 __all__ = [
@@ -111,8 +119,13 @@ def restoring_of(axis: Axis) -> Effect | None:
     return _RESTORING.get(axis.name)
 
 
-def forms_for(vehicle: Vehicle, channels: Collection[str] = (), trials: Sequence[str] = ()) -> tuple[Effect, ...]:
-    """Every form that can be tried on ``vehicle`` with these further ``channels`` in its logs, and these ``trials``."""
+def forms_for(
+    vehicle: Vehicle, channels: Collection[str] = (), trials: Sequence[str] = (), repeated: Sequence[str] = ()
+) -> tuple[Effect, ...]:
+    """Every form that can be tried on ``vehicle`` with these further ``channels`` in its logs, and these ``trials``.
+
+    Those ``repeated`` have parts of which one may tell what is then tried on another.
+    """
     found: list[Effect] = []
     # The thrust ahead stands in for a speed that is not logged.
     tells_speed = SPEEDS[0] not in channels and bool(vehicle.ahead.any())
@@ -127,7 +140,10 @@ def forms_for(vehicle: Vehicle, channels: Collection[str] = (), trials: Sequence
             found.append(effect)
     if vehicle.thrusters and len(trials) > 1:
         # Of two nobody knows which one is the odd one.
-        found += [supply_sag.of_trial(name) for name in (trials[1:] if len(trials) == 2 else trials)]
+        found += [supply_sag.of_trials([name]) for name in (trials[1:] if len(trials) == 2 else trials)]
+    if vehicle.thrusters and _FEWEST_TRIALS <= len(repeated) <= _MOST_TRIALS:
+        each = [of_trials(repeated) for of_trials in _BY_TRIAL.values()]
+        found += [effect for effect in each if not effect.axes or vehicle.axis.name in effect.axes]
     return tuple(found)
 
 
@@ -158,8 +174,9 @@ def effect_named(name: str) -> Effect:
         if thruster:
             return thruster_imbalance.of_thruster(thruster)
         raise ConfigError(f"{key} needs the name of the thruster, as in {key}:fore.")
-    if key == supply_sag.EFFECT.id and thruster.startswith(supply_sag.TRIAL):
-        return supply_sag.of_trial(thruster.removeprefix(supply_sag.TRIAL))
+    trials = trials_of(thruster)
+    if trials and key in _BY_TRIAL:
+        return _BY_TRIAL[key](trials)
     # Forms only where one was asked for: of one effect they are much alike.
     offered = [effect.key for effect in (FORMS if ":" in name else CATALOGUE)]
     raise ConfigError(f"there is no effect {name!r}. {nearest(name, offered, ALSO)}", mend=_ALL)

@@ -123,6 +123,8 @@ class Effect:
         (parameters) -> the same, in the range in which people expect them.
     each_thruster
         Whether it acts on one thruster, whose name is the form.
+    sizes
+        How many of its parameters, the first ones, are its size together.
     """
 
     id: str
@@ -138,6 +140,7 @@ class Effect:
     axes: tuple[str, ...] = ()
     canonical: Callable[[FloatArray], FloatArray] | None = None
     each_thruster: bool = False
+    sizes: int = 1
 
     @property
     def key(self) -> str:
@@ -154,11 +157,6 @@ class Effect:
     def races(self) -> bool:
         """Whether it asks for the thrusters' race."""
         return isinstance(self.acts, Term) and self.acts.races
-
-    @property
-    def is_term(self) -> bool:
-        """Whether it is a term of the equation of motion."""
-        return isinstance(self.acts, Term)
 
     @property
     def remembers(self) -> bool:

@@ -2,7 +2,22 @@
 
 from __future__ import annotations
 
-from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled
+from collections.abc import Sequence
+from dataclasses import replace
+
+from rovid.effects import by_trial
+from rovid.effects.base import (
+    Actuation,
+    Effect,
+    EffectParameter,
+    Instant,
+    Numbers,
+    OnTorque,
+    Term,
+    Values,
+    compiled,
+)
+from rovid.ground.arrays import FloatArray
 
 
 @compiled
@@ -24,3 +39,24 @@ EFFECT: Effect = Effect(
     acts=Term(_term),
 )
 FORMS: tuple[Effect, ...] = (EFFECT,)
+
+
+def of_trials(names: Sequence[str]) -> Effect:
+    """The effect with a torque of its own in each trial of these names, as of a tether or a current."""
+    torques = by_trial.sizes_like(EFFECT.parameters[0], len(names), 0.02)
+
+    def in_trials(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
+        return torque + by_trial.held(where, names, [values[one.name] for one in torques], 0.0)
+
+    return replace(
+        EFFECT,
+        form=by_trial.form_of(names),
+        title="constant torque of another size in each trial",
+        parameters=torques,
+        sizes=len(torques),
+        equation=f"+ b, of each trial by itself: {', '.join(names)}",
+        fingerprint="slow rotation without command, another in each log",
+        experiment="a coast-down to rest from each direction in every run; the tether's lead and the current noted",
+        rivals=("heading_dependent_torque", "tether_torsion"),
+        acts=OnTorque(in_trials),
+    )

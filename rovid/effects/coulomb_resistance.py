@@ -42,7 +42,13 @@ EFFECT: Effect = Effect(
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
-    replace(EFFECT, form="stiction", equation="− c·tanh(5 r/r0)·(1 + ½·exp(−r²/r0²))", acts=Term(_stiction)),
+    replace(
+        EFFECT,
+        form="stiction",
+        parameters=(_TORQUE, replace(_RATE, null=0.15, low=0.15, high=1.0, starts=(0.15, 0.4))),
+        equation="− c·tanh(5 r/r0)·(1 + ½·exp(−r²/r0²))",
+        acts=Term(_stiction),
+    ),
     replace(
         EFFECT,
         form="unequal",

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from rovid.effects import by_trial
 from rovid.effects.base import Actuation, Effect, EffectParameter, OnThrust, Values
 from rovid.effects.series import lagged
 from rovid.ground.arrays import FloatArray
@@ -50,6 +52,8 @@ def _with_voltage(where: Actuation, thrust: FloatArray, values: Values) -> Float
 _DRIFT = EffectParameter(
     name="drift", unit="1/h", null=0.0, low=_LEAST, high=_MOST, starts=(0.05,), scale="one/longest"
 )
+# What thrust of another size in some trials may pass for.
+_UNEQUAL = ("thrust_asymmetry", "thruster_imbalance", "bias_torque")
 
 EFFECT: Effect = Effect(
     id="supply_sag",
@@ -97,29 +101,50 @@ FORMS: tuple[Effect, ...] = (
     ),
 )
 
-# Of thrust in one trial, before the trial's name, as the form.
-TRIAL = "trial "
 _TRIAL_GAIN = EffectParameter(name="gain", unit="1", null=1.0, low=0.3, high=2.0, starts=(0.9, 1.1))
 
 
-def of_trial(name: str) -> Effect:
-    """The effect in the trial of this name alone, as where a battery was changed for it, or a propeller fouled."""
+def of_trials(names: Sequence[str]) -> Effect:
+    """The effect in the trials of these names: in one alone, as where a battery was changed for it, or in each.
+
+    In each of several their mean is one, for what scales all thrust alike no log tells.
+    """
+    if len(names) > 1:
+        return _of_each(names)
 
     def in_trial(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
-        changed = thrust.copy()
-        for trial in where.trials:
-            if trial.whole == name:
-                changed[trial.rows] *= values["gain"]
-        return changed
+        return thrust * by_trial.held(where, names, [values["gain"]], 1.0)[:, None]
 
     return replace(
         EFFECT,
-        form=f"{TRIAL}{name}",
+        form=by_trial.form_of(names),
         title="thrust of another size in one trial",
         parameters=(_TRIAL_GAIN,),
         equation="T' = g·T in the named trial",
         fingerprint="residual torque as T, in one log alone",
         experiment="that run again, and one of the others beside it; the supply's voltage in the log",
-        rivals=("thrust_asymmetry", "thruster_imbalance", "bias_torque"),
+        rivals=_UNEQUAL,
         acts=OnThrust(in_trial),
+    )
+
+
+def _of_each(names: Sequence[str]) -> Effect:
+    gains = by_trial.sizes_like(_TRIAL_GAIN, len(names) - 1, 1.1)
+
+    def in_trials(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+        own = [values[gain.name] for gain in gains]
+        last = max(len(names) - sum(own), 0.0)
+        return thrust * by_trial.held(where, names, [*own, last], 1.0)[:, None]
+
+    return replace(
+        EFFECT,
+        form=by_trial.form_of(names),
+        title="thrust of another size in each trial",
+        parameters=gains,
+        sizes=len(gains),
+        equation=f"T' = g·T, g of each trial by itself and 1 in the mean: {', '.join(names)}",
+        fingerprint="residual torque as T in every log, of another size and sign in each",
+        experiment="the same run several times; the supply's voltage in the log",
+        rivals=_UNEQUAL,
+        acts=OnThrust(in_trials),
     )

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import cast
 
+from rovid.campaign.guesswork import Guesswork
 from rovid.effects import Effect
 from rovid.export import ALSO, FORMATS, uuv
 from rovid.export.manoeuvre import PERIOD, Mismatch, compare, manoeuvre, rovid_rate
@@ -17,7 +19,7 @@ from rovid.export.target import Target
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import ConfigError, nearest
 from rovid.ground.files import Output
-from rovid.ground.files.form import export_form
+from rovid.ground.files.form import export_form, export_mark
 
 _VISIBLE = 0.1  # % of range; the promise for what a target holds
 
@@ -86,12 +88,19 @@ def export(function: Exporter, subject: Subject) -> Exported:
     if not target.misses and of_base.percent_of_range > _VISIBLE:
         notes.append("What the target holds differs by its coarse integration step: a smaller one brings it nearer.")
     return Exported(
-        content=target.content,
+        content=_marked(target.content, subject.guess),
         mismatch=compare(whole, theirs),
         held=of_base,
         losses=(*missed, *(_loss(subject, effect, commands, whole) for effect in lost)),
         warnings=tuple(notes),
     )
+
+
+def _marked(content: str | bytes, guess: Guesswork) -> str | bytes:
+    """``content`` with a word on what is guessed where it says who wrote it; JSON and MATLAB have their own."""
+    if not guess or isinstance(content, bytes):
+        return content
+    return re.sub(rf"{export_mark('')}[^.\n]*\.", rf"\g<0> {guess.stamp}", content, count=1)
 
 
 def _loss(subject: Subject, effect: Effect, commands: FloatArray, whole: FloatArray) -> Loss:

@@ -40,4 +40,5 @@ def _document(subject: Subject) -> dict[str, Any]:
         "rigid_body_inertia": subject.vehicle.rigid_body_inertia,
         "thrusters": [thruster_of(subject, index, list) for index in range(len(subject.vehicle.thrusters))],
         "effects": effects,
+        "guessed": list(subject.guess.items),
     }

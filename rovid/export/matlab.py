@@ -28,7 +28,7 @@ def export(subject: Subject) -> Target:
     stream: Any = io.BytesIO()
     savemat(stream, {"rovid": values}, oned_as="column", long_field_names=True)
     # 116 bytes of text for people begin such a file.
-    title = f"MATLAB 5.0 MAT-file. {export_mark('matlab')}.".ljust(116)
+    title = f"MATLAB 5.0 MAT-file. {export_mark('matlab')}. {subject.guess.stamp}".ljust(116)
     content = title.encode() + stream.getvalue()[116:]
     again: Any = io.BytesIO(content)
     read = loadmat(again, simplify_cells=True)["rovid"]

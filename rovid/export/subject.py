@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from rovid.campaign.guesswork import Guesswork
 from rovid.campaign.trial import Campaign
 from rovid.campaign.vehicle import Thruster, Vehicle
 from rovid.effects import Effect
@@ -36,6 +37,8 @@ class Subject:
         Median of each further channel of the logs.
     notes
         What was not known of the vehicle and its trials.
+    guess
+        What of the thrusters behind the parameters is no measurement.
     """
 
     model: Model
@@ -45,6 +48,7 @@ class Subject:
     commands: FloatArray
     reference: Mapping[str, float]
     notes: tuple[str, ...] = ()
+    guess: Guesswork = field(default_factory=Guesswork)
 
     @property
     def effects(self) -> dict[str, dict[str, float]]:

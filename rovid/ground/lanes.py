@@ -31,6 +31,12 @@ _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 _INDEX = ir.IntType(32)
 # A product may go into the sum behind it without being rounded (fused multiply-add).
 _FLAGS = ("contract",)
+# Added and taken away again this rounds a double to a whole number.
+_ROUNDS = 1.5 * 2.0**52
+_PER_LN_2, _LN_2, _LN_2_REST = 1.4426950408889634, 0.693147180369123816490, 1.90821492927058770002e-10
+# Beyond these the exponential of a double is zero or infinite.
+_LEAST, _MOST = -746.0, 710.0
+_TAYLOR = tuple(1.0 / math.factorial(k) for k in range(13))
 
 
 class LanesType(types.Type):
@@ -90,6 +96,11 @@ def root(x: Number) -> Number:
 def exponential(x: Any) -> Any:
     """As ``math.exp``, which takes no lanes where nothing is compiled."""
     return np.exp(x)
+
+
+def two_to(x: Any) -> Any:
+    """Two to the power of each lane, which are whole numbers from -1022 to 1023."""
+    return np.exp2(x)
 
 
 def read(rows: Any, at: int) -> Any:
@@ -177,6 +188,15 @@ def _by_llvm(name: str) -> Callable[..., Any]:
     return generate
 
 
+def _two_to(_: Any, builder: Any, __: Any, values: Any) -> Any:
+    """By writing the number where a double keeps its exponent."""
+    whole = ir.VectorType(ir.IntType(64), LANES)
+    # So large a double has no room for fractions: its last bits are the whole number.
+    shifted = builder.fadd(values[0], ir.Constant(_VECTOR, [_ROUNDS + 1023.0] * LANES))
+    exponent = builder.shl(builder.bitcast(shifted, whole), ir.Constant(whole, [52] * LANES))
+    return builder.bitcast(exponent, _VECTOR)
+
+
 def _where_positive(_: Any, builder: Any, __: Any, values: Any) -> Any:
     x, y, otherwise = values
     zero = ir.Constant(x.type, [0.0] * LANES if x.type == _VECTOR else 0.0)
@@ -237,8 +257,8 @@ _teach(
 )
 
 
-def _each(function: Any, count: int = 1, *, called: Any = None) -> None:
-    """Let compiled code use a ``function`` of plain numbers with lanes too, one by one; so ``called`` if not itself."""
+def _each(function: Any, count: int = 1) -> None:
+    """Let compiled code use a ``function`` of plain numbers with lanes too, one by one."""
 
     def generate(context: Any, builder: Any, _: Any, values: Any) -> Any:
         numbers = [types.float64] * count
@@ -250,13 +270,50 @@ def _each(function: Any, count: int = 1, *, called: Any = None) -> None:
             result = builder.insert_element(result, of_numbers(builder, own), _INDEX(i))
         return result
 
-    _teach(called or function, _all_lanes, generate, (LanesType,) * count)
+    _teach(function, _all_lanes, generate, (LanesType,) * count)
 
 
-for _function in (math.sin, math.cos, math.tan, math.atan, math.tanh, math.exp, math.log):
+@inlined
+def _exp(x: Any) -> Any:
+    """As ``math.exp`` to two units in the last place, infinity above the largest and zero below the least double."""
+    x = smaller(larger(x, alike(_LEAST)), alike(_MOST))
+    powers = (x * _PER_LN_2 + _ROUNDS) - _ROUNDS
+    # ln 2 in two parts, of which the first times any power has no rounding.
+    y = (x - powers * _LN_2) - powers * _LN_2_REST
+    square = y * y
+    even, odd = alike(_TAYLOR[12]), alike(_TAYLOR[11])
+    for k in range(5):
+        even, odd = even * square + _TAYLOR[10 - 2 * k], odd * square + _TAYLOR[9 - 2 * k]
+    even = even * square + 1.0
+    # In two steps: the largest power there is, is out of reach for one.
+    half = (0.5 * powers + _ROUNDS) - _ROUNDS
+    return (even + odd * y) * two_to(half) * two_to(powers - half)
+
+
+@inlined
+def _tanh(x: Any) -> Any:
+    """As ``math.tanh`` to 2e-16."""
+    fading = _exp(-2.0 * abs(x))
+    size = (1.0 - fading) / (1.0 + fading)
+    return where_positive(x, size, -size)
+
+
+def _by_formula(function: Any, formula: Any) -> None:
+    """Let compiled code use a ``function`` of one plain number with lanes too, by a ``formula`` of lanes."""
+
+    def generate(context: Any, builder: Any, _: Any, values: Any) -> Any:
+        told = signature(_LANES, _LANES)  # type: ignore[no-untyped-call]  # numba ships no types
+        return context.compile_internal(builder, formula.py_func, told, values)
+
+    _teach(function, _all_lanes, generate, _ONE)
+
+
+_teach(two_to, _all_lanes, _two_to, _ONE)
+for _function, _formula in ((math.exp, _exp), (exponential, _exp), (math.tanh, _tanh)):
+    _by_formula(_function, _formula)
+for _function in (math.sin, math.cos, math.tan, math.atan, math.log):
     _each(_function)
 _each(math.pow, 2)
-_each(math.exp, called=exponential)
 _teach(math.floor, _all_lanes, _by_llvm("floor"), _ONE)
 
 

@@ -20,8 +20,8 @@ HORIZONS = (0.5, 1.0, 2.0, 4.0, 8.0)
 # Restarts for a horizon are a quarter of it apart, and no less than so many time constants; those for a longer one are
 # among those for a shorter. Drives and courses are followed on a grid.
 RESTARTS, GRID = 0.25, 0.1
-# Nor are there more of them than so many, for no more tell anything new.
-MOST_RESTARTS = 600
+# Nor are there more of them than so many: with their horizons they are more than the readings that may count.
+MOST_RESTARTS = 300
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,6 +11,7 @@ import numpy as np
 from scipy import special
 
 from rovid.campaign.axis import YAW, Axis
+from rovid.campaign.guesswork import Guesswork, goes_with_thrust
 from rovid.campaign.trial import read_only
 from rovid.ground.arrays import FloatArray
 from rovid.model.names import unit_of
@@ -24,6 +25,31 @@ UNDRIVEN = (
 _NO_DOUBT = 1e-3
 # Of what is as good as constant: its changes are rounding.
 _ROUNDING = 1e-9
+
+
+# Standard errors from zero from which on a number may be divided by.
+_FROM_ZERO = 3.0
+_SYMBOLS = {"inertia": "I", "quadratic_drag": "DQ", "linear_drag": "DL"}
+_OVER = {
+    ("inertia", "quadratic_drag"): "rad",
+    ("inertia", "linear_drag"): "s",
+    ("linear_drag", "quadratic_drag"): "rad/s",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ratio:
+    """One parameter over another, as "inertia/quadratic_drag"."""
+
+    name: str
+    value: float
+    standard_error: float
+    unit: str
+
+    @property
+    def symbols(self) -> str:
+        """The same in symbols, as "I/DQ"."""
+        return "/".join(_SYMBOLS[name] for name in self.name.split("/"))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,6 +77,8 @@ class Estimate:
         the standard errors and intervals and not in ``covariance``: no loop and no simulation feels it.
     per_inertia
         Whether the inertia cannot be known and is taken to be 1.
+    guess
+        What of the vehicle that it was found with is no measurement.
     """
 
     names: tuple[str, ...]
@@ -64,6 +92,7 @@ class Estimate:
     axis: Axis = YAW
     scale_doubt: float = 0.0
     per_inertia: bool = False
+    guess: Guesswork = field(default_factory=Guesswork)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(self.values))
@@ -101,7 +130,7 @@ class Estimate:
 
     def _scaled(self, name: str) -> float:
         """Size of what is larger with all thrust; 0 of what is not."""
-        if not _goes_with_thrust(unit_of(name, self.axis)):
+        if not goes_with_thrust(unit_of(name, self.axis)):
             return 0.0
         return abs(self.value(name))
 
@@ -133,16 +162,38 @@ class Estimate:
         warnings = (*self.warnings, warning)
         return replace(self, refused={**self.refused, "inertia": UNDRIVEN}, per_inertia=True, warnings=warnings)
 
+    def is_placeholder(self, name: str) -> bool:
+        """Whether the parameter ``name`` hangs on a guess, so that no size of it is known."""
+        return self.guess.marks(unit_of(name, self.axis))
+
+    @property
+    def ratios(self) -> tuple[Ratio, ...]:
+        """What inertia and drag are of each other, whatever the size of thrust; of what is known from zero alone."""
+        over = [self.ratio("inertia", drag) for drag in ("quadratic_drag", "linear_drag")]
+        found = [ratio for ratio in over if ratio is not None]
+        both = None if found else self.ratio("linear_drag", "quadratic_drag")
+        return (*found, *([both] if both else []))
+
+    def ratio(self, first: str, second: str) -> Ratio | None:
+        """One parameter over another; None where either is not known, or the second cannot be told from zero."""
+        known = [name for name in (first, second) if name in self.names and name not in self.refused]
+        if len(known) < 2 or not self.value(second) > _FROM_ZERO * self._spread(second):
+            return None
+        one, other = self.names.index(first), self.names.index(second)
+        value = self.value(first) / self.value(second)
+        # To first order, by the covariance of both: a common factor is in neither.
+        slope = np.zeros(len(self.names))
+        slope[one], slope[other] = 1.0 / self.value(second), -value / self.value(second)
+        spread = math.sqrt(max(float(slope @ self.covariance @ slope), 0.0))
+        unit = _OVER[first, second]
+        return Ratio(name=f"{first}/{second}", value=value, standard_error=spread, unit=self.axis.unit(unit))
+
     def unit(self, name: str) -> str:
         """Unit of the parameter ``name``."""
         unit = unit_of(name, self.axis)
-        if self.per_inertia and name != "inertia" and _goes_with_thrust(unit):
+        if self.per_inertia and name != "inertia" and goes_with_thrust(unit):
             return unit + PER_INERTIA
         return unit
-
-
-def _goes_with_thrust(unit: str) -> bool:
-    return unit == "N" or unit.startswith(("N ", "kg"))
 
 
 def varies(values: FloatArray, *, noise: float = 0.0) -> bool:

@@ -100,7 +100,7 @@ class Fitted:
         In slow motion, too, it is no less than the rigid body's, whatever water goes along.
         """
         vehicle = self.records.vehicle
-        rigid = None if vehicle is None else vehicle.rigid_body_inertia
+        rigid = None if vehicle is None else vehicle.measured_inertia
         if rigid is None or not self.records.driven:
             return True
         low, high = PLAUSIBLE_RATIO

@@ -72,10 +72,12 @@ class InnovationMisfit(Misfit):
         found = spread(lambda few: _side_by_side([(self, point) for point in (x, *few)]), groups)
         first = found[0][0] if centre is None else centre
         sides = []
-        for own, *others in found:
-            for side in others:
-                error = first.error + (side.error - own.error)
-                sides.append(Innovations(error, first.variance + (side.variance - own.variance)))
+        # Of a model that runs away both may be infinite.
+        with np.errstate(over="ignore", invalid="ignore"):
+            for own, *others in found:
+                for side in others:
+                    error = first.error + (side.error - own.error)
+                    sides.append(Innovations(error, first.variance + (side.variance - own.variance)))
         return [first, *sides]
 
     @classmethod

@@ -32,9 +32,9 @@ def usual_rate(runs: Sequence[Run]) -> float:
 
 
 def in_use(values: FloatArray) -> float:
-    """Root mean square of those ``values`` that are not nothing."""
+    """Root mean square of those ``values`` that are not nothing; 1 where all are."""
     some = values[np.abs(values) > 0.0]
-    return float(np.sqrt(np.mean(some**2)))
+    return float(np.sqrt(np.mean(some**2))) if some.size else 1.0
 
 
 def scales_of(trials: Sequence[Trial], vehicle: Vehicle | None, torque: float, rate: float, *, driven: bool) -> Scales:

@@ -77,6 +77,7 @@ def advise(trials: Sequence[Trial], vehicle: Vehicle, feedback: Sequence[Feedbac
         # Of releases no commands are wanted.
         return []
     found = [
+        *_guessed(vehicle),
         *_clocks(runs),
         *_saturated(runs.items, vehicle),
         *_fed_back(feedback, vehicle.axis),
@@ -84,6 +85,12 @@ def advise(trials: Sequence[Trial], vehicle: Vehicle, feedback: Sequence[Feedbac
         *_determined(runs.items),
     ]
     return sorted(found, key=lambda one: ("grave", "care", "aside").index(one.weight))
+
+
+def _guessed(vehicle: Vehicle) -> Iterator[Advice]:
+    if vehicle.guess:
+        text = f"Measure {vehicle.guess.words}, and put that into rovid.toml: what is there is a guess of rovid init."
+        yield Advice(kind="guessed", text=text)
 
 
 def _saturated(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rovid.campaign.config import FILE_NAME, Config, Signal
+from rovid.campaign.guesswork import Guesswork
 from rovid.campaign.tables import CURVE_COLUMNS, curve_text, read_curve
 from rovid.campaign.vehicle import ThrustCurve, Vehicle
 from rovid.ground.errors import LINE_LENGTH, DataError, RovidError, shown
@@ -315,15 +316,15 @@ def logs_in_words(survey: Survey) -> str:
 
 
 def _head(survey: Survey) -> Iterator[str]:
-    yield f"# Written by `rovid init`, which looked at {logs_in_words(survey)}. Each guess says why: correct what is"
-    yield "# wrong."
+    yield f"# Written by `rovid init` from {logs_in_words(survey)}. Each guess says why: correct what is wrong. A line"
+    yield "# *_guessed marks what no log can tell, and every number that hangs on it."
     yield ""
     yield "[vehicle]"
     yield f"name = {toml_text(survey.folder.resolve().name)}"
     yield "# Mass and size are not in the logs; with them rovid tells the added inertia."
-    yield "# mass = 100.0     # kg; length and width in m"
-    yield "# length = 1.0"
-    yield "# width = 0.6"
+    yield "# mass =       # kg"
+    yield "# length =     # m"
+    yield "# width =      # m"
 
 
 def _thrusters(survey: Survey) -> Iterator[str]:
@@ -338,18 +339,29 @@ def _thrusters(survey: Survey) -> Iterator[str]:
         yield from _why(ones)
         yield f"{mark}[[thrusters]]"
         yield f"{mark}name = {toml_text(name)}"
-        yield f"{mark}yaw_arm = {way:.1f}     # m: the sense is that of the logs, the distance is not in them"
+        yield f"{mark}yaw_arm = {way:.1f}            # m: the sense is that of the logs, the distance is not in them"
+        yield f"{mark}yaw_arm_guessed = {way:.1f}    # as long as both are the same; put the distance into yaw_arm"
         yield f"{mark}curve = {toml_text(survey.curve)}"
+        if survey.curve_guessed is not None:
+            yield f"{mark}curve_guessed = {toml_text(survey.curve)}   # as above; put a bench curve into curve"
         sources = {kind: one.source for kind, one in ones.items()}
         yield f"{mark}command = {_sources(sources)}"
+
+
+def guess_of(survey: Survey) -> Guesswork:
+    """What of the file that is written is no measurement: every arm, and a curve that was not there."""
+    turning = {command.name for command in _commands(survey.guesses) if command.way}
+    names = [name for name in _by_name(survey) if not turning or name in turning]
+    what = ["yaw_arm"] if survey.curve_guessed is None else ["yaw_arm", "curve"]
+    return Guesswork(items=tuple(f"{one} of {name}" for name in names for one in what), thrusters=len(names))
 
 
 def _guessed_curve(survey: Survey) -> Iterator[str]:
     proportion = f"thrust in proportion to the command, {_FULL_THRUST:g} N at its end"
     yield ""
     yield f"# {survey.curve} is a guess: {proportion}. Until a"
-    yield "# bench curve takes its place, inertia and drag are right among themselves, not in size, and the"
-    yield "# diagnosis finds the drive's dead band as one."
+    yield "# bench curve takes its place no number holds that was fitted through it, and the diagnosis finds what"
+    yield "# the guess lacks, as the drive's own dead band."
 
 
 def _by_name(survey: Survey) -> dict[str, dict[str, Thrusting]]:

@@ -1,1 +1,1 @@
-"""The parameter file, and whether two methods say the same of what is in it."""
+"""The parameter file, whether it still holds, and whether two methods say the same of what is in it."""

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
+from rovid.effects import effect_named
 from rovid.ground.numbers import plus_minus
 from rovid.identify.estimate import Estimate
 from rovid.identify.horizon_misfit import HorizonMisfit
 from rovid.identify.innovations import InnovationMisfit
+from rovid.model.names import effect_ids
 from rovid.parameters.parameters import Entry
 
 # Joint standard errors beyond which two methods do not say the same.
 _APART = 3.0
-_WHOLE = (InnovationMisfit.method, HorizonMisfit.method)
+# Methods that fit all parameters at once.
+WHOLE = (InnovationMisfit.method, HorizonMisfit.method)
 _BASE = ("inertia", "quadratic_drag", "linear_drag")
 
 
@@ -29,11 +32,29 @@ def disagreement(entries: Mapping[str, Entry], estimate: Estimate) -> list[str]:
     entry, unit = entries[worst], estimate.unit(worst)
     here = plus_minus(estimate.value(worst), estimate.standard_error(worst))
     there = plus_minus(entry.value, entry.standard_error)
+    mine, theirs = causes_in(estimate.names), causes_in(entries)
+    if mine != theirs and not (mine and theirs):
+        # The difference is what the causes do, and no riddle.
+        share = off_by(entry.value, estimate.value(worst)) if mine else off_by(estimate.value(worst), entry.value)
+        poorer, value = (entry.method, there) if mine else (estimate.method, here)
+        return [f"{worst} by {poorer} is {value} {unit}, {share}: that knows nothing of {mine or theirs}."]
     text = (
         f"{worst} is {here} {unit} here and {there} {unit} by {entry.method}: {gaps[worst]:.0f} joint standard errors "
         f"apart. {_advice(entry, estimate)}"
     )
     return [text]
+
+
+def causes_in(names: Iterable[str]) -> str:
+    """The effects among parameter ``names``, in words; nothing where there are none."""
+    return " and ".join(dict.fromkeys(effect_named(key).title for key in effect_ids(names)))
+
+
+def off_by(value: float, of: float) -> str:
+    """How far a ``value`` is from the model's ``of``, in words."""
+    share = 100.0 * (value / of - 1.0)
+    size = f"{abs(share):.0f}" if abs(share) >= 10.0 else f"{abs(share):.2g}"
+    return f"{size} % {'above' if share > 0.0 else 'below'} the model's"
 
 
 def _compared(entries: Mapping[str, Entry], estimate: Estimate, name: str) -> bool:
@@ -51,7 +72,7 @@ def _gap(entry: Entry, estimate: Estimate, name: str) -> float:
 
 
 def _advice(entry: Entry, estimate: Estimate) -> str:
-    mine, other = estimate.method in _WHOLE, entry.method in _WHOLE
+    mine, other = estimate.method in WHOLE, entry.method in WHOLE
     if mine and other:
         return "Believe the one whose model has the causes that were found."
     if mine or other:

@@ -9,12 +9,14 @@ from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from itertools import combinations_with_replacement
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rovid import __version__
 from rovid.campaign.axis import YAW, Axis
-from rovid.campaign.trial import Campaign
+from rovid.campaign.guesswork import Guesswork
+from rovid.campaign.settings import Settings
 from rovid.effects import effect_named
 from rovid.effects.base import Effect
 from rovid.ground.errors import ConfigError
@@ -33,21 +35,34 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """One parameter: its value, standard error, unit, and how it was found."""
+    """One parameter: its value, standard error, unit, and how it was found: the method, and options that were given."""
 
     value: float
     standard_error: float
     unit: str
     method: str
+    options: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """One log the parameters rest on."""
+    """One log the parameters rest on; a file of rovid 0.2 does not say where it is."""
 
     name: str
     sha256: str
     samples: int
+    path: Path | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """What an estimate comes of: LOGS as given, absolute; the logs in them; what of rovid.toml and which options."""
+
+    logs: tuple[Path, ...]
+    vehicle: str
+    sources: tuple[Source, ...]
+    settings: Settings
+    options: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +80,8 @@ class Parameters:
         different methods are taken as uncorrelated and are absent.
     axis
         The degree of freedom that they are of.
+    settings
+        What of rovid.toml all of them rest on; None where that is not known, as of a file of rovid 0.2.
     """
 
     path: Path
@@ -74,28 +91,43 @@ class Parameters:
     covariance: Mapping[tuple[str, str], float] = field(default_factory=dict)
     sources: tuple[Source, ...] = ()
     axis: Axis = YAW
+    settings: Settings | None = None
 
-    def with_estimate(self, estimate: Estimate) -> Parameters:
-        """The same with the parameters of ``estimate`` put in or replaced."""
+    def emptied(self) -> Parameters:
+        """The same file without parameters; which logs it remembers stays."""
+        return replace(self, entries={}, covariance={}, sources=(), settings=None)
+
+    def with_estimate(self, estimate: Estimate, origin: Origin | None = None) -> Parameters:
+        """The same with the parameters of ``estimate`` put in or replaced; they come of ``origin``, if one is told."""
+        found = self._with(estimate, "" if origin is None else origin.options)
+        if origin is None:
+            return found
+        others = found.entries.keys() - set(estimate.names)
+        unknown = others and self.settings is None
+        kept = self.sources if others else ()
+        sources = {(source.name, source.path): source for source in (*kept, *origin.sources)}
+        return replace(
+            found,
+            vehicle=origin.vehicle,
+            logs=origin.logs,
+            sources=tuple(sources.values()),
+            settings=None if unknown else origin.settings,
+        )
+
+    def _with(self, estimate: Estimate, options: str) -> Parameters:
         stale = set(estimate.names)
         covariance = {pair: value for pair, value in self.covariance.items() if stale.isdisjoint(pair)}
         # Effects belong to the fit that found them: another fit of the inertia does without, or finds them anew.
         if "inertia" in estimate.names:
             stale.update(filter(_of_an_effect, self.entries))
         entries = {name: entry for name, entry in self.entries.items() if name not in stale}
-        entries |= _entries(estimate)
+        entries |= _entries(estimate, options)
         covariance |= _covariance(estimate)
         return replace(self, entries=entries, covariance=covariance)
 
-    def with_logs(self, paths: Sequence[Path], vehicle: str, campaign: Campaign | None) -> Parameters:
-        """The same with the logs it rests on, each with its hash."""
-        trials = () if campaign is None else campaign.trials
-        sources = tuple(_source(trial.name, trial.path, int(trial.measured.sum())) for trial in trials)
-        return replace(self, vehicle=vehicle, logs=_absolute(paths), sources=sources)
-
     def entries_of(self, paths: Sequence[Path]) -> Mapping[str, Entry]:
         """What methods said of the logs at ``paths``; nothing where the file rests on others."""
-        if self.logs == _absolute(paths):
+        if self.logs == absolute(paths):
             return self.entries
         return {}
 
@@ -117,6 +149,19 @@ class Parameters:
             method=quadratic.method,
             samples=0,
             axis=self.axis,
+        )
+
+    def together(self) -> Estimate:
+        """Inertia, drag and what weight does, as far as they are here, whatever found them."""
+        names = tuple(name for name in base_names(self.axis) if name in self.entries)
+        return Estimate(
+            names=names,
+            values=np.array([self.entries[name].value for name in names]),
+            covariance=np.array(self._matrix(names)).reshape(len(names), len(names)),
+            method="; ".join(dict.fromkeys(self.entries[name].method for name in names)),
+            samples=0,
+            axis=self.axis,
+            guess=Guesswork() if self.settings is None else self.settings.guess,
         )
 
     @property
@@ -186,17 +231,11 @@ class Parameters:
         """Ids of the effects whose parameters are here."""
         return effect_ids(self.entries)
 
-    def changed_sources(self, campaign: Campaign) -> list[str]:
-        """Say which logs are not the ones that the parameters were fitted to."""
-        known = {source.name: source.sha256 for source in self.sources}
-        changed = []
-        for trial in campaign.trials:
-            name = encodable(trial.name)
-            if name in known and sha256(trial.path) != known[name]:
-                changed.append(name)
-        if not changed:
-            return []
-        return [f"{', '.join(changed)}: not the same file as when the parameters were fitted."]
+    def _written(self, entry: Entry) -> dict[str, Any]:
+        """One parameter for the file; whoever looks at it alone learns there that it is a placeholder."""
+        marked = self.settings is not None and self.settings.guess.marks(entry.unit)
+        written = asdict(entry) | ({"placeholder": True} if marked else {})
+        return {key: value for key, value in written.items() if key != "options" or value}
 
     @property
     def output(self) -> Output:
@@ -227,9 +266,10 @@ class Parameters:
             "vehicle": self.vehicle,
             **axis,
             "logs": [_relative(path, self.path.parent) for path in self.logs],
-            "parameters": {name: asdict(self.entries[name]) for name in names},
+            "parameters": {name: self._written(self.entries[name]) for name in names},
             "covariance": {"names": names, "matrix": self._matrix(names)},
-            "sources": list(map(asdict, self.sources)),
+            **({} if self.settings is None else {"rests_on": asdict(self.settings)}),
+            "sources": [_written(source, self.path.parent) for source in self.sources],
         }
         return tomli_w.dumps(document)
 
@@ -244,7 +284,7 @@ def _value(entry: Entry | None) -> float:
     return entry.value
 
 
-def _entries(estimate: Estimate) -> dict[str, Entry]:
+def _entries(estimate: Estimate, options: str) -> dict[str, Entry]:
     """What an estimate says, but for what it refuses to say."""
     entries = {}
     for name in estimate.names:
@@ -254,6 +294,7 @@ def _entries(estimate: Estimate) -> dict[str, Entry]:
                 standard_error=estimate.standard_error(name),
                 unit=estimate.unit(name),
                 method=estimate.method,
+                options=options,
             )
     return entries
 
@@ -265,7 +306,13 @@ def _covariance(estimate: Estimate) -> dict[tuple[str, str], float]:
     return {(first, second): float(estimate.covariance[i, j]) for (i, first), (j, second) in pairs}
 
 
-def _absolute(paths: Sequence[Path]) -> tuple[Path, ...]:
+def _written(source: Source, folder: Path) -> dict[str, Any]:
+    place = {} if source.path is None else {"path": _relative(source.path, folder)}
+    return {"name": source.name, "sha256": source.sha256, "samples": source.samples, **place}
+
+
+def absolute(paths: Sequence[Path]) -> tuple[Path, ...]:
+    """``paths`` from the root, as text that a file can hold."""
     return tuple(Path(encodable(str(path.resolve()))) for path in paths)
 
 
@@ -275,9 +322,11 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def _source(name: str, path: Path, samples: int) -> Source:
-    # A file may be called by bytes that are no text.
-    return Source(name=encodable(name), sha256=sha256(path), samples=samples)
+def source_of(name: str, path: Path, samples: int) -> Source:
+    """The log at ``path``, by its digest."""
+    # A file may be called by bytes that are no text, and then cannot be found by what is written of it.
+    (place,) = absolute([path])
+    return Source(name=encodable(name), sha256=sha256(path), samples=samples, path=place if place.exists() else None)
 
 
 def _relative(path: Path, folder: Path) -> str:

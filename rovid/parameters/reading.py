@@ -13,6 +13,7 @@ import numpy as np
 
 from rovid import __version__
 from rovid.campaign.axis import YAW, axis_named
+from rovid.campaign.settings import Settings
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import ConfigError
 from rovid.ground.files.form import PARAMETERS
@@ -76,14 +77,21 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
         logs=tuple((path.parent / str(item)).resolve() for item in document["logs"]),
         entries=entries,
         covariance=_covariance(document["covariance"]["names"], document["covariance"]["matrix"], entries),
-        sources=tuple(map(_source, document["sources"])),
+        sources=tuple(_source(written, path.parent) for written in document["sources"]),
+        settings=_settings(document.get("rests_on")),
     )
 
 
 def _entry(name: str, written: Mapping[str, Any]) -> Entry:
     value = _number(written["value"], name)
     error = _number_or_nan(written["standard_error"], f"standard_error of {name}")
-    return Entry(value=value, standard_error=error, unit=str(written["unit"]), method=str(written["method"]))
+    return Entry(
+        value=value,
+        standard_error=error,
+        unit=str(written["unit"]),
+        method=str(written["method"]),
+        options=str(written.get("options", "")),
+    )
 
 
 def _check_entry(name: str, entry: Entry) -> None:
@@ -96,12 +104,24 @@ def _check_entry(name: str, entry: Entry) -> None:
         raise ValueError(f"standard_error of {name} is {entry.standard_error:g}; zero or more was expected")
 
 
-def _source(written: Mapping[str, Any]) -> Source:
+def _source(written: Mapping[str, Any], folder: Path) -> Source:
+    place = written.get("path")
     return Source(
         name=str(written["name"]),
         sha256=str(written["sha256"]),
         samples=_count(written["samples"]),
+        path=None if place is None else (folder / str(place)).resolve(),
     )
+
+
+def _settings(written: Mapping[str, Any] | None) -> Settings | None:
+    """What of rovid.toml the parameters rest on; None of a file of rovid 0.2."""
+    if written is None:
+        return None
+    told = {
+        key: {str(name): str(text) for name, text in written[key].items()} for key in ("drive", "signals", "further")
+    }
+    return Settings(**told, guessed=tuple(map(str, written["guessed"])))
 
 
 def _number(value: object, place: str, largest: float = LARGEST) -> float:

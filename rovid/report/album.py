@@ -5,24 +5,31 @@ from __future__ import annotations
 import base64
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
+from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from rovid.campaign.axis import Axis
+from rovid.campaign.guesswork import Guesswork
 from rovid.diagnose.parts import parts_of
 from rovid.diagnose.record import Finding
+from rovid.effects import Effect
 from rovid.ground.files import Output
 from rovid.ground.files.form import png_form, svg_form
 from rovid.ground.numbers import plus_minus
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation
+from rovid.motion.runs import Runs
+from rovid.report import drivers
 from rovid.report.courses import courses_of
 from rovid.report.evidence import Evidence
 from rovid.report.findings import RIVALS, name_of
 from rovid.report.plots import (
+    before_after,
     canvas,
     closed_loop,
     findings,
@@ -34,7 +41,9 @@ from rovid.report.plots import (
     steady,
     thrust,
 )
-from rovid.report.residual import Residual, left_by_all, residuals_of, sizes
+from rovid.report.plots import missing as missing_torque
+from rovid.report.residual import Residual, left_by_all, sizes
+from rovid.report.stages import worst_first
 from rovid.report.text import number, steady_state, unit
 
 # A page with more large trial plots than this is slow to open on a tablet; the overview shows all trials.
@@ -42,7 +51,7 @@ LARGE_PLOTS = 40
 
 # What a plot of any report may be called.
 _NAMES = re.compile(
-    r"(thrust_curves|steady_\w+|inertia|residuals|diagnosis_gain|diagnosis_residuals|closed_loop|rivals_\w+"
+    r"(thrust_curves|steady_\w+|inertia|residuals|diagnosis_gain|diagnosis_residuals|closed_loop|rivals_\w+|missing_\w+"
     r"|(sine_runs|overview)(_\d\d+)?|trial_\d\d+_\w*)\.(png|svg)"
 )
 
@@ -72,22 +81,45 @@ class Picture:
         }
 
 
+@dataclass(frozen=True, eq=False)
+class Sketch:
+    """A plot before it is drawn: file name without suffix, the text under it, and the text in its place."""
+
+    name: str
+    figure: Figure
+    caption: str = field(kw_only=True)
+    alt: str = field(kw_only=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Worst:
+    """The worst trial before and after, as SVG to stand in the page: for a wide one and for a narrow one."""
+
+    caption: str
+    alt: str
+    wide: Markup
+    narrow: Markup
+
+
 @dataclass(frozen=True, kw_only=True)
 class Album:
     """All plots of a page, by the section that shows them.
 
-    ``large`` is in step with ``large_trials``, ``rivals`` by the key of the effect that was found.
+    ``worst`` is the picture of the first screen; ``rivals`` and ``drivers`` are by the key of the effect found.
+    The page shows neither ``large`` nor ``compared``: its viewer, and its first screen, do.
     """
+
+    worst: Worst | None = None
 
     thrust: tuple[Picture, ...] = ()
     steady: tuple[Picture, ...] = ()
     inertia: tuple[Picture, ...] = ()
     sines: tuple[Picture, ...] = ()
     overview: tuple[Picture, ...] = ()
-    large_trials: tuple[TrialSimulation, ...] = ()
     large: tuple[Picture, ...] = ()
     residuals: tuple[Picture, ...] = ()
     rivals: Mapping[str, Picture] = field(default_factory=dict)
+    drivers: Mapping[str, Picture] = field(default_factory=dict)
     compared: tuple[Picture, ...] = ()
     left_over: tuple[Picture, ...] = ()
     closed_loop: tuple[Picture, ...] = ()
@@ -95,7 +127,14 @@ class Album:
     def files(self, folder: Path) -> dict[Output, bytes]:
         """Every plot, as the files in ``folder`` that it makes."""
         first = (self.thrust, self.steady, self.inertia, self.sines, self.overview, self.large, self.residuals)
-        sections = (*first, self.rivals.values(), self.compared, self.left_over, self.closed_loop)
+        sections = (
+            *first,
+            self.rivals.values(),
+            self.drivers.values(),
+            self.compared,
+            self.left_over,
+            self.closed_loop,
+        )
         files: dict[Output, bytes] = {}
         for pictures in sections:
             for picture in pictures:
@@ -114,63 +153,86 @@ def plots_in(folder: Path) -> list[Output]:
 
 def make_album(evidence: Evidence) -> Album:
     """Draw whatever the evidence allows."""
-    large = _worst(evidence.simulations)
+    guess = evidence.vehicle.guess
+
+    def drawn(sketches: Iterable[Sketch]) -> tuple[Picture, ...]:
+        return tuple(_picture(sketch, guess) for sketch in sketches)
+
+    def by_key(sketches: Iterable[tuple[str, Sketch]]) -> dict[str, Picture]:
+        return {key: _picture(sketch, guess) for key, sketch in sketches}
+
     return Album(
-        thrust=tuple(_thrust(evidence)),
-        steady=tuple(_steady(evidence)),
-        inertia=tuple(_inertia(evidence)),
-        sines=tuple(_sines(evidence)),
-        overview=tuple(_overview(evidence.simulations)),
-        large_trials=large,
-        large=tuple(_large(item, evidence.simulations.index(item) + 1) for item in large),
-        residuals=tuple(_residuals(evidence)),
-        rivals=_rivals(evidence),
-        compared=tuple(_compared(evidence)),
-        left_over=tuple(_left_over(evidence)),
-        closed_loop=tuple(_closed_loop(evidence)),
+        worst=_worst(evidence),
+        thrust=drawn(_thrust(evidence)),
+        steady=drawn(_steady(evidence)),
+        inertia=drawn(_inertia(evidence)),
+        sines=drawn(_sines(evidence)),
+        overview=drawn(_overview(evidence)),
+        large=drawn(_large(evidence.after)),
+        residuals=drawn(_residuals(evidence)),
+        rivals=by_key(_rivals(evidence)),
+        drivers=by_key(_drivers(evidence)),
+        compared=drawn(_compared(evidence)),
+        left_over=drawn(_left_over(evidence)),
+        closed_loop=drawn(_closed_loop(evidence)),
     )
 
 
-def _picture(name: str, figure: Figure, *, caption: str, alt: str) -> Picture:
-    return Picture(name=name, caption=caption, alt=alt, png=canvas.png(figure), svg=canvas.svg(figure))
+def _picture(sketch: Sketch, guess: Guesswork) -> Picture:
+    figure = canvas.with_guess(sketch.figure, guess)
+    return Picture(
+        name=sketch.name, caption=sketch.caption, alt=sketch.alt, png=canvas.png(figure), svg=canvas.svg(figure)
+    )
 
 
-def _worst(items: Sequence[TrialSimulation]) -> tuple[TrialSimulation, ...]:
-    """All trials, or those with the largest error where there are too many, in their own order."""
-    ranked = sorted(items, key=_error, reverse=True)
-    chosen = {id(item) for item in ranked[:LARGE_PLOTS]}
-    return tuple(item for item in items if id(item) in chosen)
+def _worst(evidence: Evidence) -> Worst | None:
+    """The trial that is simulated worst, without and with what was found."""
+    if not evidence.before:
+        return None
+    number_of, *_ = worst_first(evidence.before)
+    before, after, guess = evidence.before[number_of], evidence.after[number_of], evidence.vehicle.guess
+    wide = before_after.before_after(before, after, width=5.6, rows=(1.9, 1.0))
+    narrow = before_after.before_after(before, after, width=3.9, rows=(0.75, 0.45))
+    return Worst(
+        caption=f"The worst trial, {before.run.trial.name}, simulated freely.",
+        alt=_alt(before, after),
+        wide=canvas.inline(canvas.with_guess(wide, guess), "wide"),
+        narrow=canvas.inline(canvas.with_guess(narrow, guess), "narrow"),
+    )
 
 
-def _error(item: TrialSimulation) -> float:
-    """Root mean square of the rate's, rad/s or m/s; 0 where there is none."""
-    return item.fit.rmse if math.isfinite(item.fit.rmse) else 0.0
+def _alt(before: TrialSimulation, after: TrialSimulation) -> str:
+    """What the picture of the worst trial says."""
+    axis = before.run.trial.axis
+    rates = f"{axis.rate_words} is off by {number(before.fit.rmse, '.2g')}"
+    if after is not before:
+        rates = f"{rates} {axis.rate_unit} without and by {number(after.fit.rmse, '.2g')}"
+    return f"{before.run.trial.name}: the simulated {rates} {axis.rate_unit}{' with' if after is not before else ''}."
 
 
 def _steady_drag(evidence: Evidence) -> Model | None:
     """Model of what balances the push in a steady state; None where the drag is not known."""
-    drag = evidence.parameters.drag()
-    if drag is None:
+    entries = evidence.parameters.entries
+    if "quadratic_drag" not in entries or evidence.parameters.per_inertia:
         return None
-    buoyancy = evidence.parameters.entries.get("net_buoyancy")
-    restoring_values = () if buoyancy is None else (buoyancy.value,)
+    quadratic, linear, buoyancy = map(entries.get, ("quadratic_drag", "linear_drag", "net_buoyancy"))
     return Model(
         inertia=math.nan,
-        quadratic_drag=drag.value("quadratic_drag"),
-        linear_drag=drag.value("linear_drag"),
+        quadratic_drag=quadratic.value if quadratic else 0.0,
+        linear_drag=linear.value if linear else 0.0,
         axis=evidence.axis,
-        restoring_values=restoring_values,
+        restoring_values=(buoyancy.value,) if buoyancy else (),
     )
 
 
-def _thrust(evidence: Evidence) -> Iterator[Picture]:
+def _thrust(evidence: Evidence) -> Iterator[Sketch]:
     """Thrust curves with the commands in use."""
     runs = () if evidence.runs is None else evidence.runs.items
     figure = thrust.thrust_curves(evidence.vehicle, runs)
     if figure is None:
         return
     names = ", ".join(thruster.name for thruster in evidence.vehicle.thrusters)
-    yield _picture(
+    yield Sketch(
         "thrust_curves",
         figure,
         caption="Bench curve of each thruster. The thick, shaded part is what the logs use.",
@@ -178,24 +240,24 @@ def _thrust(evidence: Evidence) -> Iterator[Picture]:
     )
 
 
-def _steady(evidence: Evidence) -> Iterator[Picture]:
+def _steady(evidence: Evidence) -> Iterator[Sketch]:
     fit = evidence.drag
     if fit is None:
         return
     axis = fit.estimate.axis
     rates = [point.rate for point in fit.points]
     what = steady_state(axis)
-    yield _picture(
+    yield Sketch(
         f"steady_{axis.push}",
         steady.steady_torque(fit),
         caption=f"{axis.push.capitalize()} of each {what} against its {axis.rate_words}, and the fitted drag. Below, "
-        "what the fit leaves over, with each point's standard error where it is known.",
+        "what the fit leaves over.",
         alt=f"{len(rates)} {what}s from {min(rates):.3g} to {max(rates):.3g} {axis.rate_unit} with the fitted curve; "
         f"the largest residual is {max(abs(fit.residuals)):.3g} {axis.push_unit}.",
     )
 
 
-def _inertia(evidence: Evidence) -> Iterator[Picture]:
+def _inertia(evidence: Evidence) -> Iterator[Sketch]:
     """Inertia by each method."""
     fit = evidence.inertia
     if fit is None:
@@ -204,7 +266,7 @@ def _inertia(evidence: Evidence) -> Iterator[Picture]:
     for name, each in fit.methods.items():
         value = plus_minus(each.value, each.standard_error)
         readings.append(f"{inertia.method_title(name)} {value}")
-    yield _picture(
+    yield Sketch(
         "inertia",
         inertia.inertia_methods(fit, evidence.vehicle.rigid_body_inertia),
         caption="Inertia by each method: points with 95 % intervals, and ticks for single sine runs.",
@@ -212,7 +274,7 @@ def _inertia(evidence: Evidence) -> Iterator[Picture]:
     )
 
 
-def _sines(evidence: Evidence) -> Iterator[Picture]:
+def _sines(evidence: Evidence) -> Iterator[Sketch]:
     fit, axis = evidence.inertia, evidence.axis
     if fit is None:
         return
@@ -220,14 +282,14 @@ def _sines(evidence: Evidence) -> Iterator[Picture]:
     parts = list(sheets(fit.trials, sines.PER_SHEET))
     # The first sheet explains them all.
     caption = (
-        "Mean period of each sine run. Left: each signal over its own peak; the marks are the three "
-        f"moments that the peak method takes for one. Right: {axis.push} over rate, with the same moments."
+        f"Mean period of each sine run; right, {axis.push} over rate. The marks are the three moments that the peak "
+        "method takes for one."
     )
     for k, (trials, suffix) in enumerate(parts):
         if k > 0:
             caption = f"Mean period of each sine run, sheet {k + 1} of {len(parts)}."
         periods = ", ".join(f"{trial.period:.3g}" for trial in trials)
-        yield _picture(
+        yield Sketch(
             f"sine_runs{suffix}",
             sines.sine_runs(trials, drag, axis),
             caption=caption,
@@ -246,37 +308,41 @@ def sheets(items: Sequence[T], size: int) -> Iterator[tuple[Sequence[T], str]]:
         yield items[first : first + size], f"_{place:02d}"
 
 
-def _overview(items: Sequence[TrialSimulation]) -> Iterator[Picture]:
+def _overview(evidence: Evidence) -> Iterator[Sketch]:
     """All trials, simulated, in small panels."""
-    for part, suffix in sheets(items, simulations.PER_SHEET):
-        rate = part[0].run.trial.axis.rate_words
-        fits = "; ".join(f"{item.run.trial.name} R² {number(item.fit.r2, '.4f')}" for item in part)
-        yield _picture(
+    pairs = list(zip(evidence.before, evidence.after, strict=True))
+    both = " without and with what was found" if evidence.found else ""
+    for part, suffix in sheets(pairs, simulations.PER_SHEET):
+        rate = part[0][0].run.trial.axis.rate_words
+        fits = "; ".join(f"{item.run.trial.name} R² {number(item.fit.r2, '.4f')}" for _, item in part)
+        yield Sketch(
             f"overview{suffix}",
             simulations.overview(part),
-            caption=f"Measured and freely simulated {rate} of every trial.",
+            caption=f"Measured {rate} of every trial, simulated freely{both}.",
             alt=f"Measured and simulated {rate} over time: {fits}.",
         )
 
 
-def _large(item: TrialSimulation, place: int) -> Picture:
-    name, axis = item.run.trial.name, item.run.trial.axis
-    return _picture(
-        f"trial_{place:02d}_{_file_name(name)}",
-        simulations.one_trial(item),
-        caption=f"{name}: {axis.push}, measured and simulated {axis.rate_words}, and the simulation's error in rate "
-        f"and {axis.position_words}.",
-        alt=f"{name}: R² {number(item.fit.r2, '.4f')}, rate off by {number(item.fit.rmse, '.2g')} {axis.rate_unit}.",
-    )
+def _large(items: Sequence[TrialSimulation]) -> Iterator[Sketch]:
+    """Each trial, or those with the largest error where there are too many."""
+    for place in sorted(worst_first(items)[:LARGE_PLOTS]):
+        item = items[place]
+        name, axis = item.run.trial.name, item.run.trial.axis
+        yield Sketch(
+            f"trial_{place + 1:02d}_{_file_name(name)}",
+            simulations.one_trial(item),
+            caption=f"{name}: {axis.push}, {axis.rate_words} and the simulation's errors.",
+            alt=_alt(item, item),
+        )
 
 
-def _residuals(evidence: Evidence) -> Iterator[Picture]:
+def _residuals(evidence: Evidence) -> Iterator[Sketch]:
     """What the model leaves of the torque."""
     if evidence.runs is None or not evidence.simulations:
         return
     axis = evidence.axis
-    items = residuals_of(evidence.runs.items, evidence.parameters.model(), evidence.vehicle)
-    yield _picture(
+    items = left_by_all(evidence.runs, evidence.parameters.model(), evidence.vehicle)
+    yield Sketch(
         "residuals",
         residuals.residuals(items, evidence.runs.cutoff),
         caption=f"Residual {axis.push} against rate, {axis.push} and time, its autocorrelation, and its spectrum.",
@@ -285,60 +351,82 @@ def _residuals(evidence: Evidence) -> Iterator[Picture]:
     )
 
 
-def _rivals(evidence: Evidence) -> dict[str, Picture]:
+def _rivals(evidence: Evidence) -> Iterator[tuple[str, Sketch]]:
     """A plot for each finding that has rivals, by the key of its effect."""
-    if evidence.diagnosis is None:
-        return {}
-    rivalled = [finding for finding in evidence.diagnosis.findings if finding.rivals]
-    return {finding.effect.key: _rivals_of(finding) for finding in rivalled}
+    for finding in evidence.diagnosis.findings if evidence.diagnosis else ():
+        if finding.rivals:
+            yield finding.effect.key, _rivals_of(finding)
 
 
-def _rivals_of(finding: Finding) -> Picture:
+def _rivals_of(finding: Finding) -> Sketch:
     axis = finding.estimate.axis
     shown = [f"{name_of(rival.effect, axis)} {rival.worth:.0f}" for rival in finding.rivals[:RIVALS]]
     rest = "; ".join(shown)
-    return _picture(
+    return Sketch(
         f"rivals_{_file_name(finding.effect.key)}",
         findings.rival_gains(finding),
-        caption="What was found and the best other causes in its place: the log-likelihood that each gains, less the "
-        "price of its parameters.",
+        caption="Log-likelihood that each cause gains in its place, less the price of its parameters.",
         alt=f"Log-likelihood gained by {name_of(finding.effect, axis)}: {finding.worth:.0f}; in its place {rest}.",
     )
 
 
-def _compared(evidence: Evidence) -> Iterator[Picture]:
-    """The trial that gains most by what was found."""
-    if evidence.compared is None:
+def _drivers(evidence: Evidence) -> Iterator[tuple[str, Sketch]]:
+    """A plot for each finding, by the key of its effect: the torque that is missing without it."""
+    diagnosis, runs = evidence.diagnosis, _diagnosed(evidence)
+    if diagnosis is None or evidence.found is None or runs is None:
         return
-    base, extended = evidence.compared
-    name, axis = base.run.trial.name, base.run.trial.axis
-    yield _picture(
-        "diagnosis_gain",
-        findings.gain_over_time(base, extended),
-        caption=f"{name}, the trial that gains most: {axis.rate_words} measured, simulated without and with what was "
-        "found, and what either simulation misses.",
-        alt=f"{name}: what was found takes the error of the simulated {axis.rate_words} from "
-        f"{number(base.fit.rmse, '.2g')} to {number(extended.fit.rmse, '.2g')} {axis.rate_unit}.",
+    for finding in diagnosis.findings:
+        missing = drivers.missing_without(finding.effect, runs, evidence.found.model, evidence.vehicle)
+        if missing is not None:
+            yield finding.effect.key, _driver(finding.effect, missing, evidence.axis)
+
+
+def _driver(effect: Effect, missing: drivers.Missing, axis: Axis) -> Sketch:
+    what, _, _ = missing.driver.rpartition(",")
+    name = name_of(effect, axis)
+    return Sketch(
+        f"missing_{_file_name(effect.key)}",
+        missing_torque.missing_torque(missing, axis),
+        caption=f"The {axis.push} that the model misses without {name}.",
+        alt=f"Missing {axis.push} against {what or missing.driver}: the readings lie about the line of the equation.",
     )
 
 
-def _left_over(evidence: Evidence) -> Iterator[Picture]:
-    diagnosis = evidence.diagnosis
-    if evidence.runs is None or diagnosis is None or diagnosis.base is None or diagnosis.extended is None:
+def _diagnosed(evidence: Evidence) -> Runs | None:
+    """The runs that were diagnosed: all, or the parts into which they were cut."""
+    if evidence.runs is None:
+        return None
+    return parts_of(evidence.runs.items, evidence.vehicle, evidence.runs.cutoff) or evidence.runs
+
+
+def _compared(evidence: Evidence) -> Iterator[Sketch]:
+    """The picture of the first screen, as a file."""
+    if not evidence.stages or evidence.found is None:
         return
-    if not diagnosis.extended.model.effects:
+    worst, *_ = worst_first(evidence.before)
+    before, after = evidence.before[worst], evidence.after[worst]
+    yield Sketch(
+        "diagnosis_gain",
+        before_after.before_after(before, after, width=canvas.WIDTH, rows=(2.4, 1.5)),
+        caption=f"The worst trial, {before.run.trial.name}, simulated freely without and with what was found.",
+        alt=_alt(before, after),
+    )
+
+
+def _left_over(evidence: Evidence) -> Iterator[Sketch]:
+    diagnosis, runs = evidence.diagnosis, _diagnosed(evidence)
+    found = evidence.found
+    if runs is None or diagnosis is None or diagnosis.base is None or found is None:
         return
     axis, vehicle = evidence.axis, evidence.vehicle
-    runs = parts_of(evidence.runs.items, vehicle, evidence.runs.cutoff) or evidence.runs
     before = left_by_all(runs, diagnosis.base.model, vehicle)
-    after = left_by_all(runs, diagnosis.extended.model, vehicle)
+    after = left_by_all(runs, found.model, vehicle)
     was, now = _root_mean_square(before), _root_mean_square(after)
-    yield _picture(
+    yield Sketch(
         "diagnosis_residuals",
         left_over.left_over(before, after, runs.cutoff),
-        caption=f"Residual {axis.push} of the models without and with what was found: its mean against rate and "
-        f"{axis.push}, over time, its autocorrelation and its spectrum. Its root mean square goes from {was} to "
-        f"{now} {axis.push_unit}.",
+        caption=f"The {axis.push} that the model leaves over, without and with what was found: {was} and {now} "
+        f"{axis.push_unit} root mean square.",
         alt=f"Five panels of the residual {axis.push}: {was} {axis.push_unit} root mean square without what was "
         f"found, {now} {axis.push_unit} with it.",
     )
@@ -350,7 +438,7 @@ def _root_mean_square(items: Sequence[Residual]) -> str:
     return number(left, ".3g")
 
 
-def _closed_loop(evidence: Evidence) -> Iterator[Picture]:
+def _closed_loop(evidence: Evidence) -> Iterator[Sketch]:
     control = evidence.control
     if control is None:
         return
@@ -358,7 +446,7 @@ def _closed_loop(evidence: Evidence) -> Iterator[Picture]:
     effects = bool(control.model.effects)
     full = {run.name: run.measures for run in control.runs if run.model_aid and run.effects_known == effects}
     steps = "; ".join(f"{name}, {number(full[name].overshoot_deg, '.1f')} deg too far" for name in courses)
-    yield _picture(
+    yield Sketch(
         "closed_loop",
         closed_loop.closed_loop(courses, control.bandwidth),
         caption="Steps of the wanted heading, simulated without noise and disturbance: heading against set point, and "

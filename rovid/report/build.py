@@ -10,22 +10,25 @@ from typing import TypeVar
 from rovid.campaign.axis import YAW
 from rovid.control.loop_design import Control, control_of
 from rovid.control.setting import Options, setting_of
-from rovid.diagnose.parts import parts_of
 from rovid.diagnose.record import Diagnosis
-from rovid.diagnose.signals import is_signal
+from rovid.effects import effect_named
 from rovid.export import FORMATS
 from rovid.export.exporting import Exported, export, exporter_of
 from rovid.export.subject import subject_of
 from rovid.ground.errors import DataError
-from rovid.ground.files import Claim
+from rovid.ground.files import Claim, Output
+from rovid.ground.files.form import pdf_form
 from rovid.identify.estimate import Estimate
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation, simulate_runs
-from rovid.parameters.agreement import disagreement
+from rovid.parameters.agreement import WHOLE
 from rovid.parameters.parameters import Parameters
+from rovid.parameters.standing import standing
 from rovid.parameters.update import update
 from rovid.report.evidence import Evidence
 from rovid.report.page import claim_report, write_report
+from rovid.report.printing import printed, require_browser
+from rovid.report.stages import stages_of
 from rovid.study import Study, files_at_hand
 
 _T = TypeVar("_T")
@@ -40,12 +43,14 @@ def build_report(
     diagnosed: bool = True,
     controlled: bool = True,
     exported: bool = True,
+    pdf: bool = False,
     force: bool = False,
     report: Callable[[str], None] = lambda _: None,
-) -> Path:
-    """Work the evidence out anew from the logs and write the page.
+) -> tuple[Path, Evidence]:
+    """Work the evidence out anew from the logs and write the page, all of it of one model; the page, and what it shows.
 
-    Parameters that the file does not hold yet are fitted and written to it. Those of the diagnosis are not.
+    That is the model of the diagnosis, which goes into the parameter file in the place of what that held. Without one
+    the file's own is kept where it holds for these logs, and what it lacks is fitted and written to it.
 
     Parameters
     ----------
@@ -53,6 +58,8 @@ def build_report(
         Whether the page says what the simulation misses, which takes longer than all the rest.
     controlled, exported
         Whether it says what controller suits the vehicle, and what simulators' formats hold of it; in yaw alone.
+    pdf
+        Whether the page is printed too, as `printed_page` in ``folder``.
     force
         Whether to write over files that are in the way; never over what the report is made from.
     report
@@ -61,20 +68,58 @@ def build_report(
     Raises
     ------
     OutputError
-        The folder or the parameter file cannot be written.
+        The folder or the parameter file cannot be written, or the page not be printed.
+    ConfigError
+        There is no browser to print it with.
     """
     at_hand = files_at_hand(study.paths)
     parameters = Claim([stored.output], force=force, protected=at_hand)
-    page = claim_report(folder, force=force, protected=[*at_hand, stored.path])
+    protected = [*at_hand, stored.path]
+    page = claim_report(folder, force=force, protected=protected)
+    browser = require_browser() if pdf else ""
+    paper = Claim([printed_page(folder)] if pdf else [], force=force, protected=protected)
+    evidence = _identified(stored, study, parameters, report, diagnosed=diagnosed)
+    evidence = _handed_on(evidence, study, report, controlled=controlled, exported=exported)
+    report("Drawing and writing the page …")
+    evidence = _simulated(evidence, study)
+    written = write_report(folder, evidence, claim=page)
+    if pdf:
+        report("Printing the page …")
+        paper.write({printed_page(folder): printed(written, browser)})
+    return written, evidence
+
+
+def printed_page(folder: Path) -> Output:
+    """The page of ``folder`` as PDF."""
+    return Output(folder / "report.pdf", pdf_form("report"))
+
+
+def _identified(
+    stored: Parameters, study: Study, claim: Claim, report: Callable[[str], None], *, diagnosed: bool
+) -> Evidence:
+    """What the logs say, and the one model, which is in the parameter file by then."""
+    before = stored
+    stored, notes = _holding(stored, study)
     drag, drag_refusal = _or_refusal(study.drag)
     estimates = {"quadratic_drag": None if drag is None else drag.estimate}
     # A drag that was found together with the inertia cannot judge it; the steady turns of these logs can.
     judge = _completed(stored, study, estimates).drag() or estimates["quadratic_drag"]
     inertia, inertia_refusal = _or_refusal(lambda: study.inertia(judge))
     estimates["inertia"] = None if inertia is None else inertia.estimate
-    if _completed(stored, study, estimates) is not stored or not stored.path.exists():
-        stored = update(stored, parameters, lambda now: _completed(now, study, estimates))
-    evidence = Evidence(
+    diagnosis, refusal = _diagnosis(study, judge, report) if diagnosed else (None, "")
+    whole = None
+    if diagnosis is not None and diagnosis.extended is not None:
+        whole = diagnosis.extended.estimate
+    elif stored is not before:
+        whole = _fitted_again(before, study)
+
+    def change(now: Parameters) -> Parameters:
+        held, _ = _holding(now, study)
+        return _completed(held, study, estimates) if whole is None else held.with_estimate(whole, study.origin)
+
+    if whole is not None or change(stored) is not stored or not stored.path.exists():
+        stored = update(stored, claim, change)
+    return Evidence(
         vehicle=study.vehicle,
         parameters=stored,
         campaign=study.campaign,
@@ -84,37 +129,72 @@ def build_report(
         inertia=inertia,
         inertia_refusal=inertia_refusal,
         simulations=(),
+        diagnosis=diagnosis,
+        diagnosis_refusal=refusal,
+        notes=tuple(notes),
     )
-    yaw = study.vehicle.axis is YAW
-    if diagnosed:
-        diagnosis, refusal = _diagnosis(study, stored, report)
-        evidence = replace(evidence, diagnosis=diagnosis, diagnosis_refusal=refusal)
-    if controlled and yaw:
-        control, refusal = designed_control(study, stored, report)
+
+
+def _handed_on(
+    evidence: Evidence, study: Study, report: Callable[[str], None], *, controlled: bool, exported: bool
+) -> Evidence:
+    """With controller and exports, which are of yaw alone, and never of what hangs on a guess."""
+    stored, guess = evidence.parameters, study.vehicle.guess
+    if study.vehicle.axis is not YAW:
+        return evidence
+    guessed = f"{stored.path.name} {guess.refusal}" if guess else ""
+    if controlled:
+        control, refusal = (None, guessed) if guess else designed_control(study, stored, report)
         evidence = replace(evidence, control=control, control_refusal=refusal)
-    if exported and yaw:
-        exports, refusal = every_export(study, stored, report)
+    if exported:
+        exports, refusal = (None, guessed) if guess else every_export(study, stored, report)
         evidence = replace(evidence, exports=exports, export_refusal=refusal)
-    report("Drawing and writing the page …")
-    return write_report(folder, _simulated(evidence, study), claim=page)
+    return evidence
 
 
 def _simulated(evidence: Evidence, study: Study) -> Evidence:
-    """With every trial simulated, by the parameter file's model and with what the diagnosis found."""
-    evidence = replace(evidence, simulations=_simulations(study, evidence.parameters))
-    diagnosis = evidence.diagnosis
-    if diagnosis is None:
-        return evidence
-    return replace(evidence, extended=_extended(study, diagnosis), compared=most_improved(study, diagnosis))
+    """With every trial simulated by the model, and without what was found and with some of it."""
+    stages = () if evidence.diagnosis is None else stages_of(study, evidence.diagnosis)
+    return replace(evidence, simulations=_simulations(study, evidence.parameters), stages=stages)
+
+
+def _holding(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
+    """``stored`` without what does not hold for exactly these logs, and what is to be said of that."""
+    if not stored.entries:
+        return stored, []
+    origin, found = study.origin, standing(stored, study.origin)
+    # Some of the logs that it rests on are no others, wherever they are.
+    known = {source.sha256 for source in stored.sources}
+    other = bool(known) and any(source.sha256 not in known for source in origin.sources)
+    given = set(origin.options.split())
+    otherwise = any(not given <= set(entry.options.split()) for entry in stored.entries.values())
+    if not found.changed and not other and not otherwise:
+        return stored, list(found.remarks)
+    options = f"it was fitted without {origin.options}" if otherwise else ""
+    why = found.why or ("these are other logs than those that it was fitted to" if other else options)
+    return stored.emptied(), [f"{stored.path.name} no longer held, and was fitted again: {why}."]
+
+
+def _fitted_again(before: Parameters, study: Study) -> Estimate | None:
+    """What a model that was fitted as a whole is by now, with the same effects; None where it was not.
+
+    Raises
+    ------
+    ConfigError
+        An effect does not suit the vehicle any more.
+    """
+    if not any(entry.method in WHOLE for entry in before.entries.values()):
+        return None
+    gyro = any("--gyro" in entry.options for entry in before.entries.values())
+    fit, _ = _or_refusal(lambda: study.likelihood(tuple(map(effect_named, before.effects)), gyro=gyro))
+    return None if fit is None else fit.estimate
 
 
 def _completed(stored: Parameters, study: Study, estimates: Mapping[str, Estimate | None]) -> Parameters:
-    """With the logs and those of the estimates by name that it lacks; itself where it lacks none."""
-    if not stored.logs:
-        stored = stored.with_logs(study.paths, study.vehicle.name, study.campaign)
+    """With those of the estimates by name that it lacks; itself where it lacks none."""
     for name, estimate in estimates.items():
         if estimate is not None and name not in stored.entries:
-            stored = stored.with_estimate(estimate)
+            stored = stored.with_estimate(estimate, study.origin)
     return stored
 
 
@@ -169,17 +249,13 @@ def every_export(
     return _or_refusal(every)
 
 
-def _diagnosis(study: Study, stored: Parameters, report: Callable[[str], None]) -> tuple[Diagnosis | None, str]:
+def _diagnosis(study: Study, drag: Estimate | None, report: Callable[[str], None]) -> tuple[Diagnosis | None, str]:
     report(_PATIENCE)
 
     def patiently(text: str) -> None:
         report(f"{_PATIENCE} {text}")
 
-    diagnosis, refusal = _or_refusal(lambda: study.diagnosis(patiently, drag=stored.drag()))
-    if diagnosis is None or diagnosis.extended is None:
-        return diagnosis, refusal
-    apart = disagreement(stored.entries_of(study.paths), diagnosis.extended.estimate)
-    return replace(diagnosis, warnings=(*diagnosis.warnings, *apart)), refusal
+    return _or_refusal(lambda: study.diagnosis(patiently, drag=drag))
 
 
 def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...]:
@@ -188,34 +264,6 @@ def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...
     return tuple(simulate_runs(study.runs.items, _model_of(study, stored), study.vehicle))
 
 
-def _extended(study: Study, diagnosis: Diagnosis) -> tuple[TrialSimulation, ...]:
-    """Every trial simulated with what was found; none where nothing was, or it follows a signal of trials in parts."""
-    side = diagnosis.extended
-    if study.runs is None or side is None or not side.model.effects:
-        return ()
-    if any(map(is_signal, side.model.effects)) and parts_of(study.runs.items, study.vehicle, study.runs.cutoff):
-        return ()
-    return tuple(simulate_runs(study.runs.items, side.model, study.vehicle))
-
-
 def _whole(stored: Parameters) -> bool:
     """Whether the file has all that a simulation needs."""
     return {"inertia", "quadratic_drag"} <= set(stored.entries)
-
-
-def most_improved(study: Study, diagnosis: Diagnosis) -> tuple[TrialSimulation, TrialSimulation] | None:
-    """The trial whose simulated rate what was found improves most, without and with it; None where it does not."""
-    base, extended = diagnosis.base, diagnosis.extended
-    if study.runs is None or base is None or extended is None or not extended.model.effects:
-        return None
-    # Few trials are diagnosed in parts, and a part is simulated from its own start.
-    runs = (parts_of(study.runs.items, study.vehicle, study.runs.cutoff) or study.runs).items
-    before = simulate_runs(runs, base.model, study.vehicle)
-    after = simulate_runs(runs, extended.model, study.vehicle)
-    most, best = 0.0, None
-    for pair in zip(before, after, strict=True):
-        without, with_it = pair
-        gain = without.fit.rmse - with_it.fit.rmse
-        if gain > most:
-            most, best = gain, pair
-    return best

@@ -8,14 +8,15 @@ from dataclasses import replace
 
 from rovid.control.loop_design import Control, RunResult
 from rovid.report.table import Column, Grid, Table, of_numbers, of_text, words
-from rovid.report.text import NOTHING, number
+from rovid.report.text import NOTHING, number, with_unit
 from rovid.show.account import cycle_words
 
 
 def gains_grid(control: Control) -> Grid:
     """Gains and margins; the margins over the parameters' uncertainty too, where that is known."""
     names, values, units, bounds = zip(*_gains(control), strict=True)
-    columns = [words("quantity", names), Column(title="value", cells=values), words("unit", units)]
+    shown = tuple(with_unit(value, its) for value, its in zip(values, units, strict=True))
+    columns = [words("quantity", names), Column(title="value", cells=shown)]
     if control.spread is not None and control.margins.stable:
         columns.append(Column(title=f"95 % of {control.spread.draws} draws", cells=bounds))
     return Grid(caption="The controller and its margins", columns=tuple(columns))

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from rovid.campaign.axis import Axis
-from rovid.identify.estimate import Estimate
 from rovid.model.names import base_names
 from rovid.parameters.parameters import Parameters
 from rovid.report.text import NOTHING, number, title
@@ -52,12 +51,6 @@ def of_parameters(stored: Parameters) -> Matrix | None:
     if not any(math.isfinite(correlation(a, b)) for a, b in combinations(names, 2)):
         return None
     return _matrix(names, correlation, stored.axis)
-
-
-def of_estimate(estimate: Estimate) -> Matrix:
-    """Of what was estimated together."""
-    names = [name for name in estimate.names if name not in estimate.refused]
-    return _matrix(names, estimate.correlation, estimate.axis)
 
 
 def _matrix(names: Sequence[str], correlation: Correlation, axis: Axis) -> Matrix:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from rovid.campaign.axis import Axis
 from rovid.ground.numbers import plus_minus
 from rovid.identify.estimate import Estimate
@@ -14,24 +12,19 @@ from rovid.identify.steady import DragFit
 from rovid.identify.steady_points import SteadyPoint
 from rovid.model.names import unit_of
 from rovid.report.table import Column, Grid, Table, numbers, of_numbers, of_text, words
-from rovid.report.text import NOTHING, column, in_form, number, steady_state, unit
+from rovid.report.text import NOTHING, in_form, steady_state, unit
 
 _DIRECTIONS = {"up": "growing", "down": "falling"}
 
 
 def steady_grid(fit: DragFit) -> Grid:
-    """Steady states with residuals and leave-one-out."""
+    """Steady states with residuals: torque less fit, with the error of the point's torque where that is known."""
     axis = fit.estimate.axis
-    quadratic, linear = _drag_units(axis)
-    without_quadratic, without_linear, missed = fit.left_out.T.tolist()
     columns = (
         *_point_columns(fit.points),
         _torques(axis, fit.points),
         numbers(axis.rate_words, axis.rate_unit, _rates(fit.points)),
         numbers("residual", axis.push_unit, _residuals(fit)),
-        numbers("without it: DQ", quadratic, column(without_quadratic, 4)),
-        numbers("DL", linear, column(without_linear, 4)),
-        numbers("predicted off by", axis.push_unit, in_form(missed, ".2f")),
     )
     return Grid(caption=f"{steady_state(axis).capitalize()}s that were fitted", columns=columns)
 
@@ -66,36 +59,11 @@ def _torques(axis: Axis, points: Sequence[SteadyPoint]) -> Column:
 
 def _point_columns(points: Sequence[SteadyPoint]) -> list[Column]:
     """Where the points come from, as far as it is known."""
-    timed = commanded = False
-    sources, spans, commands = [], [], []
-    for point in points:
-        timed |= math.isfinite(point.start)
-        commanded |= bool(np.isfinite(point.command).any())
-        sources.append(point.source)
-        spans.append(f"{point.start:.0f} … {point.stop:.0f}")
-        commands.append("; ".join(f"{value:.4g}" for value in point.command))
-    columns = [words("source", sources)]
-    if timed:
-        columns.append(words("from … to, s", spans))
-    if commanded:
-        columns.append(words("command", commands))
+    columns = [words("source", [point.source for point in points])]
+    if any(math.isfinite(point.start) for point in points):
+        spans = [f"{point.start:.0f}–{point.stop:.0f}" for point in points]
+        columns.append(words("from–to, s", spans))
     return columns
-
-
-def unsteady_grid(fit: DragFit) -> Grid:
-    """Held commands that were not fitted."""
-    points, axis = fit.unsteady, fit.estimate.axis
-    rates, changes = [], []
-    for point in points:
-        rates.append(number(point.rate, ".4f"))
-        changes.append(plus_minus(point.drift, point.drift_error))
-    columns = (
-        *_point_columns(points),
-        _torques(axis, points),
-        numbers("mean rate", axis.rate_unit, rates),
-        numbers("change over it", axis.rate_unit, changes),
-    )
-    return Grid(caption="Held commands left out, because the rate was still changing", columns=columns)
 
 
 def directions_grid(fit: DragFit) -> Grid:

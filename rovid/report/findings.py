@@ -6,65 +6,57 @@ import math
 from collections.abc import Iterator
 
 from rovid.campaign.axis import YAW, Axis
+from rovid.campaign.guesswork import Guesswork
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes, Explanation
-from rovid.diagnose.record import INVISIBLE, Diagnosis, Finding, Side, not_identifiable
+from rovid.diagnose.record import INVISIBLE, NEVER_SHOWN, Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.rivals import Rival
 from rovid.diagnose.signals import is_signal
 from rovid.effects import Effect
 from rovid.ground.numbers import plus_minus
-from rovid.identify.estimate import Estimate
+from rovid.identify.estimate import Estimate, Ratio
 from rovid.identify.inertia import METHODS
 from rovid.model.names import unit_of
 from rovid.report.table import Column, Grid, Table, of_numbers, of_text, of_unlike, words
-from rovid.report.text import NOTHING, column, number, title, unit
+from rovid.report.text import NOTHING, column, number, title, unit, with_unit
 
 RIVALS = 8  # that are shown
 
 
-def verdict(diagnosis: Diagnosis) -> str:
+def verdict(diagnosis: Diagnosis, guess: Guesswork) -> str:
     """The whole diagnosis in one plain sentence."""
+    simulation = f"The simulation{guess.with_curve}"
     if diagnosis.verdict == "found":
         causes = [_cause(finding) for finding in diagnosis.findings]
-        return f"The simulation misses {_listed(causes)}."
+        return f"{simulation} misses {listed(causes)}."
     if diagnosis.verdict == "suspected":
-        first = diagnosis.suspects[0]
-        return f"The simulation may miss {_cause(first)}: it is {100.0 * first.confidence:.0f} % sure, not established."
+        return f"{simulation} may miss {_cause(diagnosis.suspects[0])}."
     if diagnosis.verdict == "nothing_found":
         return "Nothing was found: the model explains these data."
     if diagnosis.verdict == "unexplained":
-        return "The simulation misses something that no effect of the catalogue explains."
+        return f"{simulation} misses something that no effect of the catalogue explains."
     return "There is too little data for a diagnosis."
 
 
-def gained(diagnosis: Diagnosis) -> str:
-    """What the simulation gains by what was found, in one sentence; empty where nothing was."""
-    base, extended = diagnosis.base, diagnosis.extended
-    if base is None or extended is None or diagnosis.verdict != "found":
-        return ""
-    errors = (base.held_out.rate_rmse, extended.held_out.rate_rmse, diagnosis.noise_floor)
-    without, with_it, floor = column(errors, 3)
-    axis = base.estimate.axis
-    return (
-        f"With what was found the simulated {axis.rate_words} of trials that were not fitted is off by {with_it} in "
-        f"place of {without} {axis.rate_unit}, root mean square; a perfect model's would be by {floor}."
-    )
-
-
-def never_visible(vehicle: Vehicle) -> str:
-    """What data of the vehicle's axis cannot show at all."""
-    return _listed([INVISIBLE[name] for name in not_identifiable(vehicle)])
+def invisible(vehicle: Vehicle) -> list[str]:
+    """What data of the vehicle's axis cannot show, beside a scale of all thrust and one of the rate."""
+    return [INVISIBLE[name] for name in not_identifiable(vehicle) if name not in NEVER_SHOWN]
 
 
 def others(finding: Finding) -> str:
     """What ``finding`` cannot be told from; empty where it is decided."""
     axis = finding.estimate.axis
-    return _listed([axis.words(effect.title) for effect in finding.undecided], "or")
+    return listed([axis.words(effect.title) for effect in finding.undecided], "or")
+
+
+def title_of(effect: Effect, axis: Axis = YAW) -> str:
+    """An effect's name along ``axis``."""
+    return axis.words(effect.title)
 
 
 def name_of(effect: Effect, axis: Axis = YAW) -> str:
     """An effect's title, with its form where it has one."""
-    name = axis.words(effect.title)
+    name = title_of(effect, axis)
     return f"{name} ({spaced(effect.form)})" if effect.form else name
 
 
@@ -82,58 +74,35 @@ def standing(finding: Finding, rival: Rival) -> str:
     return "ruled out"
 
 
-def rivals_grid(finding: Finding) -> Grid:
-    """What was found beside the best other causes in its place."""
-    axis = finding.estimate.axis
-    table = Table(
-        "What it may be confused with: each cause in its place",
-        of_text("cause"),
-        of_numbers("log-likelihood gained, less the price"),
-        of_numbers("behind the first by"),
-        of_text("these data"),
-    )
-    table.add(name_of(finding.effect, axis), number(finding.worth, ".0f"), NOTHING, "found")
-    for rival in finding.rivals[:RIVALS]:
-        behind = finding.worth - rival.worth
-        table.add(
-            name_of(rival.effect, axis), number(rival.worth, ".0f"), number(behind, ".0f"), standing(finding, rival)
-        )
-    return table.grid()
-
-
-def parameters_grid(finding: Finding) -> Grid:
-    """The parameters of what was found."""
-    effect, estimate = finding.effect, finding.estimate
-    table = Table(
-        f"Parameters of {name_of(effect, estimate.axis)}: value ± standard error",
-        of_text("parameter"),
-        of_unlike("value"),
-        of_text("unit"),
-    )
-    for parameter in effect.parameters:
-        name = f"{effect.key}.{parameter.name}"
-        in_words = estimate.axis.words(spaced(parameter.name))
-        table.add(in_words, _value(estimate, name), unit(estimate.unit(name)))
-    return table.grid()
-
-
 def sides_grid(base: Estimate, extended: Estimate, findings: tuple[Finding, ...]) -> Grid:
     """Parameters without and with what was found."""
     table = Table(
-        "Parameters without and with what was found: value ± standard error",
+        "Parameters ± standard error, without and with what was found",
         of_text("parameter"),
         of_unlike("without"),
         of_unlike("with what was found"),
         of_numbers("change", "%"),
-        of_text("unit"),
     )
+    without, with_it = ({ratio.name: ratio for ratio in ratios_of(side)} for side in (base, extended))
+    for name in dict.fromkeys((*without, *with_it)):
+        sides = [side.get(name) for side in (without, with_it)]
+        values = [plus_minus(ratio.value, ratio.standard_error) if ratio else NOTHING for ratio in sides]
+        its_unit = next(ratio.unit for ratio in sides if ratio)
+        table.add(f"{title(name)}, {its_unit}", *values, NOTHING)
     titles = _titles(findings, base.axis)
     # A dict for a set that keeps the order.
     for name in dict.fromkeys((*base.names, *extended.names)):
         shown = titles.get(name, title(name))
         change = _change(base, extended, name)
-        table.add(shown, _value(base, name), _value(extended, name), change, unit(base.unit(name)))
+        # The first column stays in sight on a narrow page.
+        its_unit = unit((base if name in base.names else extended).unit(name))
+        table.add(f"{shown}, {its_unit}" if its_unit else shown, _value(base, name), _value(extended, name), change)
     return table.grid()
+
+
+def ratios_of(estimate: Estimate) -> tuple[Ratio, ...]:
+    """What stands in the place of placeholders, as it does not hang on what is guessed; none where nothing is."""
+    return estimate.ratios if estimate.guess and estimate.guess.ratios_hold else ()
 
 
 def _titles(findings: tuple[Finding, ...], axis: Axis) -> dict[str, str]:
@@ -185,15 +154,18 @@ def signals_grid(diagnosis: Diagnosis, axis: Axis) -> Grid:
     return table.grid()
 
 
-def detectable_grid(diagnosis: Diagnosis, axis: Axis) -> Grid:
+def detectable_grid(diagnosis: Diagnosis, vehicle: Vehicle) -> Grid:
     """The size of each effect that these data would have shown, in the catalogue's order."""
     # Sizes of different units share no decimal point.
-    headings = of_text("effect"), of_text("parameter"), of_unlike("departure from none"), of_text("unit")
+    axis, headings = vehicle.axis, (of_text("cause"), of_text("parameter"), of_unlike("departure from none"))
     table = Table("The smallest that would have been seen", *headings)
     for effect, size in diagnosis.detectable:
         name = effect.parameters[0].name
-        its_unit = unit(unit_of(f"{effect.key}.{name}", axis))
-        table.add(axis.words(effect.title), axis.words(spaced(name)), _seen(size), its_unit)
+        its_unit = unit_of(f"{effect.key}.{name}", axis)
+        seen = with_unit(_seen(size), its_unit)
+        if math.isfinite(size):
+            seen = vehicle.guess.marked(seen, its_unit)
+        table.add(axis.words(effect.title), axis.words(spaced(name)), seen)
     return table.grid()
 
 
@@ -235,7 +207,7 @@ def causes_grid(amplitudes: Amplitudes) -> Grid:
 
 def ruled_out(amplitudes: Amplitudes) -> str:
     """What would not."""
-    return _listed([effect.title for effect in amplitudes.ruled_out], "or")
+    return listed([effect.title for effect in amplitudes.ruled_out], "or")
 
 
 def _sizes(cause: Explanation) -> Iterator[str]:
@@ -253,7 +225,8 @@ def _seen(size: float) -> str:
 def _value(estimate: Estimate, name: str) -> str:
     if name not in estimate.names:
         return NOTHING
-    return plus_minus(estimate.value(name), estimate.standard_error(name))
+    value = plus_minus(estimate.value(name), estimate.standard_error(name))
+    return estimate.guess.marked(value, estimate.unit(name))
 
 
 def _change(base: Estimate, extended: Estimate, name: str) -> str:
@@ -271,7 +244,7 @@ def _cause(finding: Finding) -> str:
     return " or ".join(finding.estimate.axis.words(effect.title) for effect in effects)
 
 
-def _listed(texts: list[str], last: str = "and") -> str:
+def listed(texts: list[str], last: str = "and") -> str:
     """As in "a, b and c", with ``last`` before the last."""
     return f" {last} ".join(_joined(texts))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,34 +15,47 @@ from rovid.ground.arrays import FloatArray
 from rovid.ground.numbers import plus_minus
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
-from rovid.model.names import base_names, unit_of
-from rovid.model.simulation import HORIZONS, TrialSimulation, overall
-from rovid.parameters.parameters import sha256
+from rovid.model.names import base_names
+from rovid.model.simulation import HORIZONS
+from rovid.parameters.agreement import causes_in, off_by
+from rovid.parameters.parameters import Entry, sha256
 from rovid.report.evidence import Evidence
+from rovid.report.findings import ratios_of
 from rovid.report.plots.inertia import method_interval, method_title
 from rovid.report.table import Column, Grid, Table, numbers, of_numbers, of_text, of_unlike, words
-from rovid.report.text import NOTHING, arm, column, like, number, positions, steady_state, title, unit
+from rovid.report.text import NOTHING, arm, column, like, number, steady_state, title, unit, with_unit
 
 _NORMAL = 1.959964  # two-sided 95 % of the normal distribution
 
 
 def parameters_grid(evidence: Evidence) -> Grid:
     """Every parameter of the file, and those that it lacks."""
-    axis, entries = evidence.axis, evidence.parameters.entries
+    axis, entries, guess = evidence.axis, evidence.parameters.entries, evidence.vehicle.guess
     # Parameters of different units share no decimal point.
-    headings = of_text("parameter"), of_unlike("value"), of_text("unit"), of_text("95 % interval"), of_text("found by")
-    table = Table("Parameters: value ± standard error", *headings)
+    headings = of_text("parameter"), of_unlike("value ± standard error"), of_text("95 % interval"), of_text("found by")
+    table = Table("Parameters", *headings)
+    for ratio in ratios_of(evidence.parameters.together()):
+        value = plus_minus(ratio.value, ratio.standard_error)
+        reach = _NORMAL * ratio.standard_error
+        interval = _from_to(value, (ratio.value - reach, ratio.value + reach))
+        table.add(title(ratio.name), with_unit(value, ratio.unit), interval, "")
     # A dict for a set that keeps the order.
     for name in dict.fromkeys((*base_names(axis), *entries)):
         parameter = axis.words(title(name))
         entry = entries.get(name)
         if entry is None:
-            its_unit = unit(unit_of(name, axis))
-            table.add(parameter, "not determined", its_unit, NOTHING, NOTHING)
+            table.add(parameter, "not determined", NOTHING, NOTHING)
             continue
         value = plus_minus(entry.value, entry.standard_error)
-        table.add(parameter, value, unit(entry.unit), _interval(evidence, name, value), entry.method)
+        shown = guess.marked(with_unit(value, entry.unit), entry.unit)
+        interval = NOTHING if guess.marks(entry.unit) else _interval(evidence, name, value)
+        table.add(parameter, shown, interval, found_by(entry))
     return table.grid()
+
+
+def found_by(entry: Entry) -> str:
+    """The method, with its options where there were any."""
+    return f"{entry.method} ({entry.options})" if entry.options else entry.method
 
 
 def _interval(evidence: Evidence, name: str, text: str) -> str:
@@ -70,6 +84,34 @@ def estimate_behind(evidence: Evidence, name: str) -> Estimate | None:
     return None
 
 
+def is_behind(evidence: Evidence, estimate: Estimate) -> bool:
+    """Whether any parameter of the model is that of ``estimate``."""
+    return any(estimate_behind(evidence, name) is estimate for name in evidence.parameters.entries)
+
+
+def beside(evidence: Evidence, estimate: Estimate) -> list[str]:
+    """What ``estimate`` says beside the model's parameters, where these come of another method, a paragraph each."""
+    axis, entries = evidence.axis, evidence.parameters.entries
+    known = [name for name in estimate.names if name in entries and name not in estimate.refused]
+    apart = [_apart(evidence, estimate, name) for name in known if estimate_behind(evidence, name) is None]
+    causes = axis.words(causes_in(entries))
+    why = f" It knows nothing of {causes}." if causes else ""
+    said = [f"By {estimate.method}: {', '.join(apart)}.{why}"] if apart else []
+    # Of what the method noticed the model knows more.
+    return said if is_behind(evidence, estimate) else [*said, *estimate.warnings]
+
+
+def _apart(evidence: Evidence, estimate: Estimate, name: str) -> str:
+    """One parameter by another method, and how far it is from the model's."""
+    entry = evidence.parameters.entries[name]
+    value, error = estimate.value(name), estimate.standard_error(name)
+    size = evidence.vehicle.guess.marked(with_unit(plus_minus(value, error), entry.unit), entry.unit)
+    shown = f"{evidence.axis.words(title(name))} {size}"
+    if abs(value - entry.value) <= _NORMAL * math.hypot(error, entry.standard_error) or entry.value == 0.0:
+        return f"{shown} (as the model, within their errors)"
+    return f"{shown} ({off_by(value, entry.value)})"
+
+
 def thrusters_grid(vehicle: Vehicle) -> Grid:
     """What turns the vehicle, or drives it."""
     axis = vehicle.axis
@@ -83,34 +125,49 @@ def thrusters_grid(vehicle: Vehicle) -> Grid:
             continue
         commands = f"{curve.command[0]:g} … {curve.command[-1]:g}"
         least, most = column([curve.thrust.min(), curve.thrust.max()])
-        table.add(thruster.name, f"{thruster.arm:.4g}", commands, f"{least} … {most} N")
+        reach = f"{'guessed ' * thruster.arm_guessed}{thruster.arm:.4g}"
+        table.add(thruster.name, reach, commands, f"{'guessed ' * thruster.curve_guessed}{least} … {most} N")
     return table.grid()
 
 
 def trials_grid(evidence: Evidence, campaign: Campaign) -> Grid:
-    """What was measured."""
-    table = Table(
-        "Trials",
-        of_text("trial"),
-        of_numbers("length", "s"),
-        of_numbers(positions(evidence.axis)),
-        of_numbers("rate", "Hz"),
-        of_numbers("longest gap", "s"),
-        of_text("what it gave"),
-        of_text("noticed by the reader"),
-    )
-    for trial in campaign.trials:
-        length = number(trial.duration, ".0f")
-        rate = number(1.0 / trial.period, ".3g")
-        gap = number(_longest_gap(trial), ".2f")
-        noticed = " ".join(remark.text for remark in trial.remarks) or NOTHING
-        table.add(trial.name, length, _readings(trial), rate, gap, _gave(evidence, trial.name), noticed)
-    return table.grid()
+    """What was measured, what it gave, and how well each trial is simulated without and with what was found."""
+    trials = campaign.trials
+    remarks = [" ".join(remark.text for remark in trial.remarks) or NOTHING for trial in trials]
+    measured = [
+        numbers("rate", "Hz", [number(1.0 / trial.period, ".3g") for trial in trials]),
+        numbers("longest gap", "s", [number(_longest_gap(trial), ".2f") for trial in trials]),
+        words("noticed", remarks),
+    ]
+    # What is the same of all trials is said once.
+    shared = [column for column in measured if len(set(column.cells)) == 1]
+    said = [f"{column.title} {column.cells[0].strip()} {column.unit}" for column in shared if column.unit]
+    columns = [
+        words("trial", [trial.name for trial in trials]),
+        numbers("length", "s", [number(trial.duration, ".0f") for trial in trials]),
+        words("what it gave", [_gave(evidence, trial.name) for trial in trials]),
+        *(_simulated(evidence, trials) if evidence.simulations else ()),
+        *(column for column in measured if column not in shared or (not column.unit and remarks[0] != NOTHING)),
+    ]
+    return Grid(caption=", ".join(["Trials", *said]), columns=tuple(columns))
 
 
-def _readings(trial: Trial) -> str:
-    """How many readings there are."""
-    return str(int(trial.measured.sum()))
+def _simulated(evidence: Evidence, trials: Sequence[Trial]) -> Iterator[Column]:
+    """R² of the rate and the position's error after a minute, once or without and with what was found."""
+    axis, sides = evidence.axis, {"": evidence.after}
+    names = {item.run.trial.name for item in evidence.after}
+    if any(trial.name not in names for trial in trials):
+        # What was diagnosed in parts is simulated as a whole by the parameter file's model alone.
+        sides = {"": evidence.simulations}
+    elif len(evidence.stages) > 1:
+        sides = {"without: ": evidence.before, "with: ": evidence.after}
+    for side, items in sides.items():
+        by_name = {item.run.trial.name: item for item in items}
+        chosen = [by_name.get(trial.name) for trial in trials]
+        shares = [NOTHING if item is None else number(item.fit.r2, ".4f") for item in chosen]
+        ahead = [None if item is None else axis.in_shown(item.position_errors.get(HORIZONS[-1])) for item in chosen]
+        yield numbers(f"{side}R²", "", shares)
+        yield numbers(f"{side}{axis.position_words} off after {HORIZONS[-1]:.0f} s", axis.shown[0], column(ahead, 2))
 
 
 def _longest_gap(trial: Trial) -> float:
@@ -148,7 +205,7 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def methods_grid(fit: InertiaFit, rigid_body: float | None) -> Grid:
+def methods_grid(fit: InertiaFit, rigid_body: float | None, *, used: bool) -> Grid:
     """Inertia by every method."""
     its_unit = unit(fit.estimate.unit("inertia"))
     headings = [of_text("method"), of_numbers("inertia", its_unit), of_text(f"95 % interval, {its_unit}")]
@@ -163,7 +220,7 @@ def methods_grid(fit: InertiaFit, rigid_body: float | None) -> Grid:
         cells = [method, value, _reach(fit, name, value)]
         if rigid_body is not None:
             cells.append(f"{reading.value / rigid_body:.3f}")
-        table.add(*cells, _remark(fit, name))
+        table.add(*cells, _remark(fit, name, used=used))
     return table.grid()
 
 
@@ -175,9 +232,9 @@ def _reach(fit: InertiaFit, name: str, text: str) -> str:
     return _from_to(text, interval)
 
 
-def _remark(fit: InertiaFit, name: str) -> str:
+def _remark(fit: InertiaFit, name: str, *, used: bool) -> str:
     if name == fit.chosen:
-        return "used"
+        return "used" if used else "the best of these"
     if name != "peak":
         return "for comparison"
     if fit.peak_bias is None:
@@ -236,56 +293,23 @@ def _runs(fit: InertiaFit, name: str) -> dict[tuple[str, int], str]:
     return readings
 
 
-def simulation_grid(simulations: Sequence[TrialSimulation]) -> Grid:
-    """How well each trial is simulated, and all together."""
-    axis = simulations[0].run.trial.axis
-    names, fits = [item.run.trial.name for item in simulations], [item.fit for item in simulations]
-    names.append("all together")
-    fits.append(overall(simulations))
-    samples, shares, percents, errors = [], [], [], []
-    for fit in fits:
-        samples.append(str(fit.samples))
-        shares.append(number(fit.r2, ".4f"))
-        percents.append(number(fit.fit_percent, ".1f"))
-        errors.append(fit.rmse)
-    columns = [
-        words("trial", names),
-        numbers("samples", "", samples),
-        numbers("R²", "", shares),
-        numbers("fit", "%", percents),
-        numbers("rate RMSE", axis.rate_unit, column(errors, 2)),
-    ]
-    for horizon in HORIZONS:
-        ahead = [axis.in_shown(item.position_errors.get(horizon)) for item in simulations]
-        cells = column([*ahead, typical_position_error(simulations, horizon)], 2)
-        columns.append(numbers(f"{axis.position_words} after {horizon:.0f} s", axis.shown[0], cells))
-    return Grid(caption="Free-running simulation against measurement", columns=tuple(columns), total=True)
-
-
-def typical_position_error(simulations: Sequence[TrialSimulation], horizon: float) -> float | None:
-    """Median over the trials in deg or m; None where no trial is long enough."""
-    errors = [item.position_errors.get(horizon) for item in simulations]
-    known = [error for error in errors if error is not None]
-    if not known:
-        return None
-    return simulations[0].run.trial.axis.in_shown(float(np.median(known)))
-
-
 def sources_grid(evidence: Evidence) -> Grid | None:
     """Every log that the parameters or this page rest on, with its hash."""
     fitted = {source.name: source for source in evidence.parameters.sources}
     trials = _trials_by_name(evidence)
     if not fitted and not trials:
         return None
-    headings = of_text("log"), of_numbers(positions(evidence.axis)), of_text("used for"), of_text("SHA-256")
-    table = Table("Logs and their SHA-256", *headings)
+    table = Table("Logs and their SHA-256", of_text("log"), of_text("used for"), of_text("SHA-256"))
     for name, source in fitted.items():
         use = "parameters, this page" if name in trials else "parameters"
-        table.add(name, str(source.samples), use, source.sha256)
+        table.add(name, use, source.sha256)
     for name, trial in trials.items():
         if name not in fitted:
-            table.add(name, _readings(trial), "this page only", _hash(trial))
-    return table.grid()
+            table.add(name, "this page only", _hash(trial))
+    grid = table.grid()
+    log, uses, digest = grid.columns
+    # Mostly all are used for the same, which the page need not say of each.
+    return grid if len(set(uses.cells)) > 1 else replace(grid, columns=(log, digest))
 
 
 def _trials_by_name(evidence: Evidence) -> dict[str, Trial]:

@@ -14,6 +14,7 @@ from rovid import __version__
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle, box_inertia
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
+from rovid.diagnose.record import Diagnosis
 from rovid.effects import effect_named, restoring_of
 from rovid.ground.errors import visible
 from rovid.ground.files import Claim, Output
@@ -21,20 +22,18 @@ from rovid.ground.files.form import PAGE, png_form
 from rovid.ground.numbers import plus_minus
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.model.names import base_names
-from rovid.model.simulation import HORIZONS, overall
 from rovid.report import controller, correlations, drag_grids, exports, findings, grids
 from rovid.report.album import Album, make_album, plots_in
+from rovid.report.answer import answer_of, size_of, sureness
 from rovid.report.assets import read_assets
 from rovid.report.evidence import Evidence
-from rovid.report.residual import residuals_of, sizes
-from rovid.report.text import arm, column, number, positions, prose, steady_state, title, unit
+from rovid.report.residual import left_by_all, sizes
+from rovid.report.text import arm, column, number, prose, steady_state, title, unit
 from rovid.report.viewer import viewer_document
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-# Two methods that use the same data are this far apart by chance alone less than once in three hundred.
-_DISAGREE_SIGMAS = 3.0
 # Which side of a box lies along the axis that it turns about.
 _ALONG = {"roll": "long", "pitch": "wide", "yaw": "high"}
 
@@ -88,7 +87,10 @@ def write_report(folder: Path, evidence: Evidence, *, claim: Claim | None = None
 
 def render_page(evidence: Evidence, album: Album, *, today: date) -> str:
     """The page as HTML, with the plots of ``album``."""
-    return _environment().get_template("page.html.j2").render(_context(evidence, album, today))
+    environment = _environment()
+    # Every table asks for it: those of macros too, which see no other context.
+    environment.globals["guess"] = evidence.vehicle.guess
+    return environment.get_template("page.html.j2").render(_context(evidence, album, today))
 
 
 def _environment() -> Environment:
@@ -124,7 +126,6 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "evidence": evidence,
         "axis": evidence.axis,
         "steady": steady_state(evidence.axis),
-        "positions": positions(evidence.axis),
         "arm": arm(evidence.axis)[0],
         "restoring": restoring_of(evidence.axis),
         "vehicle": evidence.vehicle,
@@ -134,8 +135,10 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "runs": evidence.runs,
         "trials": _trials(evidence),
         "simulations": simulations,
-        "overall": overall(simulations) if simulations else None,
-        "position_errors": list(_position_errors(evidence)),
+        "answer": answer_of(evidence),
+        "added": _added(evidence),
+        "together": correlations.of_parameters(evidence.parameters),
+        "invisible": findings.invisible(evidence.vehicle),
         "left": _left(evidence),
         "effects": [effect_named(name) for name in evidence.parameters.effects],
         "missing": list(_missing(evidence)),
@@ -147,10 +150,12 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "noise": _noise(evidence),
         "box": _box(evidence.vehicle),
         "methods": METHODS,
-        "diagnosed": evidence.diagnosis is not None or bool(evidence.diagnosis_refusal),
+        "diagnosed": _looked_for(evidence.diagnosis),
         "controlled": evidence.control is not None or bool(evidence.control_refusal),
         "exported": bool(evidence.exports) or bool(evidence.export_refusal),
         "findings": findings,
+        "size_of": size_of,
+        "sureness": sureness,
         "correlations": correlations,
         "controller": controller,
         "exporting": exports,
@@ -172,12 +177,9 @@ def _trials(evidence: Evidence) -> tuple[Trial, ...]:
     return evidence.campaign.trials
 
 
-def _position_errors(evidence: Evidence) -> Iterator[tuple[float, float]]:
-    """Each horizon in s that is reached, and the typical error at it in deg or m."""
-    for horizon in HORIZONS:
-        error = grids.typical_position_error(evidence.simulations, horizon)
-        if error is not None:
-            yield horizon, error
+def _looked_for(diagnosis: Diagnosis | None) -> bool:
+    """Whether there is more to say of causes than the first screen does."""
+    return diagnosis is not None and (diagnosis.base is not None or diagnosis.amplitudes is not None)
 
 
 def _missing(evidence: Evidence) -> Iterator[tuple[str, str]]:
@@ -205,37 +207,16 @@ def _warnings(evidence: Evidence) -> Iterator[str]:
 
 def _noticed(evidence: Evidence) -> Iterator[str]:
     """As `_warnings`, some more than once."""
-    campaign = evidence.campaign
-    yield from _departures(evidence)
-    if campaign is not None:
-        yield from evidence.parameters.changed_sources(campaign)
+    campaign, diagnosis = evidence.campaign, evidence.diagnosis
+    yield from evidence.notes
+    if diagnosis is not None:
+        yield from diagnosis.warnings
     for fit in (evidence.drag, evidence.inertia):
-        if fit is not None:
+        if fit is not None and grids.is_behind(evidence, fit.estimate):
             yield from fit.estimate.warnings
     for remarked in (campaign, evidence.runs):
         if remarked is not None:
             yield from (remark.text for remark in remarked.remarks)
-
-
-def _departures(evidence: Evidence) -> Iterator[str]:
-    """Where the parameter file holds something else than the logs give now.
-
-    Another method may give another value, within what both are uncertain by.
-    """
-    fits = [fit.estimate for fit in (evidence.drag, evidence.inertia) if fit is not None]
-    for name, entry in evidence.parameters.entries.items():
-        found = [estimate for estimate in fits if name in estimate.names and name not in estimate.refused]
-        if not found or grids.estimate_behind(evidence, name) is not None:
-            continue
-        now = found[0]
-        value, error = now.value(name), now.standard_error(name)
-        gap = abs(value - entry.value) / math.hypot(error, entry.standard_error)
-        if entry.method == now.method or gap > _DISAGREE_SIGMAS:
-            yield (
-                f"{title(name)}: the parameter file holds {plus_minus(entry.value, entry.standard_error)} "
-                f"({entry.method}), these logs now give {plus_minus(value, error)} "
-                f"({now.method}). Summary and simulation use the file's."
-            )
 
 
 def _refused(evidence: Evidence) -> Iterator[tuple[str, str]]:
@@ -292,7 +273,15 @@ def _left(evidence: Evidence) -> tuple[float, float, float] | None:
     """Root mean square in N m or N of residual torque, torque, and sensor noise; None where nothing was simulated."""
     if evidence.runs is None or not evidence.simulations:
         return None
-    return sizes(residuals_of(evidence.runs.items, evidence.parameters.model(), evidence.vehicle))
+    return sizes(left_by_all(evidence.runs, evidence.parameters.model(), evidence.vehicle))
+
+
+def _added(evidence: Evidence) -> str:
+    """What the water adds to the rigid body's inertia, by the model; nothing where one is not known or is guessed."""
+    entry, rigid = evidence.parameters.entries.get("inertia"), evidence.vehicle.rigid_body_inertia
+    if entry is None or rigid is None or evidence.vehicle.guess:
+        return ""
+    return f"{plus_minus(entry.value - rigid, entry.standard_error)} {unit(entry.unit)}"
 
 
 def _box(vehicle: Vehicle) -> list[tuple[str, float]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from rovid.campaign.guesswork import Guesswork
 from rovid.report.text import aligned
 
 
@@ -20,11 +21,16 @@ class Column:
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """A captioned table; the last row is a total where ``total``."""
+    """A captioned table."""
 
     caption: str
     columns: tuple[Column, ...]
-    total: bool = False
+
+    def hangs_on(self, guess: Guesswork) -> bool:
+        """Whether a number in it is a placeholder, by its unit or by its own word."""
+        if any(guess.marks(column.unit) for column in self.columns if column.numeric):
+            return True
+        return any(cell.startswith("guessed ") for column in self.columns for cell in column.cells)
 
     @property
     def rows(self) -> list[tuple[tuple[Column, str], ...]]:

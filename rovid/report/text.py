@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from statistics import median_high
 
-from rovid.campaign.axis import YAW, Axis
+from rovid.campaign.axis import Axis
 
 # As wide as a digit and as a point: they fill a column up without showing.
 _FIGURE_SPACE, _POINT_SPACE = "\u2007", "\u2008"
@@ -20,12 +20,16 @@ PARAMETER_TITLES = {
     "net_buoyancy": "net buoyancy B",
     "restoring_stiffness": "restoring stiffness K",
     "trim": "trim θ0",
+    "inertia/quadratic_drag": "inertia over quadratic drag I/DQ",
+    "inertia/linear_drag": "time constant at rest I/DL",
+    "linear_drag/quadratic_drag": "linear over quadratic drag DL/DQ",
 }
 _UNITS = {
     "kg m^2": "kg m²",
     "N m s^2/rad^2": "N m s²/rad²",
     "N m s^3/rad^3": "N m s³/rad³",
     "(N m)^0.5 s/rad": "√(N m) s/rad",
+    "N^0.5 s/m": "√N s/m",
     "N s^2/m^2": "N s²/m²",
     "N s^3/m^3": "N s³/m³",
 }
@@ -50,6 +54,13 @@ def unit(text: str) -> str:
     return _UNITS.get(text, text)
 
 
+def with_unit(text: str, plain: str) -> str:
+    """A number and its unit on one line, however narrow the page; words as they are."""
+    if not _is_number(text):
+        return text
+    return f"{text} {unit(plain)}".strip().replace(" ", "\u00a0")
+
+
 def title(name: str) -> str:
     """A parameter's name in words, with its symbol where it has one."""
     return PARAMETER_TITLES.get(name, name.replace("_", " ").replace(".", ": "))
@@ -65,11 +76,6 @@ def arm(axis: Axis) -> tuple[str, str]:
 def steady_state(axis: Axis) -> str:
     """What a steady state is called."""
     return "steady turn" if axis.angular else "steady state"
-
-
-def positions(axis: Axis) -> str:
-    """What the measured positions are called."""
-    return "headings" if axis is YAW else "readings"
 
 
 def prose(text: str) -> str:

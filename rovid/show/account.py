@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.text import Text
 
 from rovid.campaign.axis import Axis
+from rovid.campaign.guesswork import Guesswork
 from rovid.campaign.vehicle import Vehicle
 from rovid.control.loop_design import Control, RunResult, Spread
 from rovid.control.tuning import Margins
@@ -23,7 +24,7 @@ from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS
 from rovid.model.names import unit_of
 from rovid.show.table import Columns, table
-from rovid.show.terminal import number, say, show_parameters
+from rovid.show.terminal import by_guess, number, say, show_parameters
 
 _VERDICTS = {
     "found": "The simulation misses something, and it has a name.",
@@ -37,7 +38,8 @@ _VERDICTS = {
 def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> None:
     """Print the account."""
     axis = vehicle.axis
-    say(console, led(_VERDICTS[diagnosis.verdict]))
+    verdict = _VERDICTS[diagnosis.verdict].replace("The simulation", f"The simulation{vehicle.guess.with_curve}")
+    say(console, led(verdict))
     if diagnosis.missing:
         say(console, diagnosis.missing)
     if diagnosis.amplitudes is not None:
@@ -49,7 +51,7 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         share = 100.0 * diagnosis.unexplained_share
         say(console, f"left unexplained: {share:.2g} % of the {axis.push}'s variance")
     if diagnosis.verdict == "nothing_found":
-        _show_detectable(console, diagnosis, axis)
+        _show_detectable(console, diagnosis, vehicle)
     say(console, f"never visible in {axis.name} data: {_invisible(vehicle)}")
     run = next_experiment(diagnosis)
     say(console, led("Next:", f"{run['run']} ({run['reason']})"))
@@ -127,6 +129,8 @@ def _show_finding(console: Console, finding: Finding, axis: Axis) -> None:
     form = f", form {effect.form}" if effect.form else ""
     console.print()
     say(console, led(" or ".join(names), f"({effect.id}{form}): {effect.equation}"))
+    if blamed := finding.estimate.guess.blames(effect.id):
+        say(console, Text(f"  {blamed}", style="red"))
     _show_sizes(console, finding)
     gains = f"  log-likelihood gain {finding.gain:.0f}, on trials not fitted {finding.held_out_gain:.0f}"
     say(console, gains)
@@ -147,7 +151,8 @@ def _size(estimate: Estimate, name: str) -> str:
     """Value, standard error and unit."""
     value = plus_minus(estimate.value(name), estimate.standard_error(name))
     unit = estimate.unit(name)
-    return f"{value} {unit if unit != '1' else ''}"
+    guessed = "guessed " if estimate.is_placeholder(name) else ""
+    return f"{guessed}{value} {unit if unit != '1' else ''}"
 
 
 def _show_deciding(console: Console, finding: Finding) -> None:
@@ -179,36 +184,37 @@ def _show_gain(console: Console, base: Side, extended: Side, floor: float, axis:
     console.print(rows)
 
 
-def _show_detectable(console: Console, diagnosis: Diagnosis, axis: Axis) -> None:
+def _show_detectable(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> None:
     rows = table("The smallest that would have been seen", "effect", "parameter", "size", "unit", left=2)
     for effect, size in diagnosis.detectable:
-        rows.add_row(*_detectable_cells(effect, size, axis))
+        rows.add_row(*_detectable_cells(effect, size, vehicle))
     console.print(rows)
 
 
-def _detectable_cells(effect: Effect, size: float, axis: Axis) -> tuple[str, str, str, str]:
+def _detectable_cells(effect: Effect, size: float, vehicle: Vehicle) -> tuple[str, str, str, str]:
     name = effect.parameters[0].name
+    unit = unit_of(f"{effect.key}.{name}", vehicle.axis)
     seen = number(size, 2) if math.isfinite(size) else "not visible"
-    return axis.words(effect.title), name, seen, unit_of(f"{effect.key}.{name}", axis)
+    guessed = "guessed " if vehicle.guess.marks(unit) and math.isfinite(size) else ""
+    return vehicle.axis.words(effect.title), name, guessed + seen, unit
 
 
-def show_control(console: Console, result: Control) -> None:
+def show_control(console: Console, result: Control, guess: Guesswork) -> None:
     """Print the controller: gains, margins, and the closed-loop runs."""
-    for line in _control_lines(result):
+    for line in _control_lines(result, by_guess("", guess, "N m")):
         say(console, line)
-    console.print(_closed_loop_runs(result))
+    console.print(_closed_loop_runs(result, guess))
     if result.model.effects:
         keys = ", ".join(effect.key for effect in result.model.effects)
         say(console, f"effects: {keys}; an aid that is extended knows of them")
 
 
-def _control_lines(result: Control) -> Iterator[str | Text]:
-    """Gains, margins and limits, a line each."""
+def _control_lines(result: Control, by: str) -> Iterator[str | Text]:
+    """Gains, margins and limits, a line each; ``by`` tells what torques are guessed by."""
     law, spread, inertia = result.law, result.spread, result.model.inertia
-    yield led(f"kp {law.kp:.5g} N m/rad, kd {law.kd:.5g} N m s/rad")
-    yield (
-        f"damping ratio {result.damping:.3f}, bandwidth {result.bandwidth:.3g} rad/s; yaw inertia {inertia:.5g} kg m²"
-    )
+    yield led(f"kp {law.kp:.5g} N m/rad, kd {law.kd:.5g} N m s/rad{by}")
+    damping = f"damping ratio {result.damping:.3f}, bandwidth {result.bandwidth:.3g} rad/s"
+    yield f"{damping}; yaw inertia {inertia:.5g} kg m²{by}"
     yield (
         f"sampled every {law.period:g} s, rate low-passed over {law.rate_filter:.2g} s; in all {result.lag:.2g} s late"
     )
@@ -216,7 +222,7 @@ def _control_lines(result: Control) -> Iterator[str | Text]:
     if spread is not None:
         yield _spread(spread)
     if result.allocation.limited:
-        yield f"torque from {number(law.lowest)} to {number(law.highest)} N m"
+        yield f"torque from {number(law.lowest)} to {number(law.highest)} N m{by}"
     else:
         yield "no thrusters are known: the torque itself is commanded, without limit"
 
@@ -239,10 +245,10 @@ def _margins(margins: Margins) -> str | Text:
     )
 
 
-def _closed_loop_runs(result: Control) -> Columns:
+def _closed_loop_runs(result: Control, guess: Guesswork) -> Columns:
     """A row for each run of the design."""
     rows = table(
-        "Closed-loop runs, with 2 % of the torque in use as disturbance",
+        by_guess("Closed-loop runs, with 2 % of the torque in use as disturbance", guess, "N m"),
         *("run", "effects", "model aid", "settled s", "overshoot deg", "steady deg", "limit cycle", "63 % s", "rise s"),
         "effort N m",
         left=3,

@@ -11,7 +11,15 @@ from rovid.diagnose.record import Ahead, Diagnosis, Finding, Side, not_identifia
 from rovid.diagnose.signals import is_signal, signal_of
 from rovid.identify.estimate import Estimate
 from rovid.model.names import unit_of, without_form
-from rovid.show.fit_documents import Document, axis_document, parameter_document, position_errors, units_of
+from rovid.show.fit_documents import (
+    Document,
+    axis_document,
+    cautions,
+    guess_document,
+    parameter_document,
+    position_errors,
+    units_of,
+)
 from rovid.study import Study
 
 
@@ -33,10 +41,11 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
         "detectable": _detectable(diagnosis, axis),
         "next_experiment": next_experiment(diagnosis),
         "missing": diagnosis.missing or None,
+        **guess_document(study.vehicle.guess),
     }
     if diagnosis.amplitudes is not None:
         document["tables"] = _tables(diagnosis.amplitudes)
-    document["warnings"] = [*study.remarks(), *diagnosis.warnings]
+    document["warnings"] = cautions(study.vehicle.guess, [*study.remarks(), *diagnosis.warnings])
     return document
 
 

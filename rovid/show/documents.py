@@ -5,31 +5,32 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from rovid.campaign.axis import Axis
+from rovid.campaign.guesswork import Guesswork
+from rovid.campaign.vehicle import Vehicle
 from rovid.control.loop_design import Control, RunResult
 from rovid.export.exporting import Exported, Loss
 from rovid.export.manoeuvre import Mismatch
 from rovid.inspect.check import Check, remark_document
-from rovid.inspect.first_config import Survey
+from rovid.inspect.first_config import Survey, guess_of
 from rovid.inspect.signals import Guesses
 from rovid.model.simulation import TrialSimulation, overall
 from rovid.parameters.parameters import Entry, Parameters
 from rovid.plan.run_design import Plan, commands_by_name
 from rovid.plan.worth import Worth
-from rovid.show.fit_documents import Document, axis_document, position_errors, units_of
+from rovid.show.fit_documents import Document, axis_document, cautions, guess_document, position_errors, units_of
 
 _CONTROL_UNITS = {"kp": "N m/rad", "kd": "N m s/rad", "bandwidth": "rad/s", "crossover": "rad/s", "effort": "N m"}
 
 
 def simulation_document(
-    parameters: Parameters, simulations: Sequence[TrialSimulation], warnings: Sequence[str]
+    parameters: Parameters, simulations: Sequence[TrialSimulation], warnings: Sequence[str], guess: Guesswork
 ) -> Document:
     """What `rovid simulate --json` prints; position errors in rad or m."""
     total, axis = overall(simulations), parameters.axis
     return {
         "schema": "rovid-simulation/1",
         **axis_document(axis),
-        "parameters": {name: _entry(entry) for name, entry in parameters.entries.items()},
+        "parameters": {name: _entry(entry, guess) for name, entry in parameters.entries.items()},
         "effects": parameters.effects,
         "trials": [_trial_simulation(item) for item in simulations],
         "overall": {
@@ -38,12 +39,14 @@ def simulation_document(
             f"{axis.rate}_rmse": total.rmse,
         },
         "units": units_of(axis),
-        "warnings": list(warnings),
+        **guess_document(guess),
+        "warnings": cautions(guess, warnings),
     }
 
 
-def _entry(entry: Entry) -> Document:
-    return {"value": entry.value, "standard_error": entry.standard_error, "unit": entry.unit}
+def _entry(entry: Entry, guess: Guesswork) -> Document:
+    placeholder = {"placeholder": True} if guess.marks(entry.unit) else {}
+    return {"value": entry.value, "standard_error": entry.standard_error, "unit": entry.unit, **placeholder}
 
 
 def _trial_simulation(item: TrialSimulation) -> Document:
@@ -59,7 +62,7 @@ def _trial_simulation(item: TrialSimulation) -> Document:
     }
 
 
-def plan_document(plan: Plan, axis: Axis, command_file: str, picture: str) -> Document:
+def plan_document(plan: Plan, vehicle: Vehicle, command_file: str, picture: str, warnings: Sequence[str]) -> Document:
     """What `rovid plan --json` prints."""
     between, gain = None, "logarithm of the ratio of variances"
     if len(plan.beliefs) > 1:
@@ -67,7 +70,7 @@ def plan_document(plan: Plan, axis: Axis, command_file: str, picture: str) -> Do
         gain = "expected log-likelihood ratio"
     return {
         "schema": "rovid-plan/1",
-        **axis_document(axis),
+        **axis_document(vehicle.axis),
         "between": between,
         "narrow": plan.narrow or None,
         "decides": plan.decides,
@@ -76,6 +79,8 @@ def plan_document(plan: Plan, axis: Axis, command_file: str, picture: str) -> Do
         "command_file": command_file,
         "picture": picture,
         "commands": commands_by_name(plan),
+        **guess_document(vehicle.guess),
+        "warnings": cautions(vehicle.guess, warnings),
     }
 
 
@@ -83,7 +88,7 @@ def _run(one: Worth) -> Document:
     return {"run": one.run.name, "seconds": one.run.seconds, "gain": one.gain, "gain_per_minute": one.per_minute}
 
 
-def control_document(result: Control, warnings: Sequence[str]) -> Document:
+def control_document(result: Control, warnings: Sequence[str], guess: Guesswork) -> Document:
     """What `rovid control --json` prints; times in s, angles in deg, torques in N m, frequencies in rad/s."""
     law, margins, spread = result.law, result.margins, result.spread
     lag = {"total": result.lag, "delay": result.setting.delay, "period": law.period, "rate_filter": law.rate_filter}
@@ -105,7 +110,8 @@ def control_document(result: Control, warnings: Sequence[str]) -> Document:
         "effects": [effect.key for effect in result.model.effects],
         "runs": [_closed_run(run) for run in result.runs],
         "units": dict(_CONTROL_UNITS),
-        "warnings": list(warnings),
+        **guess_document(guess),
+        "warnings": cautions(guess, warnings),
     }
 
 
@@ -128,7 +134,7 @@ def _closed_run(run: RunResult) -> Document:
     }
 
 
-def export_document(name: str, file: str, made: Exported) -> Document:
+def export_document(name: str, file: str, made: Exported, guess: Guesswork) -> Document:
     """What `rovid export --json` prints; percentages are of the range of the yaw rate on the manoeuvre."""
     return {
         "schema": "rovid-export/1",
@@ -137,7 +143,8 @@ def export_document(name: str, file: str, made: Exported) -> Document:
         "mismatch": _mismatch(made.mismatch),
         "mismatch_of_what_is_held": _mismatch(made.held),
         "not_held": [_loss(loss) for loss in made.losses],
-        "warnings": list(made.warnings),
+        **guess_document(guess),
+        "warnings": cautions(guess, made.warnings),
     }
 
 
@@ -158,6 +165,7 @@ def survey_document(survey: Survey, written: Sequence[Path]) -> Document:
         "curve": {"file": survey.curve, "guessed": survey.curve_guessed is not None},
         "signals": {kind: _guessed_signals(guesses) for kind, guesses in survey.guesses.items()},
         "commands": {kind: _guessed_commands(guesses) for kind, guesses in survey.guesses.items()},
+        **guess_document(guess_of(survey)),
         "warnings": list(survey.lacking),
     }
 
@@ -177,11 +185,12 @@ def _guessed_commands(guesses: Guesses) -> list[Document]:
     return document
 
 
-def check_document(checked: Check, axis: Axis) -> Document:
+def check_document(checked: Check, vehicle: Vehicle) -> Document:
     """What `rovid check --json` prints; places in rad or m."""
     return {
         "schema": "rovid-check/1",
-        **axis_document(axis),
+        **axis_document(vehicle.axis),
+        **guess_document(vehicle.guess),
         "verdict": checked.verdict,
         "logs": [{"name": trial.name} | dict(facts) for trial, facts in checked.rows],
         "unreadable": [{"name": name, "problem": problem} for name, problem in checked.problems.items()],

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from rovid.campaign.axis import YAW, Axis
+from rovid.campaign.guesswork import Guesswork
 from rovid.identify.bench import BenchFit
 from rovid.identify.decay import Reading, read_decay
-from rovid.identify.estimate import PER_INERTIA, Estimate
+from rovid.identify.estimate import PER_INERTIA, Estimate, Ratio
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.identify.likelihood import LikelihoodFit
 from rovid.identify.sine import Inertia
@@ -37,7 +38,19 @@ def parameter_document(estimate: Estimate) -> Document:
             "unit": estimate.unit(name),
             "interval_95": list(estimate.interval(name)),
         }
+        if estimate.is_placeholder(name):
+            document[name]["placeholder"] = True
     return document
+
+
+def guess_document(guess: Guesswork) -> Document:
+    """What of the vehicle is a guess, by name."""
+    return {"guessed": list(guess.items)}
+
+
+def cautions(guess: Guesswork, warnings: Sequence[str]) -> list[str]:
+    """The warnings, and before them what hangs on a guess."""
+    return [*filter(None, [guess.caution]), *warnings]
 
 
 def fit_document(estimate: Estimate, study: Study) -> Document:
@@ -52,8 +65,14 @@ def fit_document(estimate: Estimate, study: Study) -> Document:
         "not_identifiable": ["thrust_scale", *estimate.refused],
         **axis_document(estimate.axis),
         "filter": None if study.runs is None else filter_document(study.runs),
-        "warnings": [*study.remarks(), *estimate.warnings],
+        **guess_document(estimate.guess),
+        "ratios": {ratio.name: _ratio(ratio) for ratio in estimate.ratios if estimate.guess.ratios_hold},
+        "warnings": cautions(estimate.guess, [*study.remarks(), *estimate.warnings]),
     }
+
+
+def _ratio(ratio: Ratio) -> Document:
+    return {"value": ratio.value, "standard_error": ratio.standard_error, "unit": ratio.unit}
 
 
 def filter_document(runs: Runs) -> Document:

@@ -34,12 +34,14 @@ class Columns:
         self._headings = [_text(heading) for heading in headings]
         self._text = text
         self._rows: list[list[Text]] = []
+        self._styles: list[str] = []
         self._sections: set[int] = set()
 
-    def add_row(self, *cells: str | Text) -> None:
+    def add_row(self, *cells: str | Text, style: str = "") -> None:
         """A cell for each column, the last may be left out."""
         given = [_text(cell) for cell in cells]
         self._rows.append(given + [Text()] * (len(self._headings) - len(given)))
+        self._styles.append(style)
 
     def add_section(self) -> None:
         """A line below the rows that are there."""
@@ -64,10 +66,10 @@ class Columns:
             # The last words of all stand on the line.
             above = Text("\n" * (most - heading.plain.count("\n")))
             made.add_column(above + heading, width=width, justify="left" if at in self._text else "right")
-        for number, row in enumerate(self._rows):
+        for number, (row, style) in enumerate(zip(self._rows, self._styles, strict=True)):
             if number in self._sections:
                 made.add_section()
-            made.add_row(*(_folded(cell, width) for cell, width in zip(row, widths, strict=False)))
+            made.add_row(*(_folded(cell, width) for cell, width in zip(row, widths, strict=False)), style=style)
         yield made
         if gone := [heading.plain for heading in self._headings[len(widths) :]]:
             them = "them" if len(gone) > 1 else "it"

@@ -11,6 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from rovid.campaign.guesswork import Guesswork
 from rovid.export.exporting import Exported
 from rovid.ground.numbers import plus_minus, rounded, significant, to_error
 from rovid.ground.screen import led
@@ -20,7 +21,7 @@ from rovid.identify.estimate import PER_INERTIA, Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.identify.likelihood import LikelihoodFit
 from rovid.identify.steady import DragFit
-from rovid.inspect.first_config import Survey, logs_in_words
+from rovid.inspect.first_config import Survey, guess_of, logs_in_words
 from rovid.model.simulation import Fit, TrialSimulation, overall
 from rovid.motion.runs import Runs
 from rovid.parameters.parameters import Parameters
@@ -49,6 +50,18 @@ def show_warnings(console: Console, warnings: Sequence[str]) -> None:
     """Print each warning as a paragraph of its own."""
     for text in warnings:
         say(console, led("Note:", text, "yellow"))
+
+
+def show_caution(console: Console, guess: Guesswork) -> None:
+    """Print first of all what is guessed, and what hangs on it."""
+    if guess:
+        first, _, rest = guess.caution.partition(". ")
+        say(console, led(f"{first}.", rest, "bold red"))
+
+
+def by_guess(title: str, guess: Guesswork, unit: str) -> str:
+    """The title of a table in ``unit``, with what is guessed of it."""
+    return f"{title}, by guessed {guess.kinds}" if guess.marks(unit) else title
 
 
 def show_export(console: Console, path: Path, made: Exported) -> None:
@@ -94,7 +107,14 @@ def show_parameters(console: Console, estimate: Estimate) -> None:
         error = estimate.standard_error(name)
         low, high = (to_error(end, error) for end in estimate.interval(name))
         interval = f"{low} … {high}" if math.isfinite(error) else "–"
-        rows.add_row(name, plus_minus(estimate.value(name), error), estimate.unit(name), interval)
+        value = plus_minus(estimate.value(name), error)
+        if estimate.is_placeholder(name):
+            rows.add_row(name, value, estimate.unit(name), "guessed", style="red")
+        else:
+            rows.add_row(name, value, estimate.unit(name), interval)
+    if estimate.guess.ratios_hold and estimate.guess:
+        for ratio in estimate.ratios:
+            rows.add_row(ratio.symbols, plus_minus(ratio.value, ratio.standard_error), ratio.unit, "")
     console.print(rows)
 
 
@@ -104,7 +124,7 @@ def show_drag(console: Console, fit: DragFit) -> None:
     if fit.unsteady:
         logs = ", ".join(dict.fromkeys(point.source for point in fit.unsteady))
         say(console, f"{len(fit.unsteady)} holds left out because the rate was still changing, in {logs}")
-    estimate, correlation = fit.estimate, math.nan
+    estimate, axis, correlation = fit.estimate, fit.estimate.axis, math.nan
     show_parameters(console, estimate)
     if not estimate.refused:
         correlation = estimate.correlation("quadratic_drag", "linear_drag")
@@ -115,14 +135,14 @@ def show_drag(console: Console, fit: DragFit) -> None:
     )
     for name, each in fit.directions.items():
         quadratic, linear = (plus_minus(each.value(key), each.standard_error(key)) for key in each.names)
-        way = f"{estimate.axis.position_words} {name} alone"
+        way = by_guess(f"{estimate.axis.position_words} {name} alone", estimate.guess, axis.push_unit)
         say(console, f"{way}: DQ {quadratic}, DL {linear}")
 
 
 def _steady_states(fit: DragFit) -> Columns:
     axis = fit.estimate.axis
     rows = table(
-        "Steady states",
+        by_guess("Steady states", fit.estimate.guess, axis.push_unit),
         "log",
         "command",
         f"{axis.push} {axis.push_unit}",
@@ -159,7 +179,8 @@ def _known(value: float, error: float) -> str:
 def show_inertia(console: Console, fit: InertiaFit) -> None:
     """Print what `rovid fit-inertia` found."""
     unit = fit.estimate.unit("inertia").replace("^2", "²")
-    rows = table(f"Inertia, {unit}", "method", "value ± standard error", "note", prose=True)
+    title = by_guess(f"Inertia, {unit}", fit.estimate.guess, unit)
+    rows = table(title, "method", "value ± standard error", "note", prose=True)
     for name, inertia in fit.methods.items():
         rows.add_row(METHODS[name], plus_minus(inertia.value, inertia.standard_error), _note(fit, name))
         if len(inertia.runs) > 1 or name == "peak":
@@ -203,8 +224,9 @@ def _noises(fit: LikelihoodFit) -> str:
     axis = fit.estimate.axis
     name, unit, factor = axis.measured(integrated=fit.integrated)
     per_inertia = PER_INERTIA if fit.estimate.per_inertia else ""
+    guessed = "guessed " if fit.estimate.guess.marks(axis.push_unit) else ""
     return (
-        f"disturbance {axis.push} {number(fit.disturbance)} {axis.push_unit}{per_inertia} with a memory of "
+        f"disturbance {axis.push} {guessed}{number(fit.disturbance)} {axis.push_unit}{per_inertia} with a memory of "
         f"{number(fit.correlation_time, 2)} s; {name} noise {number(factor * fit.position_noise, 2)} {unit}"
     )
 
@@ -232,11 +254,11 @@ def _reading(reading: Reading) -> str:
     return plus_minus(reading.value, reading.standard_error)
 
 
-def show_simulation(console: Console, simulations: Sequence[TrialSimulation]) -> None:
+def show_simulation(console: Console, simulations: Sequence[TrialSimulation], guess: Guesswork) -> None:
     """Print how well the free-running simulation follows each trial."""
     axis = simulations[0].run.trial.axis
     rows = table(
-        f"Free-running simulation against measurement, {axis.rate_words}",
+        by_guess(f"Free-running simulation against measurement, {axis.rate_words}", guess, axis.rate_unit),
         "trial",
         "R²",
         f"{axis.position_words} after 60 s, {axis.shown[0]}",
@@ -325,6 +347,8 @@ def _planned_runs(plan: Plan) -> Columns:
 
 def show_survey(console: Console, survey: Survey, written: Sequence[Path]) -> None:
     """Print what each signal was taken for, and what to do next."""
+    guess = guess_of(survey)
+    show_caution(console, guess)
     rows = table(f"Guessed from {logs_in_words(survey)}", "signal", "taken from", "unit", "why", left=4)
     for guesses in survey.guesses.values():
         for name, one in guesses.signals.items():
@@ -335,7 +359,7 @@ def show_survey(console: Console, survey: Survey, written: Sequence[Path]) -> No
     show_warnings(console, survey.lacking)
     for path in written:
         console.print(f"written: {path}", highlight=False, soft_wrap=True)
-    say(console, led("Next:", f"read {written[0].name}, then"))
+    say(console, led("Next:", f"measure {guess.words}, put that into {written[0]}; then"))
     for name in ("check", "report"):
         console.print(f"  rovid {name} {survey.folder}", highlight=False, soft_wrap=True)
 
@@ -344,6 +368,7 @@ def show_fit(
     console: Console, fit: _Fit, show: Callable[[Console, _Fit], None], study: Study, parameters: Parameters
 ) -> None:
     """Print a fit, how the signals were filtered, what was noticed, and where the parameters went."""
+    show_caution(console, study.vehicle.guess)
     show(console, fit)
     if study.runs is not None and isinstance(fit, LikelihoodFit) and fit.estimate.per_inertia:
         show_decay(console, read_decay(fit.model, fit.estimate, study.runs.items, study.vehicle))

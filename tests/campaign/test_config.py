@@ -45,6 +45,29 @@ def written(folder: Path, text: str = GOOD, curve: str = "command,thrust_N\n-5,-
     return path
 
 
+def test_marks_of_guesses_are_read(tmp_path: Path) -> None:
+    text = GOOD.replace("yaw_arm = 0.43", "yaw_arm = 0.43\nyaw_arm_guessed = true\ncurve_guessed = true")
+    fore, aft = load_config(written(tmp_path, text)).vehicle.thrusters
+    assert (fore.arm_guessed, fore.curve_guessed, aft.arm_guessed) == (True, True, False)
+    with pytest.raises(ConfigError, match=r"'fore' yaw_arm_guessed: is 'yes'; the value of yaw_arm that was guessed"):
+        load_config(written(tmp_path, text.replace("yaw_arm_guessed = true", "yaw_arm_guessed = 'yes'")))
+
+
+@pytest.mark.parametrize(("arm", "guessed"), [("1.0", True), ("0.43", False)])
+def test_a_guess_ends_where_its_value_is_put_right(arm: str, guessed: bool, tmp_path: Path) -> None:
+    text = GOOD.replace("yaw_arm = 0.43", f"yaw_arm = {arm}\nyaw_arm_guessed = 1.0")
+    assert load_config(written(tmp_path, text)).vehicle.thrusters[0].arm_guessed is guessed
+
+
+def test_guesses_of_an_older_init_are_known_as_such(tmp_path: Path) -> None:
+    head = "# Written by `rovid init`, which looked at 7 logs. Each guess says why: correct what is\n# wrong.\n"
+    text = head + GOOD.replace("yaw_arm = 0.43", "yaw_arm = 1.0")
+    assert load_config(written(tmp_path, text)).vehicle.guess.items == ("yaw_arm of fore",)
+    confirmed = text.replace("yaw_arm = 1.0", "yaw_arm = 1.0\nyaw_arm_guessed = false")
+    assert not load_config(written(tmp_path, confirmed)).vehicle.guess
+    assert not load_config(written(tmp_path, "\n" + text)).vehicle.guess
+
+
 def test_everything_is_read(tmp_path: Path) -> None:
     config = load_config(written(tmp_path))
     assert config.vehicle.name == "Test vehicle"

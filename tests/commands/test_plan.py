@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,18 @@ def test_a_crew_s_limits_are_kept(few: Path, rovid: Rovid) -> None:
     assert max(run["seconds"] for run in tight["runs"]) <= 180.0
     assert tight["narrow"] == "inertia"
     assert all(math.isfinite(run["gain"]) and run["gain"] > 0.0 for run in tight["runs"])
+
+
+def test_what_no_longer_holds_gives_the_names_of_its_effects_alone(few: Path, tmp_path: Path, rovid: Rovid) -> None:
+    folder = shutil.copytree(few, tmp_path / "few")
+    assert rovid("fit", folder, "--effect", "bias_torque").code == 0
+    assert rovid("plan", "--json").document["warnings"] == []
+    toml = (folder / "rovid.toml").read_text()
+    assert "yaw_arm = 0.43" in toml
+    (folder / "rovid.toml").write_text(toml.replace("yaw_arm = 0.43", "yaw_arm = 0.86"))
+    (said,) = rovid("plan", "--json").document["warnings"]
+    assert "parameters.toml no longer holds: yaw_arm of" in said
+    assert "which effects act" in said
 
 
 @pytest.mark.parametrize(

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import ctypes
 import math
+import re
 import subprocess
 from typing import Any
 
 import numpy as np
 import pytest
 
+from rovid.campaign.guesswork import Guesswork
 from rovid.control.generate import c_source, python_source
 from rovid.control.law import Law
 from tests.control.loops import law
@@ -21,11 +23,11 @@ def generated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Law, Any, Any]:
         900.0, 3000.0, inertia=5057.0, hold=(1.5, -0.3, 0.01, 2.0, -1.0, 0.7, 0.2), lowest=-400.0, highest=500.0
     )
     folder = tmp_path_factory.mktemp("source")
-    (folder / "c.c").write_text(c_source(controller))
+    (folder / "c.c").write_text(c_source(controller, Guesswork()))
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off", "-shared", "-fPIC"]
     subprocess.run(["cc", *flags, "-o", folder / "c.so", folder / "c.c", "-lm"], check=True)
     module: dict[str, Any] = {}
-    exec(compile(python_source(controller), "controller.py", "exec"), module)  # noqa: S102 - what is under test
+    exec(compile(python_source(controller, Guesswork()), "controller.py", "exec"), module)  # noqa: S102 - what is under test
     return controller, ctypes.CDLL(str(folder / "c.so")), module
 
 
@@ -54,3 +56,12 @@ def test_generated_c_and_python_are_the_simulated_controller(generated: tuple[La
     assert min(torques) == -400.0
     assert max(torques) == 500.0
     assert np.ptp(torques) > 100.0
+
+
+def test_sources_that_hang_on_a_guess_say_so_where_they_say_who_wrote_them() -> None:
+    controller = law(900.0, 3000.0, inertia=5057.0)
+    guess = Guesswork(items=("yaw_arm of */ fore",), thrusters=1)
+    for source in (c_source, python_source):
+        (head,) = re.findall(r"Written by rovid .*", source(controller, guess))
+        assert head.endswith("PLACEHOLDERS: arms or thrust curves are guesses.")
+        assert "PLACEHOLDERS" not in source(controller, Guesswork())

@@ -39,7 +39,7 @@ import pytest
 from PIL import Image
 from typer.main import get_command
 
-from docs.make_pictures import FOLDER, PICTURES
+from docs.make_pictures import FOLDER, PAGE, PICTURES, SCREENS, has_browser, screens
 from rovid.commands.cli import app
 from tests.conftest import ROOT, SAMPLES, run_rovid
 
@@ -221,7 +221,10 @@ def test_commands_of_a_page(page: Path, request: pytest.FixtureRequest) -> None:
         assert Path("parameters.toml").is_file()
     if page.name == "tutorial.md":
         apart = {name: difference(Path(made), FOLDER / name) for name, made in PICTURES.items()}
-        assert max(apart.values()) < LARGEST_DIFFERENCE, f"{apart}: run python docs/make_pictures.py"
+        if has_browser():
+            screens(Path(PAGE), Path.cwd())
+            apart |= {name: difference(Path(name), FOLDER / name) for name in SCREENS}
+        assert max(apart.values()) < LARGEST_DIFFERENCE, f"{apart}: run python -m docs.make_pictures"
 
 
 def difference(made: Path, kept: Path) -> float:
@@ -366,3 +369,13 @@ def broken(path: Path, page: Links, pages: dict[Path, Links]) -> Iterator[str]:
         anchor = unquote(parts.fragment)
         if not target.is_file() or (anchor and target in pages and anchor not in pages[target].anchors):
             yield link
+
+
+def test_the_score_card_says_what_the_pages_on_hard_water_and_real_logs_say() -> None:
+    from benchmarks.sweep import in_hard_water, of_real_logs
+
+    head, _, _ = (DOCS / "confusion.md").read_text(encoding="utf-8").partition("\n## ")
+    assert len(head.splitlines()) < 25  # one screen
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in head.splitlines() if line.startswith("| ")]
+    for row in (*in_hard_water(), *of_real_logs()):
+        assert row in rows, "write the card anew: python -m benchmarks.sweep --page-only, or by hand"

@@ -12,7 +12,7 @@ import pytest
 
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
-from rovid.effects import CATALOGUE, FORMS, MOTION, Effect, effect_named, forms_for, supply_sag
+from rovid.effects import CATALOGUE, FORMS, MOTION, Effect, bias_torque, effect_named, forms_for, supply_sag
 from rovid.effects.actuation import actuation, finer
 from rovid.effects.base import (
     REFERENCE_RATE,
@@ -227,7 +227,16 @@ def logs() -> list[Trial]:
 
 
 @pytest.mark.parametrize("parts", [1, 4])
-@pytest.mark.parametrize("effect", [*ACTUATED, supply_sag.of_trial("log_2")], ids=lambda effect: effect.key)
+@pytest.mark.parametrize(
+    "effect",
+    [
+        *ACTUATED,
+        supply_sag.of_trials(["log_2"]),
+        supply_sag.of_trials(["log_1", "log_2"]),
+        bias_torque.of_trials(["log_0", "log_2"]),
+    ],
+    ids=lambda effect: effect.key,
+)
 def test_trials_one_after_the_other_are_as_each_by_itself(effect: Effect, parts: int) -> None:
     each_log = [actuation(VEHICLE, log, parts) for log in logs()]
     commands = [finer(log.commands, parts) for log in logs()]

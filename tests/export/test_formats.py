@@ -523,6 +523,24 @@ def test_a_parameter_file_alone_is_exported_with_what_was_assumed(fitted: Path, 
     assert any("is assumed" in text for text in exported("gz-sim", alone, tmp_path)[0]["warnings"])
 
 
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_file_that_hangs_on_a_guess_says_so(name: str, fitted: Path, tmp_path: Path) -> None:
+    document = tomllib.loads(fitted.read_text())
+    document["logs"] = []
+    document["rests_on"]["guessed"] = ["yaw_arm of --> fore"]
+    path = tmp_path / "guessed.toml"
+    path.write_text(tomli_w.dumps(document))
+    refused = run_rovid("export", name, "-p", path, "-o", tmp_path / "out")
+    assert refused.code == 2
+    assert "rests on a guess of rovid init" in refused.err
+    file = tmp_path / f"{name}.out"
+    assert run_rovid("export", name, "-p", path, "-o", file, "--force").code == 0
+    mark = b'"guessed": [' if name == "json" else b"PLACEHOLDERS: arms or thrust curves are guesses."
+    assert mark in file.read_bytes()
+    # It is known as rovid's own still.
+    assert run_rovid("export", name, "-p", path, "-o", file, "--force", "--json").document["guessed"]
+
+
 def test_a_person_reads_a_short_account(fitted: Path, rovid: Rovid) -> None:
     done = rovid("export", "stonefish", "-p", fitted)
     assert (done.code, done.err) == (0, "")

@@ -86,11 +86,39 @@ def asked(function: Function, rows: FloatArray) -> FloatArray:
     return np.asarray(out[0])
 
 
+def asked_of_each(function: Function, numbers: FloatArray) -> FloatArray:
+    """What a compiled ``function`` gives of each of as many ``numbers`` as fill some lanes."""
+
+    @numba.njit(error_model="numpy")
+    def run(rows: Any, out: Any) -> None:
+        for at in range(len(rows)):
+            write(out, at, function(read(rows, at)))
+
+    out = np.empty((len(numbers) // LANES, LANES))
+    run(numbers.reshape(out.shape), out)
+    return out.ravel()
+
+
 @pytest.mark.parametrize("name", [*OPERATORS, *FUNCTIONS])
 def test_compiled_lanes_hold_what_numpy_says(name: str) -> None:
     function, wanted = (OPERATORS | FUNCTIONS)[name]
     # Of the mathematical library each may round the last digit otherwise.
     np.testing.assert_allclose(asked(function, ROWS), wanted, rtol=1e-14)
+
+
+def test_exponentials_hold_from_the_least_to_the_largest_number() -> None:
+    rows = np.concatenate((RNG.uniform(-744.0, 710.0, 4000), RNG.normal(size=4000), RNG.normal(scale=1e-6, size=4000)))
+    found = np.array([asked_of_each(math.exp, rows), asked_of_each(math.tanh, rows)])
+    with np.errstate(over="ignore", under="ignore"):
+        wanted = np.exp(rows)
+    np.testing.assert_allclose(found[0], wanted, rtol=1e-15, atol=1e-305)
+    np.testing.assert_allclose(found[1], np.tanh(rows), rtol=0.0, atol=4e-16)
+
+
+def test_exponentials_of_what_is_no_number_or_endless() -> None:
+    rows = np.array([math.nan, math.inf, -math.inf, 0.0])
+    np.testing.assert_array_equal(asked_of_each(math.exp, rows), [math.nan, math.inf, 0.0, 1.0])
+    np.testing.assert_array_equal(asked_of_each(math.tanh, rows), [math.nan, 1.0, -1.0, 0.0])
 
 
 @pytest.mark.parametrize("name", OPERATORS)

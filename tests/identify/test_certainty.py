@@ -49,8 +49,8 @@ def test_horizons_that_disagree_widen_the_errors_and_are_named() -> None:
     right = fitted_ahead([synthetic.run(TIME[:900], TORQUE[:900], noise=NOISE[:900]) for _ in range(4)])
     doubt, said = form_doubt(right)
     assert not said
-    assert np.sqrt(doubt[0, 0]) < 2.0 * np.sqrt(right.covariance(sandwich=True)[0, 0])
-    late = 0.1 * np.convolve(TORQUE, np.ones(60) / 60.0)[: len(TORQUE)]
+    assert np.sqrt(doubt[0, 0]) < 0.002 * synthetic.ROSUB.inertia
+    late = 0.5 * np.convolve(TORQUE, np.ones(60) / 60.0)[: len(TORQUE)]
     cuts = [slice(start, start + 2000) for start in (0, 2000, 4000)]
     runs = [synthetic.run(TIME[:2000], TORQUE[cut], noise=NOISE[:2000], disturbance=late[cut]) for cut in cuts]
     wrong = fitted_ahead(runs)

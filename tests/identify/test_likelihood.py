@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import secrets
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from rovid.motion.rates import rates_of
 from rovid.motion.runs import Run
 from tests.conftest import SAMPLES, Rovid
 from tests.synthetic import clock, gauss_markov, trial
+from tools.hidden import Hidden
 from tools.programme import CAMPAIGN
 from tools.trial_day import write_trial_day
 from tools.truth import ROSUB
@@ -160,8 +162,49 @@ def test_thrust_of_another_size_in_one_trial_is_measured_and_named(tmp_path: Pat
     assert rovid("simulate", "--json").document["overall"]["yaw_rate_r2"] > 0.999
     refused = rovid("fit", "day", "--effect", "supply_sag:trial multilevl.csv")
     assert refused.code == 2
-    assert "names none of these trials" in refused.err
-    assert "supply_sag:trial multilevel.csv" in refused.err
+    assert "there is no trial 'multilevl.csv'" in refused.err
+    assert "'multilevel.csv'" in refused.err
+
+
+def test_thrust_of_another_size_in_each_trial_is_measured_and_named(tmp_path: Path, rovid: Rovid) -> None:
+    seed = secrets.randbelow(10**6)
+    print(f"seed {seed}")
+    write_trial_day(tmp_path / "day", seed=seed, formats="csv", campaign=SHORT)
+    # In the mean one: what scales all thrust alike no log tells.
+    gains = dict(zip(sorted(f"{run.name}.csv" for run in SHORT), (1.1, 0.85, 1.05, 0.9, 1.1), strict=True))
+    for name, gain in gains.items():
+        weaken(tmp_path / "day" / name, gain)
+    said = rovid("diagnose", "day", "--json").document
+    (found,) = said["findings"]
+    assert found["effect"] == "supply_sag"
+    assert found["form"] == "trials " + "|".join(gains)
+    for own, gain in zip(found["parameters"].values(), gains.values(), strict=False):
+        assert abs(own["value"] - gain) < FARTHEST * own["standard_error"]
+    for name, value in TRUTH.items():
+        parameter = said["extended"]["parameters"][name]
+        assert abs(parameter["value"] - value) < FARTHEST * parameter["standard_error"], name
+    assert rovid("simulate", "--json").document["overall"]["yaw_rate_r2"] > 0.999
+
+
+def test_a_constant_torque_of_another_size_in_each_trial_is_named(tmp_path: Path, rovid: Rovid) -> None:
+    seed = secrets.randbelow(10**6)
+    print(f"seed {seed}")
+    day = tmp_path / "day"
+    write_trial_day(day, seed=seed, formats="csv", campaign=SHORT)
+    torques = dict(zip(sorted(f"{run.name}.csv" for run in SHORT), (60.0, -40.0, 20.0, -80.0, 50.0), strict=True))
+    for name, torque in torques.items():
+        truth = replace(ROSUB, hidden=(Hidden(effect="bias_torque", form="constant", parameters={"torque": torque}),))
+        (run,) = (run for run in SHORT if name == f"{run.name}.csv")
+        write_trial_day(tmp_path / name, seed=seed, truth=truth, formats="csv", campaign=[run])
+        (tmp_path / name / name).replace(day / name)
+    said = rovid("diagnose", "day", "--json").document
+    (found,) = said["findings"]
+    assert found["effect"] == "bias_torque"
+    assert found["form"] == "trials " + "|".join(torques)
+    for own, torque in zip(found["parameters"].values(), torques.values(), strict=True):
+        assert abs(own["value"] - torque) < FARTHEST * own["standard_error"]
+    inertia = said["extended"]["parameters"]["inertia"]
+    assert abs(inertia["value"] - TRUTH["inertia"]) < FARTHEST * inertia["standard_error"]
 
 
 @pytest.mark.parametrize("holds_at", [60.0, 240.0])

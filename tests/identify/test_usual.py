@@ -18,6 +18,7 @@ def test_the_usual_size_is_of_what_is_known_and_never_nothing() -> None:
     assert usual([np.array([3.0, np.nan]), np.array([-3.0])]) == 3.0
     assert usual([np.zeros(3)]) > 0.0
     assert in_use(np.array([0.0, 0.0, 4.0, -4.0])) == 4.0
+    assert in_use(np.zeros(3)) == 1.0
 
 
 def test_scales_are_those_of_commands_speeds_and_hours() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from rovid.ground.errors import ConfigError
 from rovid.identify.estimate import Estimate
-from rovid.parameters.parameters import Parameters, Source
+from rovid.parameters.parameters import Parameters, Source, absolute
 from rovid.parameters.reading import read_parameters
 
 NAMES = ("inertia", "quadratic_drag", "linear_drag")
@@ -105,7 +105,7 @@ def test_an_error_that_nothing_told_stays_unknown(tmp_path: Path) -> None:
 
 
 def test_logs_of_bytes_that_are_no_text_can_be_written(tmp_path: Path) -> None:
-    stored = Parameters(path=tmp_path / "p.toml").with_logs([tmp_path / os.fsdecode(b"\xff")], "v", None)
+    stored = Parameters(path=tmp_path / "p.toml", logs=absolute([tmp_path / os.fsdecode(b"\xff")]))
     stored.write()
     assert read_parameters(stored.path).logs == (tmp_path / r"\udcff",)
 

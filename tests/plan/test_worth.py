@@ -40,6 +40,12 @@ def test_a_run_that_moves_the_vehicle_narrows_its_inertia_and_a_nudge_does_not()
     assert step.per_minute == pytest.approx(step.gain * 60.0 / 200.0)
 
 
+def test_a_run_at_rest_tells_nothing_and_complains_of_nothing() -> None:
+    rest = Planned(name="rest", time=TIME, commands=0.0 * STEP.commands)
+    (found,) = ranked([rest], [belief()], VEHICLE, Limits(), narrow="inertia")
+    assert found.gain == pytest.approx(0.0, abs=1e-6)
+
+
 def test_models_that_move_apart_are_told_apart_and_one_model_twice_is_not() -> None:
     sure = belief(error=1e-3)
     other = belief(replace(ROSUB, inertia=1.2 * ROSUB.inertia), error=1e-3)

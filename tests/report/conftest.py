@@ -12,16 +12,24 @@ import pytest
 from rovid.campaign.trial import Campaign, Remark, Trial
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.control.loop_design import Control
+from rovid.effects import Effect, effect_named
 from rovid.ground.arrays import FloatArray
+from rovid.ground.files import Claim
 from rovid.identify.inertia import fit_inertia
 from rovid.identify.steady import fit_drag
 from rovid.identify.steady_points import steady_points
-from rovid.model.simulation import simulate_runs
+from rovid.model.simulation import TrialSimulation, compare, simulate_runs
 from rovid.motion.runs import prepare
 from rovid.parameters.parameters import Entry, Parameters
 from rovid.report import build
 from rovid.report.evidence import Evidence
-from rovid.study import Study
+from rovid.report.page import write_report
+from rovid.report.stages import Stage
+from rovid.study import Study, open_study
+from tools.hidden import Hidden
+from tools.programme import CAMPAIGN
+from tools.trial_day import write_trial_day
+from tools.truth import ROSUB
 
 INERTIA, QUADRATIC, LINEAR = 30.0, 40.0, 10.0
 PERIOD = 0.05  # s between samples
@@ -127,6 +135,31 @@ def identified(vehicle: Vehicle, campaign: Campaign, folder: Path) -> Evidence:
     )
 
 
+def staged(day: Evidence) -> Evidence:
+    """As if two causes had been found: without, with either, and with both, each with a smaller share of the error."""
+    lag, bias = effect_named("thruster_lag"), effect_named("bias_torque")
+    found: list[tuple[tuple[Effect, ...], tuple[float, ...]]] = [
+        ((), ()),
+        ((lag,), (0.3,)),
+        ((bias,), (1.0,)),
+        ((lag, bias), (0.3, 1.0)),
+    ]
+    plain, stages = day.parameters.model(), []
+    for number, (effects, values) in enumerate(found, start=1):
+        model = replace(plain, effects=effects, effect_values=values)
+        stages.append(Stage(model=model, simulations=tuple(nearer(item, number) for item in day.simulations)))
+    return replace(day, stages=tuple(stages))
+
+
+def nearer(item: TrialSimulation, times: int) -> TrialSimulation:
+    """``item`` so many times as near to the measurement."""
+    simulated = item.measured + (item.simulated - item.measured) / times
+    position = item.run.trial.position + (item.position - item.run.trial.position) / times
+    ahead = {horizon: None if error is None else error / times for horizon, error in item.position_errors.items()}
+    fit = compare(item.measured, simulated)
+    return replace(item, simulated=simulated, position=position, position_errors=ahead, fit=fit)
+
+
 GAP = Remark(kind="gap", count=1, text="The heading is missing for 1.5 s from 12 s on.")
 
 
@@ -162,3 +195,32 @@ def control(day: Evidence) -> Control:
 @pytest.fixture(scope="module")
 def pushed(day: Evidence) -> Control:
     return designed(day, **{"bias_torque.torque": BIAS})
+
+
+SHORT = [run for run in CAMPAIGN if run.name in {"hold_03", "hold_05", "sine_20s", "steps", "multilevel"}]
+LAG = Hidden(effect="thruster_lag", form="first_order", parameters={"time_constant": 0.8})
+
+
+@pytest.fixture(scope="session")
+def lagged_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("diagnosed")
+
+
+@pytest.fixture(scope="session")
+def lagged(lagged_folder: Path) -> Evidence:
+    """What `rovid report` gathers of a short day with a hidden lag; its page is in ``folder``."""
+    write_trial_day(lagged_folder / "day", seed=3, formats="csv", truth=replace(ROSUB, hidden=(LAG,)), campaign=SHORT)
+    kept: list[Evidence] = []
+
+    def write(target: Path, evidence: Evidence, *, claim: Claim) -> Path:
+        kept.append(evidence)
+        return write_report(target, evidence, claim=claim)
+
+    said: list[str] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "write_report", write)
+        stored = Parameters(path=lagged_folder / "parameters.toml")
+        build.build_report(stored, open_study([lagged_folder / "day"]), lagged_folder / "report", report=said.append)
+    assert said[-1] == "Drawing and writing the page …"
+    assert len(said) > 2
+    return kept[0]

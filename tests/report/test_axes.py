@@ -57,8 +57,8 @@ def shown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build, "write_report", write)
         stored = Parameters(path=folder / "parameters.toml", axis=axis)
-        page = build.build_report(stored, open_study([logs], axis=axis), folder, diagnosed=False).read_text()
-    body = re.sub(r"<(style|script)\b.*?</\1>", "", page, flags=re.DOTALL)
+        page, _ = build.build_report(stored, open_study([logs], axis=axis), folder, diagnosed=False)
+    body = re.sub(r"<(style|script)\b.*?</\1>", "", page.read_text(), flags=re.DOTALL)
     text = " ".join([*re.findall(r'alt="([^"]*)"', body), re.sub(r"<[^>]+>", " ", body)])
     return kept[0], re.sub(r"\s+", " ", html.unescape(text))
 
@@ -66,7 +66,7 @@ def shown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 def test_the_page_speaks_of_its_axis_and_of_no_other(shown: tuple[Evidence, str]) -> None:
     evidence, text = shown
     axis = evidence.axis
-    assert f"{axis.name.capitalize()} dynamics identified" in text
+    assert f"{axis.name.capitalize()}, {len(evidence.simulations)} trials" in text
     assert axis.rate_words in text
     assert all(unit in text for unit in UNITS[axis.name])
     assert re.findall(FOREIGN[axis.name], text) == []
@@ -109,7 +109,7 @@ def figures(evidence: Evidence) -> list[Figure]:
     drawn = [
         curves,
         inertia.inertia_methods(evidence.inertia, None),
-        simulations.overview(evidence.simulations),
+        simulations.overview([(item, item) for item in evidence.simulations]),
         simulations.one_trial(evidence.simulations[0]),
         residuals.residuals(left, evidence.runs.cutoff),
     ]
@@ -122,7 +122,7 @@ def figures(evidence: Evidence) -> list[Figure]:
 def test_what_brings_the_vehicle_back_is_not_left_over(shown: tuple[Evidence, str]) -> None:
     evidence, text = shown
     restoring = restoring_of(evidence.axis)
-    assert ("− DL·r −" in text) == (restoring is not None)
+    assert ("+ DL·r +" in text) == (restoring is not None)
     assert evidence.runs is not None
     left, torque, _ = sizes(residuals_of(evidence.runs.items, evidence.parameters.model(), evidence.vehicle))
     # Without the restoring torque about half of the thrusters' would be left in pitch.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import re
 from collections.abc import Iterator
 from dataclasses import replace
@@ -11,11 +12,13 @@ from typing import Any
 
 import pytest
 
+from rovid.effects import effect_named
 from rovid.report.album import Album
 from rovid.report.evidence import Evidence
 from rovid.report.page import render_page
+from rovid.report.stages import Stage
 from tests.conftest import SAMPLES, run_rovid
-from tests.report.conftest import make_evidence
+from tests.report.conftest import make_evidence, nearer, staged
 
 pytest.importorskip("fcntl", reason="Chromium is driven over a POSIX pipe")
 from tests.report.chromium import NAMES, Tab, chromium, find_chromium
@@ -36,11 +39,11 @@ def sample_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def plain_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three trials, one of an evil name, with lines of what was found; no pictures."""
+    """Three trials, one of an evil name, with two causes to switch; no pictures."""
     folder = tmp_path_factory.mktemp("plain")
     evidence: Evidence = make_evidence(folder, {"hold_1.csv": NASTY, "hold_2.csv": "b.csv", "sine_a.csv": "c.csv"})
     page = folder / "index.html"
-    text = render_page(replace(evidence, extended=evidence.simulations), Album(), today=date(2026, 3, 7))
+    text = render_page(staged(evidence), Album(), today=date(2026, 3, 7))
     page.write_text(text, encoding="utf-8")
     return page
 
@@ -93,7 +96,7 @@ def readings(tab: Tab) -> list[str]:
 
 
 def test_the_sample_days_page_is_small(sample_page: Path) -> None:
-    assert sample_page.stat().st_size < 8e6
+    assert sample_page.stat().st_size < 5e6
 
 
 @in_browser
@@ -187,8 +190,11 @@ def test_arrows_change_the_trial(tab: Tab) -> None:
     tab.key("ArrowDown")
     tab.key("ArrowDown")
     tab.until("document.getElementById('viewer-trial').selectedIndex === 2")
-    assert view(tab)[1] == pytest.approx(59.95, abs=0.06)  # the sine
-    assert view(tab) != whole
+    # The trials stand in the order of their errors, so that which is which is asked.
+    shown = tab.ask("document.getElementById('viewer-trial').selectedOptions[0].textContent")
+    length = 59.95 if shown.startswith("c.csv") else 39.95  # the sine, or a hold
+    assert view(tab)[1] == pytest.approx(length, abs=0.06)
+    assert whole[0] == 0.0
 
 
 @in_browser
@@ -211,15 +217,76 @@ def test_the_cursor_reads_all_panels_at_one_instant(tab: Tab) -> None:
     tab.mouse("mouseMoved", *panel(tab, 2, 0.5))
     tab.until("document.getElementById('viewer-time').textContent")
     shown = [float(text.replace("−", "-")) for text in readings(tab)]
-    assert len(shown) == 8  # torque; measured, simulated, found; the errors of two in rate and heading
-    _, measured, simulated, found, error, error_found = shown[:6]
-    assert error == pytest.approx(simulated - measured, abs=1e-3 * abs(measured))  # four digits are shown
-    assert (found, error_found) == (simulated, error)
+    assert len(shown) == 11  # measured, without, with; errors of two; the same of the heading; torque
+    measured, without, simulated, error_without, error = shown[:5]
+    assert error_without == pytest.approx(without - measured, abs=2e-3 * abs(measured))  # four digits are shown
+    assert error == pytest.approx(simulated - measured, abs=2e-3 * abs(measured))
+    assert error == pytest.approx(error_without / 4.0, abs=2e-3 * abs(measured))
+
+
+def stage(tab: Tab) -> list[bool]:
+    """Which switches are on."""
+    on: list[bool] = tab.ask("[...document.querySelectorAll('#viewer-causes input')].map((each) => each.checked)")
+    return on
+
+
+def off_by(tab: Tab) -> list[float]:
+    """What the table says of the rate: of this trial and of all."""
+    cells = tab.ask(
+        "[...document.querySelectorAll('#viewer-numbers tbody tr:last-child td')].map((each) => each.textContent)"
+    )
+    assert all(cell.endswith(" rad/s") for cell in cells)
+    return [float(cell.removesuffix(" rad/s")) for cell in cells]
+
+
+@in_browser
+def test_a_switch_moves_the_lines_and_the_numbers(tab: Tab) -> None:
+    tab.mouse("mouseMoved", *panel(tab, 1, 0.5))
+    tab.until("document.getElementById('viewer-time').textContent")
+    full = off_by(tab)
+    assert stage(tab) == [True, True]
+    tab.ask("document.querySelector('#viewer-causes input').click()")
+    assert stage(tab) == [False, True]
+    assert off_by(tab) == pytest.approx([4.0 / 3.0 * each for each in full], rel=0.05)  # two digits are shown
+    named = tab.ask("document.querySelector('.viewer-simulated').textContent")
+    assert named == "with constant torque"
+    assert tab.ask("document.getElementById('viewer-trial').options[0].textContent").count("→") == 1
+
+
+@in_browser
+def test_causes_come_step_by_step(tab: Tab) -> None:
+    seen = []
+    for name in ("without", "step", "step", "step", "all"):
+        tab.ask(f"document.getElementById('viewer-{name}').click()")
+        seen.append((stage(tab), off_by(tab)))
+    assert [switches for switches, _ in seen] == [
+        [False, False],
+        [True, False],
+        [True, True],
+        [False, False],
+        [True, True],
+    ]
+    errors = [own for _, (own, _) in seen]
+    assert errors[0] > errors[1] > errors[2]
+    assert tab.ask("getComputedStyle(document.querySelector('.viewer-without')).display") != "none"
+
+
+@in_browser
+def test_the_switches_are_switches_for_keys_and_readers(tab: Tab) -> None:
+    tab.ask("document.querySelector('#viewer-causes input').focus()")
+    tab.key(" ")
+    assert stage(tab) == [False, True]
+    names = tab.ask(
+        "[...document.querySelectorAll('[role=switch]')].map((each) => each.parentElement.textContent.trim())"
+    )
+    assert names == ["thruster lag", "constant torque"]
+    assert tab.ask("document.querySelector('#viewer-numbers tbody').getAttribute('aria-live')") == "polite"
 
 
 @in_browser
 def test_names_from_logs_make_no_elements(tab: Tab) -> None:
-    assert tab.ask("document.querySelector('#viewer-trial').selectedOptions[0].textContent").endswith(NASTY)
+    names = tab.ask("[...document.querySelectorAll('#viewer-trial option')].map((each) => each.textContent)")
+    assert sum(name.startswith(f"{NASTY}: ") for name in names) == 1
     assert tab.ask("[...document.querySelectorAll('b')].filter((each) => each.textContent === 'x').length") == 0
 
 
@@ -231,7 +298,7 @@ def test_dark_and_narrow_and_print(tab: Tab) -> None:
     tab.call("Emulation.setDeviceMetricsOverride", width=400, height=800, deviceScaleFactor=2, mobile=True)
     try:
         assert tab.ask(colour) != light
-        tab.until("document.querySelectorAll('#viewer-panels canvas').length === 4")
+        tab.until("document.querySelectorAll('#viewer-panels canvas').length === 5")
         tab.until("document.querySelector('#viewer-panels canvas').clientWidth <= 400")
         assert tab.ask("document.documentElement.scrollWidth") <= 400
         tab.call("Emulation.setEmulatedMedia", media="print")
@@ -261,3 +328,140 @@ def test_the_browser_would_tell_of_an_error_and_of_a_request(browser: Tab, tmp_p
     browser.open(page)
     assert any("nonsense" in each for each in browser.complaints)
     assert any(url.endswith("none.png") for url in browser.requests)
+
+
+@in_browser
+def test_of_many_causes_one_comes_after_another(browser: Tab, tmp_path: Path) -> None:
+    names = {"hold_1.csv": "a.csv", "hold_2.csv": "b.csv", "sine_a.csv": "c.csv"}
+    evidence = make_evidence(tmp_path, names)
+    ids = ("thruster_lag", "bias_torque", "drag_asymmetry", "coulomb_resistance")
+    effects = tuple(map(effect_named, ids))
+    plain, stages = evidence.parameters.model(), []
+    for count in range(len(effects) + 1):
+        values = tuple(parameter.null for effect in effects[:count] for parameter in effect.parameters)
+        model = replace(plain, effects=effects[:count], effect_values=values)
+        items = tuple(nearer(item, count + 1) for item in evidence.simulations)
+        stages.append(Stage(model=model, simulations=items))
+    page = tmp_path / "index.html"
+    page.write_text(render_page(replace(evidence, stages=tuple(stages)), Album(), today=date(2026, 3, 7)))
+    opened(browser, page)
+    assert stage(browser) == [True] * 4
+    switch = "document.querySelectorAll('#viewer-causes input')[{}].click()"
+    browser.ask(switch.format(2))
+    assert stage(browser) == [True, True, False, False]
+    browser.ask(switch.format(3))
+    assert stage(browser) == [True] * 4
+    browser.ask(switch.format(0))
+    assert stage(browser) == [False] * 4
+    browser.ask("document.getElementById('viewer-step').click()")
+    assert stage(browser) == [True, False, False, False]
+    quiet(browser, page)
+
+
+@in_browser
+def test_a_link_unfolds_what_it_leads_to(tab: Tab) -> None:
+    folded = "document.getElementById('sources').open"
+    assert not tab.ask(folded)
+    tab.ask("document.querySelector('nav a[href=\"#sources\"]').click()")
+    tab.until(folded)
+    # A key does the same for those who do not use a mouse.
+    tab.ask("document.querySelector('#drag > summary').focus()")
+    tab.key(" ")
+    tab.until("document.getElementById('drag').open")
+
+
+# What stands on the first screen, as it has to be seen without scrolling.
+FIRST = (
+    "#summary-title",
+    ".answer dt:nth-of-type(1) + dd",
+    ".answer dt:nth-of-type(2) + dd",
+    ".answer dt:nth-of-type(3) + dd",
+    ".answer dt:nth-of-type(4) + dd",
+    ".worst svg",
+)
+
+
+def bottom(tab: Tab, selector: str) -> float:
+    """Where the part of the page that is seen and fits ``selector`` ends, in px from the top of the page."""
+    found = tab.ask(
+        f"Math.max(...[...document.querySelectorAll({selector!r})].filter((each) => each.clientHeight)"
+        ".map((each) => each.getBoundingClientRect().bottom + scrollY))"
+    )
+    return float(found)
+
+
+@in_browser
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844)])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_first_screen_tells_wrong_why_gain_and_next(
+    browser: Tab, lagged: Evidence, lagged_folder: Path, width: int, height: int, scheme: str
+) -> None:
+    assert lagged.found is not None
+    page = lagged_folder / "report" / "index.html"
+    media = [{"name": "prefers-color-scheme", "value": scheme}]
+    browser.call("Emulation.setEmulatedMedia", media="", features=media)
+    browser.call(
+        "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600
+    )
+    try:
+        browser.open(page)
+        terms = browser.ask("[...document.querySelectorAll('.answer dt')].map((each) => each.textContent)")
+        assert terms == ["Wrong", "Why", "Gain", "Next"]
+        for selector in FIRST:
+            assert bottom(browser, selector) <= height, selector
+        assert browser.ask("document.documentElement.scrollWidth") <= width
+        # Text and lines of the picture stand out from the page in either scheme.
+        ink = browser.ask("getComputedStyle(document.querySelector('.worst svg text')).fill")
+        back = browser.ask("getComputedStyle(document.body).backgroundColor")
+        assert ink != back
+    finally:
+        browser.call("Emulation.setEmulatedMedia", media="", features=[])
+        browser.call("Emulation.clearDeviceMetricsOverride")
+
+
+@in_browser
+def test_on_a_telephone_every_value_keeps_its_unit(browser: Tab, lagged_folder: Path) -> None:
+    browser.call("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
+    try:
+        browser.open(lagged_folder / "report" / "index.html")
+        # The table of parameters scrolls sideways under its first column, which has the units and stays.
+        row = (
+            "(() => { const row = document.querySelector('#model tbody tr'), cell = row.cells[0];"
+            " row.closest('.scroll').scrollLeft = 500; const box = cell.getBoundingClientRect();"
+            " return [cell.textContent, box.left, box.right]; })()"
+        )
+        text, left, right = browser.ask(row)
+        assert "kg m²" in text
+        assert 0.0 <= left < right <= 390.0
+        values = browser.ask("[...document.querySelectorAll('.gain-value')].map((each) => each.textContent)")
+        assert all(value.endswith((" deg", " rad/s")) for value in values)
+    finally:
+        browser.call("Emulation.clearDeviceMetricsOverride")
+
+
+def printed(tab: Tab, page: Path) -> bytes:
+    """The page as the browser prints it on A4."""
+    tab.open(page)
+    answer = tab.call("Page.printToPDF", preferCSSPageSize=True, printBackground=False)
+    return base64.b64decode(answer["data"])
+
+
+def pages(document: bytes) -> int:
+    return len(re.findall(rb"/Type\s*/Page\b", document))
+
+
+@in_browser
+def test_the_sample_days_page_prints_on_ten_sheets(browser: Tab, sample_page: Path) -> None:
+    assert 2 <= pages(printed(browser, sample_page)) <= 10
+
+
+@in_browser
+def test_the_answer_and_the_numbers_print_on_one_sheet(browser: Tab, lagged_folder: Path, tmp_path: Path) -> None:
+    page = lagged_folder / "report" / "index.html"
+    whole = pages(printed(browser, page))
+    # Without all that follows the model there is one sheet, and it is all that is lost.
+    alone = tmp_path / "alone.html"
+    text = page.read_text(encoding="utf-8")
+    alone.write_text(text.replace("</style>", "#model ~ * { display: none !important; }</style>", 1), encoding="utf-8")
+    assert pages(printed(browser, alone)) == 1
+    assert whole > 1

@@ -52,8 +52,7 @@ def test_a_drag_found_with_the_inertia_is_kept(
 ) -> None:
     assert day.inertia is not None
     assert day.inertia.regression is not None
-    stored = Parameters(path=tmp_path / "parameters.toml").with_estimate(day.inertia.regression.estimate)
-    stored = stored.with_logs([tmp_path], "", study.campaign)
+    stored = Parameters(path=tmp_path / "parameters.toml").with_estimate(day.inertia.regression.estimate, study.origin)
     stored.write()
     before = stored.path.read_bytes()
     evidence = gathered(stored, study, monkeypatch)

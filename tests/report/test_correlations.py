@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from rovid.parameters.parameters import Entry
-from rovid.report.correlations import of_estimate, of_parameters
+from rovid.report.correlations import of_parameters
 from rovid.report.evidence import Evidence
 
 
@@ -41,9 +41,3 @@ def test_the_stronger_the_darker(day: Evidence, value: float, shade: int) -> Non
 
 def test_without_any_pair_there_is_no_table(day: Evidence) -> None:
     assert of_parameters(replace(day.parameters, covariance={})) is None
-
-
-def test_refused_parameters_are_left_out(day: Evidence) -> None:
-    assert day.drag is not None
-    estimate = replace(day.drag.estimate, refused={"linear_drag": "it is too small."})
-    assert of_estimate(estimate).names == ("quadratic drag DQ",)

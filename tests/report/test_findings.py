@@ -1,4 +1,4 @@
-"""The section "Diagnosis": a hidden lag found by the report itself, and what is said where there is nothing to say."""
+"""The section "Causes": a hidden lag found by the report itself, and what is said where there is nothing to say."""
 
 from __future__ import annotations
 
@@ -14,52 +14,20 @@ import pytest
 
 from rovid.diagnose.record import Diagnosis, Finding
 from rovid.effects import effect_named
-from rovid.ground.files import Claim
-from rovid.parameters.parameters import Parameters
 from rovid.parameters.reading import read_parameters
-from rovid.report import build, findings
+from rovid.report import findings
 from rovid.report.album import Album, make_album
 from rovid.report.evidence import Evidence
-from rovid.report.page import render_page, write_report
+from rovid.report.page import render_page
 from rovid.report.plots import canvas
-from rovid.report.plots.findings import gain_over_time, rival_gains
+from rovid.report.plots.before_after import before_after
+from rovid.report.plots.findings import rival_gains
 from rovid.report.plots.left_over import left_over
 from rovid.report.residual import left_by_all, sizes
-from rovid.study import open_study
+from rovid.report.stages import worst_first
 from tests.conftest import SAMPLES, Rovid
-from tools.hidden import Hidden
-from tools.programme import CAMPAIGN
-from tools.trial_day import write_trial_day
-from tools.truth import ROSUB
 
-SHORT = [run for run in CAMPAIGN if run.name in {"hold_03", "hold_05", "sine_20s", "steps", "multilevel"}]
-LAG = Hidden(effect="thruster_lag", form="first_order", parameters={"time_constant": 0.8})
 NASTY = "<b>&\"'{{ 7 * 7 }}$"
-
-
-@pytest.fixture(scope="session")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("diagnosed")
-
-
-@pytest.fixture(scope="session")
-def lagged(folder: Path) -> Evidence:
-    """What `rovid report` gathers of a short day with a hidden lag; its page is in ``folder``."""
-    write_trial_day(folder / "day", seed=3, formats="csv", truth=replace(ROSUB, hidden=(LAG,)), campaign=SHORT)
-    kept: list[Evidence] = []
-
-    def write(target: Path, evidence: Evidence, *, claim: Claim) -> Path:
-        kept.append(evidence)
-        return write_report(target, evidence, claim=claim)
-
-    said: list[str] = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "write_report", write)
-        stored = Parameters(path=folder / "parameters.toml")
-        build.build_report(stored, open_study([folder / "day"]), folder / "report", report=said.append)
-    assert said[-1] == "Drawing and writing the page …"
-    assert len(said) > 2
-    return kept[0]
 
 
 @pytest.fixture(scope="session")
@@ -68,12 +36,17 @@ def finding(lagged: Evidence) -> Finding:
     return lagged.diagnosis.findings[0]
 
 
-def section(evidence: Evidence, album: Album | None = None) -> str:
-    """The section's HTML."""
+def part_of(evidence: Evidence, key: str, album: Album | None = None) -> str:
+    """The HTML of one section of the page."""
     page = render_page(evidence, album or Album(), today=date(2026, 3, 7))
-    found = re.search(r'<section id="diagnosis".*?</section>', page, re.DOTALL)
+    found = re.search(rf'<section id="{key}".*?</section>', page, re.DOTALL)
     assert found is not None
     return found[0]
+
+
+def section(evidence: Evidence, album: Album | None = None) -> str:
+    """The HTML of what is said of causes."""
+    return part_of(evidence, "diagnosis", album)
 
 
 def text(part: str) -> str:
@@ -86,52 +59,51 @@ def with_diagnosis(evidence: Evidence, **changes: Any) -> Evidence:
 
 
 def test_a_hidden_lag_is_named_with_its_numbers(lagged: Evidence, finding: Finding) -> None:
-    shown = text(section(lagged))
-    assert "The simulation misses thruster lag." in shown
+    shown = text(section(lagged, make_album(lagged)))
     assert finding.effect.equation in shown
     assert finding.estimate.value("thruster_lag.time_constant") == pytest.approx(0.8, abs=0.05)
-    assert re.search(r"time constant 0\.8\d* ± 0\.0\d+ s", shown)
-    assert f"gains {finding.gain:.0f} of log-likelihood on the fit, and {finding.held_out_gain:.0f} on trials" in shown
+    assert f"On trials that were not fitted it gains {finding.held_out_gain:.0f}." in shown
     assert "with what was found noise floor" in shown
-    assert "thruster lag: time constant –" in shown
-    assert "Never visible in yaw data: a common scale of all thrust and a constant scale of the rate." in shown
-    assert "Next run: " in shown
+    assert "No other cause explains these data as well" in shown
+    model = text(part_of(lagged, "model"))
+    assert re.search(r"thruster lag: time constant, s – 0\.8\d* ± 0\.0\d+", model)
 
 
-def test_the_page_has_the_section_and_its_plots(lagged: Evidence, folder: Path) -> None:
-    page = (folder / "report" / "index.html").read_text()
+def test_the_page_has_the_section_and_its_plots(lagged: Evidence, lagged_folder: Path) -> None:
+    page = (lagged_folder / "report" / "index.html").read_text()
     assert 'href="#diagnosis"' in page
     assert lagged.diagnosis is not None
-    for name in ("rivals_thruster_lag", "diagnosis_gain", "diagnosis_residuals"):
-        assert f"plots/{name}.png" in page
-        assert {path.suffix for path in (folder / "report" / "plots").glob(f"{name}.*")} == {".png", ".svg"}
+    for name in ("rivals_thruster_lag", "missing_thruster_lag", "diagnosis_gain", "diagnosis_residuals"):
+        assert {path.suffix for path in (lagged_folder / "report" / "plots").glob(f"{name}.*")} == {".png", ".svg"}
     alts = re.findall(r'<img [^>]*alt="([^"]*)"', section(lagged, make_album(lagged)))
-    assert [alt.split(" ")[0] for alt in alts] == ["Log-likelihood", "multilevel.csv:", "Five"]
+    assert [alt.split(" ")[0] for alt in alts] == ["Missing", "Log-likelihood"]
 
 
-def test_the_diagnosis_leaves_the_parameters_alone(lagged: Evidence, folder: Path) -> None:
-    written = read_parameters(folder / "parameters.toml")
-    assert set(written.entries) == {"inertia", "quadratic_drag", "linear_drag"}
-    assert not any("likelihood" in entry.method for entry in written.entries.values())
-    assert all(not item.run.trial.name.endswith("part 1") for item in lagged.simulations)
+def test_the_page_and_the_parameter_file_are_of_the_diagnosed_model(lagged: Evidence, lagged_folder: Path) -> None:
+    written = read_parameters(lagged_folder / "parameters.toml")
+    assert lagged.diagnosis is not None
+    assert lagged.diagnosis.extended is not None
+    found = lagged.diagnosis.extended.estimate
+    assert {name: entry.value for name, entry in written.entries.items()} == dict(
+        zip(found.names, found.values.tolist(), strict=True)
+    )
     assert lagged.parameters.entries == written.entries
+    assert all(not item.run.trial.name.endswith("part 1") for item in lagged.simulations)
 
 
-def test_the_trial_that_gains_most_is_shown(lagged: Evidence) -> None:
-    assert lagged.compared is not None
-    base, extended = lagged.compared
-    assert base.run.trial.name == extended.run.trial.name
-    assert extended.fit.rmse < 0.5 * base.fit.rmse
-    figure = gain_over_time(base, extended)
-    assert [label.get_text() for label in figure.legends[0].get_texts()] == [
-        "measured",
-        "without",
-        "with what was found",
-    ]
-    rate, residual = figure.axes
-    assert "rad/s" in rate.get_ylabel()
-    assert "rad/s" in residual.get_ylabel()
-    assert residual.get_xlabel() == "time, s"
+def test_the_worst_trial_is_shown_before_and_after(lagged: Evidence) -> None:
+    worst = worst_first(lagged.before)[0]
+    before, after = lagged.before[worst], lagged.after[worst]
+    assert before.run is after.run
+    assert before.fit.rmse == max(item.fit.rmse for item in lagged.before)
+    assert after.fit.rmse < 0.5 * before.fit.rmse
+    figure = before_after(before, after, width=5.0, rows=(1.5, 1.0))
+    assert [label.get_text() for label in figure.legends[0].get_texts()] == ["measured", "without", "with"]
+    rate, heading = figure.axes
+    assert rate.get_title(loc="left") == "yaw rate, rad/s"
+    assert heading.get_title(loc="left") == "heading error, deg"
+    alone = before_after(before, before, width=5.0, rows=(1.5, 1.0))
+    assert [label.get_text() for label in alone.legends[0].get_texts()] == ["measured", "simulated"]
 
 
 def test_rivals_that_are_not_ruled_out_stand_out(lagged: Evidence, finding: Finding) -> None:
@@ -146,38 +118,15 @@ def test_rivals_that_are_not_ruled_out_stand_out(lagged: Evidence, finding: Find
     box = figure.get_tightbbox()
     assert box.x0 >= 0.0
     assert box.x1 <= figure.get_figwidth()
-    shown = text(section(with_diagnosis(lagged, findings=(unsure,))))
-    assert f"The simulation misses thruster lag or {rival.title}." in shown
+    undecided = with_diagnosis(lagged, findings=(unsure,))
+    shown = text(section(undecided))
+    assert f"The simulation misses thruster lag or {rival.title}." in text(part_of(undecided, "summary"))
     assert f"cannot tell it from {rival.title}. The likeliest to tell: " in shown
 
 
-def test_rivals_stand_in_a_table_with_what_the_data_say_of_them(lagged: Evidence, finding: Finding) -> None:
-    rival = finding.rivals[0].effect
-    table = findings.rivals_grid(replace(finding, undecided=(rival,)))
-    cause, gain, behind, said = (column.cells for column in table.columns)
-    assert cause[:2] == ("thruster lag", findings.name_of(rival))
-    assert len(cause) == 1 + min(len(finding.rivals), findings.RIVALS)
-    assert said[:2] == ("found", "not ruled out")
-    assert set(said[2:]) == {"ruled out"}
-    assert behind[0] == "–"
-    assert int(gain[0]) - int(gain[1]) == pytest.approx(int(behind[1]), abs=1)  # each rounded by itself
-    assert table.caption in text(section(lagged))
-
-
-def test_the_summary_has_verdict_and_gain(lagged: Evidence) -> None:
-    assert lagged.diagnosis is not None
-    page = render_page(lagged, Album(), today=date(2026, 3, 7))
-    summary = text(page.split('<section id="summary"')[1].split("</section>")[0])
-    assert "The simulation misses thruster lag. With what was found the simulated yaw rate of trials" in summary
-    numbers = re.search(r"is off by ([\d.]+) in place of ([\d.]+) rad/s", summary)
-    assert numbers is not None
-    assert float(numbers[1]) < 0.5 * float(numbers[2])
-    nothing = with_diagnosis(lagged, verdict="nothing_found", findings=(), extended=lagged.diagnosis.base)
-    assert findings.gained(nothing.diagnosis or lagged.diagnosis) == ""
-
-
 def test_every_trial_is_simulated_with_what_was_found(lagged: Evidence) -> None:
-    pairs = list(zip(lagged.simulations, lagged.extended, strict=True))
+    assert [[effect.id for effect in stage.model.effects] for stage in lagged.stages] == [[], ["thruster_lag"]]
+    pairs = list(zip(lagged.before, lagged.after, strict=True))
     assert all(one.run is other.run for one, other in pairs)
     assert sum(other.fit.rmse for _, other in pairs) < 0.5 * sum(one.fit.rmse for one, _ in pairs)
 
@@ -188,11 +137,15 @@ def test_nothing_found_says_what_would_have_been_seen(lagged: Evidence) -> None:
     quiet = with_diagnosis(
         lagged, verdict="nothing_found", findings=(), extended=lagged.diagnosis.base, detectable=sizes
     )
-    shown = text(section(replace(quiet, compared=None, extended=())))
-    assert "Nothing was found: the model explains these data." in shown
+    quiet = replace(quiet, stages=lagged.stages[:1])
+    shown = text(section(quiet))
+    assert "None was needed." in shown
     assert "with what was found" not in shown
     assert "The smallest that would have been seen" in shown
-    assert "thruster lag time constant 0.051 s" in shown
+    assert re.search(r"thruster lag time constant 0\.051\ss", shown)
+    first = text(part_of(quiet, "summary"))
+    assert "Nothing was found: the model explains these data." in first
+    assert "These would have shown: thruster lag from 0.051 s and constant torque from 2.3 N m." in first
     assert effect_named("bias_torque").title in shown
 
 
@@ -202,17 +155,18 @@ def test_unexplained_signals_and_warnings_are_shown(lagged: Evidence) -> None:
         lagged, verdict="unexplained", findings=(), signals=((signal, 321.4),), warnings=("something is left",)
     )
     shown = text(section(odd))
-    assert "no effect of the catalogue explains" in shown
+    assert "no effect of the catalogue explains" in text(part_of(odd, "summary"))
     assert "torque that follows depth 321" in shown
-    assert "It is a dependence, not a cause" in shown
-    assert "Something is left." in shown
+    assert "A dependence, not a cause" in shown
+    assert "Something is left." in text(part_of(odd, "model"))
 
 
 def test_too_little_data_is_one_sentence(day: Evidence) -> None:
     little = replace(day, diagnosis=Diagnosis(verdict="too_little_data", missing="there is 1 trial of 9 s."))
-    shown = text(section(little))
-    assert "There is no diagnosis: there is 1 trial of 9 s." in shown
-    assert "Next run: holds of several levels" in shown
+    shown = text(part_of(little, "summary"))
+    assert "There is too little data for a diagnosis." in shown
+    assert "Why There is 1 trial of 9 s." in shown
+    assert "Next Holds of several levels" in shown
 
 
 def test_tables_alone_make_a_page_that_says_why_there_is_no_diagnosis(rovid: Rovid) -> None:
@@ -220,7 +174,7 @@ def test_tables_alone_make_a_page_that_says_why_there_is_no_diagnosis(rovid: Rov
     page = Path("report/index.html").read_text()
     assert "No single inertia fits all sine trials" in page
     assert "there are tables, no logs" in page
-    assert "There is no diagnosis: no plain model agrees with the tables" in page
+    assert "No plain model agrees with the tables" in page
     assert "Each of these, alone, would explain the tables" in page
     assert "0.204" in page
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from rovid.campaign.trial import Campaign
 from rovid.campaign.vehicle import Thruster
 from rovid.report import grids
 from rovid.report.evidence import Evidence
+from rovid.report.stages import Stage
 from rovid.report.table import Grid
 from rovid.report.text import NOTHING
 
@@ -23,16 +22,16 @@ def cells(grid: Grid, title: str) -> list[str]:
 def test_a_parameter_that_the_file_lacks_has_its_row(day: Evidence) -> None:
     entries = {name: entry for name, entry in day.parameters.entries.items() if name != "linear_drag"}
     grid = grids.parameters_grid(replace(day, parameters=replace(day.parameters, entries=entries)))
-    rows = dict(zip(cells(grid, "parameter"), cells(grid, "value"), strict=True))
+    rows = dict(zip(cells(grid, "parameter"), cells(grid, "value ± standard error"), strict=True))
     assert rows["linear drag DL"] == "not determined"
     assert "±" in rows["inertia I"]
 
 
 def test_intervals_have_the_decimals_of_their_values_and_hold_them(day: Evidence) -> None:
     grid = grids.parameters_grid(day)
-    for value, interval in zip(cells(grid, "value"), cells(grid, "95 % interval"), strict=True):
+    for value, interval in zip(cells(grid, "value ± standard error"), cells(grid, "95 % interval"), strict=True):
         low, high = map(float, interval.split(" … "))
-        assert low < float(value.partition(" ± ")[0]) < high
+        assert low < float(value.partition("\u00a0")[0]) < high
 
 
 def test_each_trial_says_what_it_gave(day: Evidence) -> None:
@@ -46,20 +45,32 @@ def test_each_trial_says_what_it_gave(day: Evidence) -> None:
     assert cells(left_out, "what it gave")[0] == "left out"
 
 
-def test_the_last_row_is_all_trials_together(day: Evidence) -> None:
-    grid = grids.simulation_grid(day.simulations)
-    assert grid.total
-    assert cells(grid, "trial")[-1] == "all together"
-    samples = list(map(int, cells(grid, "samples")))
-    assert samples[-1] == sum(samples[:-1])
+def test_what_is_the_same_of_all_trials_is_said_once(day: Evidence) -> None:
+    assert day.campaign is not None
+    grid = grids.trials_grid(day, day.campaign)
+    assert grid.caption == "Trials, rate 20 Hz, longest gap 0.05 s"
+    assert not {"rate", "longest gap", "noticed"} & {column.title for column in grid.columns}
 
 
-def test_the_typical_error_is_the_median_of_the_trials_that_are_long_enough(day: Evidence) -> None:
-    sizes = (0.1, 0.2, 0.6)
-    items = [replace(day.simulations[0], position_errors={10.0: size}) for size in sizes]
-    short = replace(day.simulations[0], position_errors={10.0: None})
-    assert grids.typical_position_error([*items, short], 10.0) == np.degrees(0.2)
-    assert grids.typical_position_error([short], 10.0) is None
+def test_each_trial_stands_with_its_errors_without_and_with_what_was_found(day: Evidence) -> None:
+    assert day.campaign is not None
+    once = [column.title for column in grids.trials_grid(day, day.campaign).columns]
+    assert once[-2:] == ["R²", "heading off after 60 s"]
+    worse = tuple(replace(item, fit=replace(item.fit, r2=0.5)) for item in day.simulations)
+    model = day.parameters.model()
+    stages = tuple(Stage(model=model, simulations=items) for items in (worse, day.simulations))
+    grid = grids.trials_grid(replace(day, stages=stages), day.campaign)
+    assert set(cells(grid, "without: R²")) == {"0.5000"}
+    assert cells(grid, "with: R²") == [f"{item.fit.r2:.4f}" for item in day.simulations]
+
+
+def test_what_was_simulated_in_parts_stands_as_a_whole_by_the_plain_model(day: Evidence) -> None:
+    assert day.campaign is not None
+    item = day.simulations[0]
+    part = replace(item, run=replace(item.run, trial=replace(item.run.trial, name="hold_0.csv part 1")))
+    stages = (Stage(model=day.parameters.model(), simulations=(part,)),) * 2
+    grid = grids.trials_grid(replace(day, stages=stages), day.campaign)
+    assert cells(grid, "R²") == [f"{item.fit.r2:.4f}" for item in day.simulations]
 
 
 def test_a_logged_torque_has_no_curve(day: Evidence) -> None:
@@ -74,4 +85,6 @@ def test_without_logs_and_sources_there_is_no_table_of_hashes(day: Evidence) -> 
     trial = day.simulations[0].run.trial
     grid = grids.sources_grid(replace(alone, campaign=Campaign(trials=(trial,), sources=())))
     assert grid is not None
-    assert cells(grid, "used for") == ["this page only"]
+    # Where all logs are used for the same, the table does not say for what.
+    assert cells(grid, "log") == [trial.name]
+    assert {column.title for column in grid.columns} == {"log", "SHA-256"}

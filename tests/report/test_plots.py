@@ -55,7 +55,7 @@ def test_no_text_leaves_the_figure(day: Evidence) -> None:
 
 
 def test_overview_holds_every_trial(day: Evidence) -> None:
-    figure = simulations.overview(day.simulations)
+    figure = simulations.overview([(item, item) for item in day.simulations])
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     assert [title for title in titles if title] == [item.run.trial.name for item in day.simulations]
 
@@ -83,7 +83,7 @@ def test_inertia_plot_marks_bias_and_rigid_body(day: Evidence) -> None:
     labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
     assert day.inertia.peak_bias is not None
     assert labels[0] == f"peak method\n(biased: {100 * day.inertia.peak_bias:.0f} % of true)"
-    assert "orbit integral\n(used)" in labels
+    assert "orbit integral\n(best of these)" in labels
     assert inertia.method_interval(day.inertia, "peak") is None
     assert inertia.method_interval(day.inertia, "orbit_integral") == day.inertia.estimate.interval("inertia")
 

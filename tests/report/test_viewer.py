@@ -21,7 +21,7 @@ from rovid.report.album import Album
 from rovid.report.evidence import Evidence
 from rovid.report.page import render_page
 from rovid.report.viewer import COARSEST, VALUES, series_of, shares, thinned, viewer_document
-from tests.report.conftest import make_evidence
+from tests.report.conftest import make_evidence, staged
 from tests.report.test_page import Parts
 
 NASTY = '</script><b>x".csv'
@@ -36,23 +36,23 @@ def scripts(page: str) -> list[str]:
 
 
 def long_table(rows: int) -> FloatArray:
-    """Time and six signals as noise, with a gap in one of them and a single spike in each."""
+    """Time and seven signals as noise, with a gap in one of them and a single spike in each."""
     rng = np.random.default_rng(5)
-    table = np.vstack([np.arange(rows) / 20.0, rng.normal(size=(6, rows))])
-    for signal in range(1, 7):
-        table[signal, rows // 7 * signal] = 50.0 * (-1) ** signal
+    table = np.vstack([np.arange(rows) / 20.0, rng.normal(size=(7, rows))])
+    for signal in range(1, 8):
+        table[signal, rows // 8 * signal] = 50.0 * (-1) ** signal
     table[4, rows // 3 : rows // 3 + rows // 10] = np.nan
     return table
 
 
 def spans(table: FloatArray) -> list[tuple[float, float]]:
     """Lowest and highest of each signal, and of each simulation's error."""
-    signals = [*table[1:], table[3] - table[2], *([table[5] - table[2]] if len(table) > 5 else [])]
+    signals = [*table[1:], *(rate - table[2] for rate in table[4::2])]
     return [(float(np.nanmin(values)), float(np.nanmax(values))) for values in signals]
 
 
 def test_a_short_trial_is_given_as_it_is(day: Evidence) -> None:
-    for given, item in zip(series_of(day.simulations), day.simulations, strict=True):
+    for given, item in zip(series_of([day.simulations]), day.simulations, strict=True):
         (level,) = given.levels
         trial = item.run.trial
         assert given.name == trial.name
@@ -63,22 +63,44 @@ def test_a_short_trial_is_given_as_it_is(day: Evidence) -> None:
         inner = np.flatnonzero(np.isfinite(item.measured))[1:-1]
         grid = item.run.rates.time[inner]
         assert np.interp(grid, level[0], level[2]) == pytest.approx(item.measured[inner], abs=1e-5)
-        assert np.interp(grid, level[0], level[3]) == pytest.approx(item.simulated[inner], abs=1e-5)
-        assert level[4] == pytest.approx(np.degrees(item.position - trial.position), abs=1e-4)
+        assert level[3] == pytest.approx(np.degrees(trial.position - trial.position[0]), abs=1e-3)  # of 1000 deg
+        assert np.interp(grid, level[0], level[4]) == pytest.approx(item.simulated[inner], abs=1e-5)
+        assert level[5] == pytest.approx(np.degrees(item.position - trial.position), abs=1e-4)
 
 
-def test_what_was_found_has_lines_of_its_own(day: Evidence) -> None:
-    document = viewer_document(replace(day, extended=day.simulations))
-    labels = [[line["label"] for line in panel["lines"]] for panel in document["panels"]]
-    assert labels == [
-        ["applied"],
-        ["measured", "simulated", "with what was found"],
-        ["simulated", "with what was found"],
-        ["simulated", "with what was found"],
-    ]
-    found = series_of(day.simulations, day.simulations)[0].levels[0]
-    assert np.array_equal(found[3:5], found[5:7], equal_nan=True)
-    assert {line["column"] for panel in document["panels"] for line in panel["lines"]} == set(range(1, 7))
+def test_each_cause_has_a_switch_and_each_combination_its_numbers(day: Evidence) -> None:
+    document = viewer_document(staged(day))
+    assert document["causes"] == ["thruster lag", "constant torque"]
+    assert document["stages"] == [[False, False], [True, False], [False, True], [True, True]]
+    for trial in document["trials"]:
+        (item,) = [item for item in day.simulations if item.run.trial.name == trial["name"]]
+        expected = [item.fit.rmse / (number + 1) for number in range(4)]
+        assert [numbers[-1] for numbers in trial["missed"]] == pytest.approx(expected, rel=1e-3)  # four digits
+    rates = [numbers[-1] for numbers in document["missed"]]
+    assert rates == pytest.approx([rates[0], rates[0] / 2, rates[0] / 3, rates[0] / 4], rel=1e-3)
+    table = series_of([stage.simulations for stage in staged(day).stages])[0].levels[0]
+    assert len(table) == 4 + 2 * 4
+
+
+def test_the_worst_trial_comes_first(day: Evidence) -> None:
+    document = viewer_document(staged(day))
+    before = [trial["missed"][0][-1] for trial in document["trials"]]
+    assert before == sorted(before, reverse=True)
+
+
+def test_every_panel_draws_what_it_is_given(day: Evidence) -> None:
+    document = viewer_document(day)
+    assert not any("guessed" in panel["title"] for panel in document["panels"])
+    panels = {panel["title"]: [line["look"] for line in panel["lines"]] for panel in document["panels"]}
+    assert panels == {
+        "yaw rate": ["measured", "without", "simulated"],
+        "yaw rate error": ["without", "simulated"],
+        "heading from the start": ["measured", "without", "simulated"],
+        "heading error": ["without", "simulated"],
+        "torque": ["applied"],
+    }
+    assert document["causes"] == []
+    assert document["stages"] == [[]]
 
 
 @pytest.mark.parametrize("count", [40, 500, 3000])
@@ -110,22 +132,22 @@ def test_thinning_keeps_the_extremes_of_every_stretch() -> None:
 
 def test_a_budget_is_kept_and_every_level_has_the_extremes(day: Evidence) -> None:
     first = day.simulations[0]
-    budget = 1_200 * 5
-    given = series_of([first, *day.simulations[:3]], values=budget)
+    budget = 1_200 * 6
+    given = series_of([[first, *day.simulations[:3]]], values=budget)
     assert sum(level.size for each in given for level in each.levels) <= budget
-    full = series_of([first])[0].levels[0]
+    full = series_of([[first]])[0].levels[0]
     for level in given[0].levels:
         assert spans(np.asarray(level, dtype=np.float64)) == spans(np.asarray(full, dtype=np.float64))
 
 
 def test_a_long_trial_has_levels_down_to_what_a_screen_shows(day: Evidence) -> None:
-    given = series_of([stretched(day, 40_000)], values=200_000)[0]
+    given = series_of([[stretched(day, 40_000)]], values=240_000)[0]
     counts = [level.shape[1] for level in given.levels]
     assert given.samples == 40_000
-    assert 20_000 < counts[0] <= 200_000 * 3 // 4 // 5
+    assert 20_000 < counts[0] <= 240_000 * 3 // 4 // 6
     assert all(finer // 12 < coarser <= finer // 4 for finer, coarser in pairwise(counts))
     assert counts[-1] <= COARSEST
-    assert sum(counts) * 5 <= 200_000
+    assert sum(counts) * 6 <= 240_000
 
 
 def stretched(day: Evidence, samples: int) -> TrialSimulation:
@@ -164,7 +186,7 @@ def test_the_budget_leaves_room_on_a_page_of_eight_megabytes() -> None:
 def test_names_from_logs_cannot_leave_the_data_block(tmp_path: Path) -> None:
     page = page_of(make_evidence(tmp_path, {"hold_1.csv": NASTY, "hold_2.csv": "b.csv", "sine_a.csv": "c.csv"}))
     data, _ = scripts(page)
-    assert [trial["name"] for trial in json.loads(data)["trials"]] == [NASTY, "b.csv", "c.csv"]
+    assert {trial["name"] for trial in json.loads(data)["trials"]} == {NASTY, "b.csv", "c.csv"}
     assert "<" not in data
     parts = Parts(page)
     assert not parts.open
@@ -187,3 +209,15 @@ def test_without_simulation_there_is_no_viewer(day: Evidence) -> None:
     assert "<script" not in page
     assert "script-src 'none'" in page
     assert 'id="trials"' not in page
+
+
+def test_panels_that_hang_on_a_guess_say_so(day: Evidence) -> None:
+    def titles(*, arm: bool = False, curve: bool = False) -> list[str]:
+        thrusters = tuple(replace(one, arm_guessed=arm, curve_guessed=curve) for one in day.vehicle.thrusters)
+        vehicle = replace(day.vehicle, thrusters=thrusters)
+        return [panel["title"] for panel in viewer_document(replace(day, vehicle=vehicle))["panels"]]
+
+    *others, torque = titles(arm=True)
+    assert torque == "torque, by guessed yaw_arm"
+    assert not any("guessed" in title for title in others)
+    assert all(title.endswith("by guessed curve") for title in titles(curve=True))

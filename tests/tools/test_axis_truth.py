@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 from rovid.campaign.axis import AXES
 from rovid.campaign.config import load_config
 from tests.conftest import SAMPLES
-from tools.axis_day import course, hide, main, measured, meter_of, with_hidden, write_axis_day
+from tools.axis_day import course, main, measured, meter_of, with_hidden, write_axis_day
 from tools.axis_programme import axis_campaign, commanded
 from tools.axis_truth import (
     AXIS_EFFECTS,
@@ -34,6 +34,7 @@ from tools.axis_truth import (
     Vehicle,
     axis_cases,
 )
+from tools.cases import hide
 from tools.hidden import FORMS, Hidden
 from tools.programme import LEAD, Hold, Piece, Run, Sine
 from tools.simulate import MICRO, Held, Motion

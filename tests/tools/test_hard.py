@@ -178,7 +178,10 @@ def test_scores_tell_exact_class_there_and_wrong_apart() -> None:
     assert not both["first_right"]
     assert scored("wave_torque", "slew_limit")["rank"] == 2
     assert both["strictly"] == [True, False]
-    table, brier = reliability([(0.95, True), (0.95, True), (0.15, True)])
+    # What it is not told from counts for one judge, and not for the other.
+    assert [one[1:] for one in scored("thruster_lag", "command_delay")["odds"]] == [(True, True), (True, False)]
+    table, brier = reliability([(0.95, True, True), (0.95, True, False), (0.15, True, True)])
+    assert table[-1][1:] == pytest.approx((0.95, 1.0, 0.5))
     assert [row[0] for row in table] == [0, 1, 0, 0, 0, 0, 0, 0, 0, 2]
     assert brier == pytest.approx((2 * 0.05**2 + 0.85**2) / 3)
 

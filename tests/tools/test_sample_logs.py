@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import json
+import re
+import sys
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -22,7 +24,7 @@ from tests.conftest import ROOT, SAMPLES
 from tools.programme import CAMPAIGN, LEAD, Hold, Run
 from tools.simulate import MICRO, SUBSTEP, Held, disturbance_torque, simulate
 from tools.t200_curve import thrust_curve
-from tools.trial_day import write_trial_day
+from tools.trial_day import main, write_trial_day
 from tools.truth import (
     OBSERVATION,
     ROSUB,
@@ -137,6 +139,26 @@ def test_shipped_text_is_regenerated_byte_for_byte(day: Path, suffix: str) -> No
 def test_shipped_mcap_is_regenerated_message_for_message(day: Path) -> None:
     for path in sorted(TANK.glob("*.mcap")):
         assert payloads(path) == payloads(day / path.name), path.name
+
+
+def test_the_day_that_hides_something_is_regenerated_as_its_readme_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = " ".join((SAMPLES / "rosub_hidden" / "README.md").read_text().replace("\\\n", " ").split())
+    command = re.search(r"python -m tools\.trial_day sample_logs/rosub_hidden (.*? coast_02)", said)
+    assert command is not None
+    monkeypatch.setattr(sys, "argv", ["trial_day", str(tmp_path), *command[1].split()])
+    main()
+    names = {path.name for path in (SAMPLES / "rosub_hidden").iterdir()} - {"README.md"}
+    assert names == {path.name for path in tmp_path.iterdir()}
+    for name in names:
+        assert (tmp_path / name).read_bytes() == (SAMPLES / "rosub_hidden" / name).read_bytes(), name
+
+
+def test_what_cannot_be_hidden_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["trial_day", str(tmp_path), "--hide", "gremlins:1"])
+    with pytest.raises(SystemExit):
+        main()
 
 
 def test_another_seed_is_another_day_under_the_same_commands(tmp_path: Path) -> None:

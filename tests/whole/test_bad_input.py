@@ -228,13 +228,15 @@ def test_a_rate_that_is_dead_does_not_hide_the_heading(folder: Path, rovid: Rovi
     assert any("rate_dps" in text and "stays the same" in text for text in document["warnings"])
 
 
-def test_a_changed_log_is_said(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
+def test_parameters_of_a_log_that_changed_are_refused(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
     day = shutil.copytree(csv_day, tmp_path / "copy")
     rovid("fit-drag", day)
     rovid("fit-inertia")
     first = next(day.glob("hold*.csv"))
     first.write_text("\n".join(first.read_text().splitlines()[:-100]) + "\n")
-    assert any("not the same file" in text for text in rovid("simulate", "--json").document["warnings"])
+    assert_one_message(
+        rovid("simulate"), "parameters.toml: no longer holds", f"{first.name} has changed", "rovid report"
+    )
 
 
 def test_unknown_options_and_values(folder: Path, rovid: Rovid) -> None:

@@ -66,6 +66,17 @@ def svg_form(of: str) -> Form:
     return _form(f"a picture of a {of}", rb"\A<\?xml.*<dc:creator>.*<dc:title>" + mark + b"</dc:title>")
 
 
+def pdf_mark(of: str) -> str:
+    """The words by which a printed page is known; ``of`` is what it belongs to."""
+    return plot_mark(of)
+
+
+def pdf_form(of: str) -> Form:
+    """A page as PDF."""
+    mark = re.escape(pdf_mark(of).encode())
+    return _form(f"a {of} as PDF", rb"\A%PDF-.*/(Creator|Producer) \(" + mark + rb" *\)")
+
+
 PARAMETERS = _form("a parameter file", rb'^schema = "rovid-parameters/[0-9]+"\s*$')
 PAGE = _form("a page of rovid report", rb'^<meta name="generator" content="rovid [^"]*">$')
 C_SOURCE = _form("a controller in C", rb"\A/\* Heading controller, .{0,80} Written by rovid ")

@@ -1,23 +1,26 @@
-// The viewer of the trials: panels one under another that zoom and pan together. What it draws stands in the page as
-// JSON; rovid/report/viewer.py says what that holds.
+// The viewer of the trials: panels one under another that zoom and pan together, and a switch for each cause that was
+// found. What it draws stands in the page as JSON; rovid/report/viewer.py says what that holds.
 (() => {
   "use strict";
   const block = document.getElementById("viewer-data");
   if (!block) return;
-  const { panels, trials } = JSON.parse(block.textContent);
+  const { panels, trials, causes, stages, missed, measures } = JSON.parse(block.textContent);
   const byId = (name) => document.getElementById(`viewer-${name}`);
   const [root, list, stage, range, detail] = ["root", "trial", "panels", "range", "detail"].map(byId);
+  const switches = [...document.querySelectorAll("#viewer-causes input")];
 
   // Width and dashes tell lines apart where colour does not.
   const LOOKS = {
     applied: { width: 1.3 },
     measured: { width: 5 },
+    without: { width: 1.4, dash: [6, 4] },
     simulated: { width: 1.4 },
-    found: { width: 1.8, dash: [9, 3, 2, 3] },
   };
   const LEAST_SAMPLES = 8; // no closer zoom than to so many
   const AXIS_WIDTH = 62; // of all panels alike: instants stand one under another
-  let charts = [], readings = [], trial, view = [0, 1];
+  const ALL = stages.length - 1;
+  const RATE = measures.length - 1; // which measure the trials are ranked by
+  let charts = [], readings = [], trial, view = [0, 1], on = ALL; // which stage the simulation shows
 
   // ---- data
 
@@ -50,11 +53,13 @@
     }
   }
 
-  function values(level, { column, less }, first, last) {
-    const out = new Array(last - first);
+  function values(level, { look, column, plus, less, staged }, first, last) {
+    const out = new Array(last - first).fill(null);
+    if (look === "without" && on === 0) return out; // the simulation is that itself
+    const own = level[column + (look === "simulated" ? staged * on : 0)];
     for (let k = first; k < last; k++) {
-      const value = less === null ? level[column][k] : level[column][k] - level[less][k];
-      out[k - first] = Number.isNaN(value) ? null : value;
+      const value = own[k] + (plus === null ? 0 : level[plus][k]) - (less === null ? 0 : level[less][k]);
+      if (!Number.isNaN(value)) out[k - first] = value;
     }
     return out;
   }
@@ -101,6 +106,71 @@
     trial = trials[index];
     trial.columns ??= trial.levels.map(decoded);
     reset();
+    tell();
+  }
+
+  // ---- causes
+
+  const same = (one, other) => one.every((each, k) => each === other[k]);
+  const stageOf = (wanted) => stages.findIndex((each) => same(each, wanted));
+
+  function turnTo(number) {
+    on = number;
+    switches.forEach((each, k) => { each.checked = stages[on][k]; });
+    draw();
+    tell();
+  }
+
+  // Of many causes there are not all combinations: then one comes after another, as they stand.
+  function switched(k) {
+    const wanted = switches.map((each) => each.checked), exact = stageOf(wanted);
+    const count = wanted[k] ? k + 1 : k;
+    turnTo(exact >= 0 ? exact : stageOf(wanted.map((_, at) => at < count)));
+  }
+
+  // One cause more, in their order; after all of them none.
+  function step() {
+    const count = on === ALL ? 0 : stages[on].filter(Boolean).length + 1;
+    turnTo(stageOf(causes.map((_, k) => k < count)));
+  }
+
+  // ---- numbers
+
+  const rounded = (value) => (value === null ? "–" : tidy(value, value < 10 ? 2 : 3));
+
+  // A bar as long as the share of what is missed without any cause, with a tick at what a perfect model would miss.
+  function bar(cell, value, most, floor) {
+    cell.replaceChildren();
+    if (value === null || !most) return;
+    const track = element("span", "", cell), share = (one) => `${Math.min((100 * one) / most, 100)}%`;
+    track.className = "bar";
+    element("i", "", track).style.width = share(value);
+    if (floor === null) return;
+    const tick = element("b", "", track);
+    tick.style.left = share(floor);
+  }
+
+  function tell() {
+    const rows = document.querySelectorAll("#viewer-numbers tbody tr");
+    rows.forEach((row, k) => {
+      const { unit, floor } = measures[k];
+      [trial.missed, missed].forEach((numbers, column) => {
+        const cell = row.cells[1 + column], value = numbers[on][k];
+        const most = Math.max(...numbers.map((each) => each[k] ?? 0));
+        const [words, drawn] = cell.children;
+        words.textContent = value === null ? "–" : `${rounded(value)} ${unit}`;
+        bar(drawn, value, most, floor);
+      });
+    });
+    const shown = stages[on].flatMap((each, k) => (each ? [causes[k]] : []));
+    const named = shown.length ? `with ${shown.join(", ")}` : causes.length ? "without any of the causes" : "simulated";
+    for (const each of document.querySelectorAll(".viewer-simulated")) each.textContent = named;
+    for (const each of document.querySelectorAll(".viewer-without")) each.hidden = on === 0;
+    trials.forEach((each, k) => {
+      const [before, now] = [each.missed[0][RATE], each.missed[on][RATE]];
+      const pair = on === 0 ? rounded(now) : `${rounded(before)} → ${rounded(now)}`;
+      list.options[k].textContent = `${each.name}: ${pair} ${measures[RATE].unit}`;
+    });
   }
 
   // ---- cursor
@@ -139,18 +209,35 @@
     return made;
   }
 
-  // What the panel shows, with the look of each line and its value at the cursor.
+  function swatch(look, parent) {
+    const { width, dash } = LOOKS[look], entry = element("span", "", parent);
+    entry.innerHTML = '<svg width="30" height="10" aria-hidden="true"><line x1="0" y1="5" x2="30" y2="5"/></svg> ';
+    const line = entry.querySelector("line");
+    line.setAttribute("style", `stroke:var(--${look});stroke-width:${width}`);
+    if (dash) line.setAttribute("stroke-dasharray", dash.join(" "));
+    if (look === "without") entry.className = "viewer-without";
+    return entry;
+  }
+
+  // Which line is what, once for all panels; what is applied has a panel to itself.
+  function legend() {
+    const row = element("p");
+    row.className = "viewer-key";
+    for (const { look } of panels[0].lines) {
+      const words = element("span", look, swatch(look, row));
+      if (look === "simulated") words.className = "viewer-simulated";
+    }
+    return row;
+  }
+
+  // What the panel shows, and each line's value at the cursor.
   function heading({ title, unit, lines }) {
     const row = element("p");
     row.className = "viewer-key";
     element("strong", `${title}, ${unit}`, row);
-    readings.push(lines.map(({ label, look }) => {
-      const { width, dash } = LOOKS[look], entry = element("span", "", row);
-      entry.innerHTML = '<svg width="30" height="10" aria-hidden="true"><line x1="0" y1="5" x2="30" y2="5"/></svg> ';
-      const line = entry.querySelector("line");
-      line.setAttribute("style", `stroke:var(--${look});stroke-width:${width}`);
-      if (dash) line.setAttribute("stroke-dasharray", dash.join(" "));
-      entry.append(`${label} `);
+    readings.push(lines.map(({ look }) => {
+      const entry = swatch(look, row);
+      element("span", `${look} `, entry).className = "heard";
       return element("b", "", entry);
     }));
     return row;
@@ -207,7 +294,7 @@
   function build() {
     for (const chart of charts) chart.destroy();
     readings = [];
-    stage.replaceChildren();
+    stage.replaceChildren(legend());
     charts = panels.map((panel, k) => {
       stage.append(heading(panel));
       const blank = [[0, 1], ...panel.lines.map(() => [null, null])];
@@ -288,8 +375,29 @@
   // Some browsers let a list lose its choice.
   list.addEventListener("change", () => (list.selectedIndex < 0 ? undefined : choose(list.selectedIndex)));
 
+  switches.forEach((each, k) => each.addEventListener("change", () => switched(k)));
+  const STAGES = { without: () => turnTo(0), step, all: () => turnTo(ALL) };
+  for (const [name, act] of Object.entries(STAGES)) byId(name)?.addEventListener("click", act);
+
+  // ---- what is folded
+
+  // A link into a folded section unfolds it; all of them are printed, also where the style cannot see to it.
+  const sections = [...document.querySelectorAll("details.section")];
+  const unfold = () => {
+    const part = sections.find((each) => `#${each.id}` === location.hash);
+    if (part) part.open = true;
+  };
+  addEventListener("hashchange", unfold);
+  let closed = [];
+  addEventListener("beforeprint", () => {
+    closed = sections.filter((each) => !each.open);
+    for (const each of closed) each.open = true;
+  });
+  addEventListener("afterprint", () => { for (const each of closed) each.open = false; });
+
   // ---- start
 
+  unfold();
   root.hidden = false;
   build();
   list.selectedIndex = 0;
@@ -302,5 +410,6 @@
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
     build();
     draw();
+    tell();
   });
 })();

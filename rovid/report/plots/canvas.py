@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import functools
 import io
+import re
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -18,12 +20,14 @@ from matplotlib.text import Text
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
+from rovid.campaign.guesswork import Guesswork
 from rovid.ground.arrays import FloatArray, IntArray
 from rovid.ground.errors import visible
 from rovid.ground.files.form import plot_mark
 
 # Okabe and Ito's palette: told apart by every kind of colour vision; markers and dashes say the same again.
 BLACK, BLUE, ORANGE, GREEN, GREY, PALE = "#111111", "#0072B2", "#D55E00", "#009E73", "#767676", "#8CBFE6"
+RED = "#B3001B"
 STYLE: dict[str, Any] = {
     "axes.edgecolor": "#444444",
     "axes.formatter.limits": (-4, 5),
@@ -46,6 +50,16 @@ STYLE: dict[str, Any] = {
 }
 WIDTH = 9.0  # in
 _COLOURS, _NEARLY_WHITE = 192, 251
+# What stands for each colour in the page's style.
+_VARIABLES = {
+    BLACK: "simulated",
+    ORANGE: "without",
+    PALE: "measured",
+    RED: "alarm",
+    "#000000": "soft",
+    "#444444": "soft",
+    "#e2e2e2": "line",
+}
 _POINTS = 1200
 
 P = ParamSpec("P")
@@ -73,6 +87,7 @@ def sheet(
     across: float = 0.85,
     down: float = 0.75,
     share_x: bool = False,
+    width: float = WIDTH,
 ) -> tuple[Figure, list[list[Axes]]]:
     """A figure with rows of panels.
 
@@ -89,23 +104,36 @@ def sheet(
         Gaps between panels in inches.
     share_x
         One horizontal axis for all rows, labelled in the last.
+    width
+        Of the figure in inches.
     """
     height = top + sum(tall for tall, _ in rows) + down * (len(rows) - 1) + bottom
-    figure = Figure(figsize=(WIDTH, height))
+    figure = Figure(figsize=(width, height))
     panels: list[list[Axes]] = []
     floor = height - top
     for tall, count in rows:
         floor -= tall
-        wide = (WIDTH - left - right - across * (count - 1)) / count
+        wide = (width - left - right - across * (count - 1)) / count
         first = panels[0][0] if share_x and panels else None
         lefts = [left + k * (wide + across) for k in range(count)]
-        boxes = [(x / WIDTH, floor / height, wide / WIDTH, tall / height) for x in lefts]
+        boxes = [(x / width, floor / height, wide / width, tall / height) for x in lefts]
         panels.append([figure.add_axes(box, sharex=first) for box in boxes])
         floor -= down
     if share_x:
         for row in panels[:-1]:
             row[0].tick_params(labelbottom=False)
     return figure, panels
+
+
+@styled
+def with_guess(figure: Figure, guess: Guesswork) -> Figure:
+    """``figure``, with what is guessed along its edge, where the label of an axis names a unit that hangs on it."""
+    labels = [text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel())]
+    units = [label.rpartition(",")[2].strip() for label in labels]
+    if any(map(guess.marks, units)):
+        # The margin there is narrow, and no figure has anything else in it.
+        figure.text(0.999, 0.5, f"by guessed {guess.kinds}", color=RED, size=8, rotation=90, ha="right", va="center")
+    return figure
 
 
 @styled
@@ -135,6 +163,36 @@ def svg(figure: Figure) -> bytes:
         _accept_any_name(figure)
         canvas.print_svg(buffer, metadata={"Date": None, "Creator": plot_mark("report")})
     return buffer.getvalue()
+
+
+@styled
+def inline(figure: Figure, name: str) -> Markup:
+    """The figure as SVG to stand in a page: text as text, colours those of the page's style, light or dark.
+
+    ``name`` tells its parts from those of the page's other pictures.
+    """
+    buffer = io.BytesIO()
+    figure.set_facecolor("none")
+    for panel in figure.axes:
+        panel.set_facecolor("none")
+    canvas: Any = FigureCanvasSVG(figure)  # its methods carry no annotations
+    with warnings.catch_warnings(), style.context({"svg.fonttype": "none", "svg.hashsalt": name}):
+        _accept_any_name(figure)
+        canvas.print_svg(buffer, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
+    text = buffer.getvalue().decode()
+    text = text[text.index("<svg") :]
+    # Its style would be the whole page's; lines end within their panels; and of the names only those of ticks are used.
+    text = re.sub(r"<style.*?</style>", "", text, flags=re.DOTALL)
+    text = re.sub(r' clip-path="[^"]*"', "", text)
+    used = set(re.findall(r'href="#([^"]*)"', text))
+    text = re.sub(r' id="([^"]*)"', lambda found: f' id="{name}-{found[1]}"' if found[1] in used else "", text)
+    text = text.replace('href="#', f'href="#{name}-')
+    for colour, variable in _VARIABLES.items():
+        text = re.sub(colour, f"var(--{variable})", text, flags=re.IGNORECASE)
+    text = re.sub(r"font: ([\w. ]+px) [^;\"]*", r"font: \1 system-ui, sans-serif", text)
+    # Black text has no colour of its own.
+    text = text.replace("<text ", '<text fill="currentColor" ')
+    return Markup(text)  # noqa: S704 - matplotlib escapes what a log may hold
 
 
 def _accept_any_name(figure: Figure) -> None:

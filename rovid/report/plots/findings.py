@@ -1,15 +1,13 @@
-"""What was found beside its rivals, and what the simulation gains by it."""
+"""What was found beside its rivals."""
 
 from __future__ import annotations
 
 from matplotlib.figure import Figure
 
 from rovid.diagnose.record import Finding
-from rovid.model.simulation import TrialSimulation
 from rovid.report.findings import RIVALS, name_of, standing
-from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, PALE, extremes, sheet, shortened, styled
+from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, PALE, sheet, shortened, styled
 
-_LABEL = -0.085  # of the axes' width
 _NAME = 40  # letters beside a bar
 _LOOKS = {
     "found": (BLUE, ""),
@@ -44,25 +42,4 @@ def rival_gains(finding: Finding) -> Figure:
     panel.grid(visible=False, axis="y")
     panel.set_axisbelow(True)
     figure.legend(*panel.get_legend_handles_labels(), ncols=4, loc="upper right", borderaxespad=0.1)
-    return figure
-
-
-@styled
-def gain_over_time(base: TrialSimulation, extended: TrialSimulation) -> Figure:
-    """Measured rate, both simulations of it, and what each of them misses below."""
-    figure, ((rate,), (residual,)) = sheet([(2.4, 1), (1.5, 1)], left=1.05, down=0.16, top=0.6, share_x=True)
-    time, axis = base.run.rates.time, base.run.trial.axis
-    rate.plot(*extremes(time, base.measured), color=PALE, linewidth=3.6, label="measured")
-    looks = ((base, ORANGE, "--", "without"), (extended, BLACK, "-", "with what was found"))
-    for item, colour, dashes, label in looks:
-        rate.plot(*extremes(time, item.simulated), dashes, color=colour, linewidth=1.1, label=label)
-        residual.plot(*extremes(time, item.measured - item.simulated), dashes, color=colour, linewidth=1.1)
-    labels = f"{axis.rate_words},\n{axis.rate_unit}", f"measured less\nsimulated, {axis.rate_unit}"
-    for panel, label in zip((rate, residual), labels, strict=True):
-        panel.set_ylabel(label)
-        panel.yaxis.set_label_coords(_LABEL, 0.5)
-    residual.locator_params(axis="y", nbins=5)
-    residual.set_xlabel("time, s")
-    rate.set_title(shortened(base.run.trial.name, 60))
-    figure.legend(*rate.get_legend_handles_labels(), ncols=3, loc="upper right", borderaxespad=0.1)
     return figure

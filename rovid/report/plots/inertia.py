@@ -92,7 +92,7 @@ def _label(fit: InertiaFit, name: str) -> str:
     if name == "peak":
         return f"{method_title(name)}\n({_bias(fit)})"
     if name == fit.chosen:
-        return f"{method_title(name)}\n(used)"
+        return f"{method_title(name)}\n(best of these)"
     return method_title(name)
 
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from rovid.campaign.axis import Axis
 from rovid.model.simulation import TrialSimulation
-from rovid.report.plots.canvas import BLUE, extremes, overlay, sheet, shortened, styled
+from rovid.report.plots.canvas import BLUE, ORANGE, extremes, overlay, sheet, shortened, styled
 
 PER_SHEET = 24
 _COLUMNS = 3
@@ -18,27 +18,31 @@ _LABEL = -0.085  # of the axes' width
 
 
 @styled
-def overview(simulations: Sequence[TrialSimulation]) -> Figure:
-    """Measured and simulated rate of each trial, with its R²."""
-    columns = min(len(simulations), _COLUMNS)
-    rows = -(-len(simulations) // columns)
+def overview(pairs: Sequence[tuple[TrialSimulation, TrialSimulation]]) -> Figure:
+    """Measured and simulated rate of each trial, with its R²; two simulations where something was found."""
+    columns = min(len(pairs), _COLUMNS)
+    rows = -(-len(pairs) // columns)
     height = 0.95 if rows > 1 else 1.8
     figure, panels = sheet([(height, columns)] * rows, left=0.75, top=0.52, bottom=0.5, across=0.5, down=0.5)
     flat = [panel for row in panels for panel in row]
-    for panel, item in zip(flat, simulations, strict=False):
-        _small(panel, item)
-    for panel in flat[len(simulations) :]:
+    for panel, (before, after) in zip(flat, pairs, strict=False):
+        _small(panel, before, after)
+    for panel in flat[len(pairs) :]:
         panel.set_axis_off()
     figure.supxlabel("time, s", y=0.06 / figure.get_figheight(), fontsize=10, va="bottom")
-    axis = simulations[0].run.trial.axis
+    axis = pairs[0][0].run.trial.axis
     figure.supylabel(f"{axis.rate_words}, {axis.rate_unit}", x=0.01, fontsize=10, ha="left")
     handles, labels = flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="upper left", bbox_to_anchor=(0.07, 1.0), ncols=2)
+    figure.legend(handles, labels, loc="upper left", bbox_to_anchor=(0.07, 1.0), ncols=3)
     return figure
 
 
-def _small(panel: Axes, item: TrialSimulation) -> None:
+def _small(panel: Axes, before: TrialSimulation, after: TrialSimulation) -> None:
+    item = after
     overlay(panel, item.run.rates.time, item.measured, item.simulated, 500)
+    if before is not after:
+        time, rate = extremes(item.run.rates.time, before.simulated, 500)
+        panel.plot(time, rate, "--", color=ORANGE, linewidth=1.0, label="simulated without what was found")
     panel.set_title(shortened(item.run.trial.name, 22), fontsize=9, pad=3)
     if math.isfinite(item.fit.r2):
         panel.set_title(f"R² {item.fit.r2:.4f}", fontsize=8, loc="right", pad=3)
