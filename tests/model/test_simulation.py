@@ -56,7 +56,9 @@ def test_simulation_agrees_with_an_implicit_solver(model: Model, step: float, pu
     wanted_rate, wanted_angle = exact(time, torque, model, start)
     # A step is a fifth of the time constant: Runge-Kutta's error is 0.2^5/120 of a rate a step.
     assert rate == pytest.approx(wanted_rate, abs=3e-5 * np.abs(wanted_rate).max())
-    assert angle == pytest.approx(wanted_angle, abs=3e-5 * max(np.abs(wanted_angle).max(), 1e-3))
+    # Turns forth and back cancel; what they are wrong by does not.
+    way = np.abs(np.diff(wanted_angle)).sum()
+    assert angle == pytest.approx(wanted_angle, abs=3e-5 * max(way, 1e-3))
 
 
 @pytest.mark.parametrize("pause", [100.0, 3600.0, 1e6])
