@@ -62,7 +62,7 @@ def test_arrays_and_instances(source: str, value: float, tmp_path: Path) -> None
     [
         ("actuator_motor.control[0]", "no message 'actuator_motor'. Nearest: 'actuator_motors'"),
         ("actuator_motors#2.control[0]", "no message 'actuator_motors#2'. Nearest: 'actuator_motors"),
-        ("actuator_motors.control", r"no field 'control' \(command.fore\). Nearest: 'control\[1\]', 'control\[0\]'"),
+        ("actuator_motors.control", r"no field 'control' \(command.fore\). Nearest: 'control\[0\]', 'control\[1\]'"),
         ("actuator_motors", "no field ''"),
     ],
 )
