@@ -182,8 +182,10 @@ def find_config(paths: Sequence[Path]) -> Path:
 
     Raises
     ------
+    NoConfigError
+        There is none.
     ConfigError
-        There is none, or one of ``paths`` does not exist.
+        One of ``paths`` does not exist.
     """
     for path in paths:
         require(path)
@@ -197,11 +199,15 @@ def find_config(paths: Sequence[Path]) -> Path:
     raise _no_config(paths[0])
 
 
-def _no_config(where: Path) -> ConfigError:
+class NoConfigError(ConfigError):
+    """There is no rovid.toml for the logs."""
+
+
+def _no_config(where: Path) -> NoConfigError:
     found = f"no {FILE_NAME} here or in any folder above it"
     tells = "it says which column holds which signal and what the thrusters are"
     mend = "Run `rovid init LOGS`, which writes one from the logs."
-    return ConfigError(f"{found}; {tells}.", where=where, mend=mend)
+    return NoConfigError(f"{found}; {tells}.", where=where, mend=mend)
 
 
 def load_config(path: Path, axis: Axis = YAW) -> Config:

@@ -29,6 +29,13 @@ def formats() -> list[str]:
     return list(FORMATS)
 
 
+def vehicles() -> list[str]:
+    """Types for --vehicle."""
+    from rovid.campaign.profiles import profile_names
+
+    return profile_names()
+
+
 def topics() -> list[str]:
     """Pages of `rovid help`."""
     from rovid.show.topics import names

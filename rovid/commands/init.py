@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from rovid.commands import completion
 from rovid.commands.manual import Page
 from rovid.commands.options import Json, Logs
 from rovid.commands.session import console, print_json
@@ -17,10 +18,17 @@ PAGE = Page(
     thrust curve also thrust_guess.csv. Lever arms, and such a curve, are marked there as guessed, and so is every
     number that hangs on them until the marks are gone.
 
+    Where an autopilot's parameters are in the logs (ArduPilot, PX4), they say which outputs are thrusters; of a type
+    of vehicle that they tell, or that --vehicle names, arms, mass and thrust curve are filled in as published.
+
     Use it first, on a new folder of logs. Then read rovid.toml, put in what was measured, and delete the marks.
     """,
     examples=(
         ("A first my_logs/rovid.toml", "rovid init my_logs"),
+        (
+            "The type of vehicle and the commands by hand",
+            "rovid init my_logs --vehicle tunnel-rov --command fore_V,aft_V --force",
+        ),
         ("Once more, from one log alone, over the one that is there", "rovid init my_logs/hold_01.csv --force"),
     ),
     see=("rovid check", "rovid help logs (formats)", "rovid help files (rovid.toml)"),
@@ -30,6 +38,29 @@ PAGE = Page(
 def init(
     logs: Logs,
     *,
+    vehicle: Annotated[
+        str | None,
+        typer.Option(
+            "--vehicle",
+            metavar="TYPE",
+            help="Type of vehicle, as bluerov2-heavy, or a file of your own, as my_rov.toml: what is published.",
+            autocompletion=completion.vehicles,
+            show_default=False,
+        ),
+    ] = None,
+    heading: Annotated[
+        str | None,
+        typer.Option("--heading", metavar="COLUMN", help="Column or topic of the heading.", show_default=False),
+    ] = None,
+    command: Annotated[
+        str | None,
+        typer.Option(
+            "--command",
+            metavar="COLUMN,…",
+            help="Columns or topics of the thruster commands, with commas between them.",
+            show_default=False,
+        ),
+    ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Write over a rovid.toml that is there; without it that is an error.")
     ] = False,
@@ -37,14 +68,16 @@ def init(
 ) -> None:
     """Write a first rovid.toml for your logs."""
     from rovid.ground.files import Claim
-    from rovid.inspect.first_config import files_of, outputs_beside, survey
+    from rovid.inspect.draft import files_of
+    from rovid.inspect.first_config import Asked, outputs_beside, survey
     from rovid.show.documents import survey_document
     from rovid.show.terminal import show_survey
 
     # A guessed curve that is there may be a bench curve by now, but it may not be needed either.
     config, _ = outputs_beside(logs)
     claim = Claim([config], force=force)
-    surveyed = survey(logs)
+    commands = tuple(part.strip() for part in (command or "").split(",") if part.strip())
+    surveyed = survey(logs, Asked(heading=heading or "", commands=commands, vehicle=vehicle or ""))
     files = files_of(surveyed)
     claim.write(files)
     written = [output.path for output in files]

@@ -9,7 +9,7 @@ import typer
 
 from rovid.commands.manual import Page
 from rovid.commands.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
-from rovid.commands.session import console, opened, print_json, remembered, stored_at, working
+from rovid.commands.session import console, drafted, opened, print_json, remembered, stored_at, working
 
 PAGE = Page(
     text="""
@@ -71,6 +71,7 @@ def report(
     from rovid.show.terminal import show_caution, show_warnings
 
     stored = stored_at(parameters, axis, force=force)
+    begun = drafted(logs) if logs else []
     study = opened(logs or remembered(stored), cutoff, stored.axis)
     folder = output or Path("report" if stored.axis is YAW else f"report_{stored.axis.name}")
     with working("Fitting drag and inertia …") as progress:
@@ -91,10 +92,10 @@ def report(
         written["pdf"] = str(printed_page(folder).path)
     if json:
         paths = {**written, "parameters": str(stored.path)}
-        said = {**guess_document(guess), "warnings": cautions(guess, evidence.notes)}
+        said = {**guess_document(guess), "warnings": cautions(guess, [*begun, *evidence.notes])}
         print_json({"schema": "rovid-report/1", **axis_document(stored.axis), **paths, **said})
         return
     show_caution(console(), guess)
-    show_warnings(console(), evidence.notes)
+    show_warnings(console(), [*begun, *evidence.notes])
     for path in written.values():
         console().print(path, highlight=False, soft_wrap=True)

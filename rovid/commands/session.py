@@ -94,6 +94,42 @@ def opened(paths: Sequence[Path], cutoff: float | None, axis: Axis) -> Study:
     return open_study(paths, cutoff=cutoff, axis=axis)
 
 
+def drafted(paths: Sequence[Path]) -> list[str]:
+    """Write a first rovid.toml for logs that have none, as `rovid init` does; what has to be said of that.
+
+    Raises
+    ------
+    ConfigError
+        Not all of it is known.
+    """
+    from rovid.campaign.config import NoConfigError, find_config
+
+    try:
+        find_config(paths)
+    except NoConfigError:
+        return _draft(paths)
+    return []
+
+
+def _draft(paths: Sequence[Path]) -> list[str]:
+    from rovid.ground.files import Claim
+    from rovid.inspect.draft import files_of
+    from rovid.inspect.first_config import survey
+
+    surveyed = survey(paths)
+    files = files_of(surveyed)
+    Claim([*files], force=False).write(files)
+    config, *_ = (output.path for output in files)
+    if surveyed.open:
+        raise ConfigError(
+            f"no column was recognised as {' and '.join(surveyed.open)}.",
+            where=config,
+            mend="It was written from the logs just now: put in what is open.",
+        )
+    known = "" if surveyed.profile is None else f" The vehicle was taken for a {surveyed.profile.name}."
+    return [f"There was no rovid.toml: {config} was written from the logs. Read it.{known}", *surveyed.lacking]
+
+
 def announce_compilation() -> None:
     """Say why the first run on a machine takes some seconds longer."""
     if not sys.stderr.isatty():

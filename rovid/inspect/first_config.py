@@ -1,4 +1,4 @@
-"""A first rovid.toml from the logs alone: read all that is there, guess, and write each guess with its reason."""
+"""What the logs alone tell for a first rovid.toml: all that is there is read, and guessed."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from rovid.campaign.config import FILE_NAME, Config, Signal
-from rovid.campaign.guesswork import Guesswork
-from rovid.campaign.tables import CURVE_COLUMNS, curve_text, read_curve
+from rovid.campaign.profiles import Profile, profile
+from rovid.campaign.tables import CURVE_COLUMNS, read_curve
 from rovid.campaign.vehicle import ThrustCurve, Vehicle
-from rovid.ground.errors import LINE_LENGTH, DataError, RovidError, shown
+from rovid.ground.errors import DataError, RovidError, nearest
 from rovid.ground.files import Output
 from rovid.ground.files.form import CONFIG
 from rovid.ground.files.form import GUESSED_CURVE as GUESSED
 from rovid.ground.places import require, search
-from rovid.ground.quoting import toml_text
-from rovid.inspect.signals import Guess, Guesses, Seen, Thrusting, guess
+from rovid.inspect.autopilot import outputs_of, type_of
+from rovid.inspect.seen import Seen
+from rovid.inspect.signals import Guesses, guess
+from rovid.inspect.thrusting import Thrusting, Wanted
 from rovid.readers.csv_header import read_layout
 from rovid.readers.formats import READERS
 from rovid.readers.raw import Channel, Contents, sensible
@@ -28,8 +30,10 @@ GUESSED_CURVE = "thrust_guess.csv"
 _LOGS = 12
 # What cannot be read of one log is told in so many lines.
 _SHOWN = 3
+# Sources of ArduPilot's outputs.
+_OUTPUT = "RCOU.C"
 # Of the guessed curve, N at its ends; a constant scale of all thrust never shows in yaw data.
-_FULL_THRUST = 100.0
+FULL_THRUST = 100.0
 _PULSES = np.array([1100.0, 1500.0, 1900.0])
 # Commands seen leave this much room to the end of a guessed curve.
 _ROOM = 1.1
@@ -47,7 +51,15 @@ class Survey:
     clocks
         Format -> source of the clock, empty where it has one of its own.
     curve
-        Name of the thrust curve beside the logs, and whether that is a guess, still to be written.
+        Name of the thrust curve beside the logs; empty where no command is known.
+    new_curve
+        What is to be written under that name; None where it is there.
+    curve_guessed
+        Whether it is a guess.
+    profile
+        The type of vehicle; None where nobody knows.
+    recognised
+        Whether that is a guess, from the outputs that turn the vehicle.
     logs
         How many were looked at.
     lacking
@@ -59,9 +71,26 @@ class Survey:
     guesses: Mapping[str, Guesses]
     clocks: Mapping[str, str]
     curve: str
-    curve_guessed: ThrustCurve | None
+    new_curve: ThrustCurve | None
+    curve_guessed: bool
     logs: int
+    profile: Profile | None = None
+    recognised: bool = False
     lacking: tuple[str, ...] = ()
+
+    @property
+    def open(self) -> tuple[str, ...]:
+        """What was not recognised in any log: "heading", "command"; the user has to name it."""
+        return tuple(dict.fromkeys(what for one in self.guesses.values() for what in one.lacking))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What the user told of the logs: the columns of heading and commands, the type of vehicle."""
+
+    heading: str = ""
+    commands: tuple[str, ...] = ()
+    vehicle: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +100,7 @@ class _Looked:
     logs: dict[str, list[Mapping[str, Seen]]] = field(default_factory=dict)
     names: dict[str, list[str]] = field(default_factory=dict)
     clocks: dict[str, str] = field(default_factory=dict)
+    parameters: dict[str, dict[str, float]] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
 
     def add(self, path: Path) -> None:
@@ -80,39 +110,49 @@ class _Looked:
         if len(logs) >= _LOGS or _is_table(path):
             return
         try:
-            clock, seen, left_out = _seen(path)
+            contents, seen, left_out = _seen(path)
         except RovidError as error:
             self.problems.append(str(error))
             return
         self.problems.extend(left_out)
-        self.clocks.setdefault(kind, clock)
+        self.clocks.setdefault(kind, contents.clock)
+        self.parameters.setdefault(kind, {}).update(contents.parameters)
         self.names.setdefault(kind, []).append(path.name)
         logs.append(seen)
 
 
-def survey(paths: Sequence[Path]) -> Survey:
+def survey(paths: Sequence[Path], asked: Asked | None = None) -> Survey:
     """Look at the logs in ``paths``.
 
     Raises
     ------
     RovidError
-        There are no logs, none can be read, or none holds a heading or a command.
+        There are no logs, none can be read, none holds a heading or a command, or what was asked for is not there.
     """
+    asked = asked or Asked()
+    named = profile(asked.vehicle) if asked.vehicle else None
     folder = _folder(paths)
     looked = _Looked()
     for path in _files(paths, looked.problems):
         looked.add(path)
-    guesses = _recognised(looked, folder)
-    commands = list(_commands(guesses))
-    curve, guessed = _curve(folder, commands, looked.problems)
+    _require(asked, looked, folder)
+    told = named or _told(looked)
+    guesses = _recognised(looked, folder, asked, told)
+    alike = None if told else _alike(list(commands_of(guesses)))
+    if alike:
+        told, guesses = alike, _recognised(looked, folder, asked, alike)
+    curve = _Curve.of(folder, list(commands_of(guesses)), told, looked.problems)
     return Survey(
         folder=folder,
         guesses=guesses,
         clocks=looked.clocks,
-        curve=curve,
-        curve_guessed=guessed,
+        curve=curve.name,
+        new_curve=curve.new,
+        curve_guessed=curve.guessed or (alike is not None and curve.new is not None),
+        profile=told,
+        recognised=alike is not None,
         logs=sum(map(len, looked.logs.values())),
-        lacking=(*looked.problems, *_lacking(looked, guesses)),
+        lacking=(*dict.fromkeys(looked.problems), *_lacking(looked, guesses)),
     )
 
 
@@ -123,26 +163,59 @@ def _folder(paths: Sequence[Path]) -> Path:
     return first.parent
 
 
-def _recognised(looked: _Looked, folder: Path) -> dict[str, Guesses]:
-    """What the sources are, of each format in which a heading and a command were found."""
-    every = {kind: guess(logs) for kind, logs in looked.logs.items() if logs}
+def _require(asked: Asked, looked: _Looked, folder: Path) -> None:
+    """That what the user named is there."""
+    present = sorted(set().union(*(log for logs in looked.logs.values() for log in logs)))
+    for option, sources in (("--heading", filter(None, [asked.heading])), ("--command", asked.commands)):
+        for source in sources:
+            if source not in present:
+                raise DataError(f"{option}: no log has a column {source!r}. {nearest(source, present)}", where=folder)
+
+
+def _told(looked: _Looked) -> Profile | None:
+    """The type of vehicle that the parameters of an autopilot tell."""
+    names = filter(None, map(type_of, looked.parameters.values()))
+    return next(map(profile, names), None)
+
+
+def _alike(commands: Sequence[Thrusting]) -> Profile | None:
+    """The type of vehicle of which the outputs that turn it are those of these logs."""
+    outputs = {int(command.source.removeprefix(_OUTPUT)): command for command in commands if _is_output(command)}
+    turning = {number for number, command in outputs.items() if command.way}
+    if turning != {1, 2, 3, 4} or not {5, 6} <= outputs.keys():
+        return None
+    return profile("bluerov2-heavy" if {7, 8} <= outputs.keys() else "bluerov2")
+
+
+def _is_output(command: Thrusting) -> bool:
+    return command.source.startswith(_OUTPUT) and command.source.removeprefix(_OUTPUT).isdigit()
+
+
+def _recognised(looked: _Looked, folder: Path, asked: Asked, told: Profile | None) -> dict[str, Guesses]:
+    """What the sources are, of each format in which a heading and a command were found, or else one of both."""
+    every: dict[str, Guesses] = {}
+    for kind, logs in looked.logs.items():
+        if logs:
+            outputs = outputs_of(looked.parameters.get(kind, {}))
+            wanted = Wanted(heading=asked.heading, commands=asked.commands, outputs=outputs, profile=told)
+            every[kind] = guess(logs, wanted)
     if not every and looked.problems:
         raise DataError(looked.problems[0], where="")
     if not every:
         raise DataError("holds no logs.", where=folder)
-    guesses, unknown = {}, []
-    for kind, sources in every.items():
-        if sources.lacking:
-            unknown.append(_not_recognised(sources, looked.logs[kind], folder, looked.problems))
-        else:
-            guesses[kind] = sources
-    if not guesses:
-        raise unknown[0]
-    looked.problems.extend(map(str, unknown))
-    return guesses
+    guesses = {kind: sources for kind, sources in every.items() if not sources.lacking}
+    half = {kind: sources for kind, sources in every.items() if len(sources.lacking) == 1}
+    # What is open the user can fill in; where nothing is known this is no log of a vehicle.
+    chosen = guesses or half
+    unknown = {kind: sources for kind, sources in every.items() if kind not in chosen}
+    problems = [_not_recognised(one, looked.logs[kind], folder, looked.problems) for kind, one in unknown.items()]
+    if not chosen:
+        raise problems[0]
+    looked.problems.extend(map(str, problems))
+    return chosen
 
 
-def _commands(guesses: Mapping[str, Guesses]) -> Iterator[Thrusting]:
+def commands_of(guesses: Mapping[str, Guesses]) -> Iterator[Thrusting]:
     """Those of every format."""
     for one in guesses.values():
         yield from one.commands
@@ -188,8 +261,8 @@ def _is_table(path: Path) -> bool:
         return False  # reading it says what is wrong
 
 
-def _seen(path: Path) -> tuple[str, dict[str, Seen], list[str]]:
-    """The clock, everything in one log by source, and what of it cannot be read."""
+def _seen(path: Path) -> tuple[Contents, dict[str, Seen], list[str]]:
+    """What a log holds, everything in it by source, and what of it cannot be read."""
     form = READERS[path.suffix.lower()]
     contents = form.sources(path)
     if not contents.sources:
@@ -199,7 +272,7 @@ def _seen(path: Path) -> tuple[str, dict[str, Seen], list[str]]:
     seen = {channel.source: _sane(channel) for channel in timed}
     skipped = [remark.text for remark in raw.remarks if remark.kind == "skipped"]
     left_out = dict.fromkeys((*contents.left_out, *skipped))
-    return contents.clock, seen, _few(path, left_out)
+    return contents, seen, _few(path, left_out)
 
 
 def _config_of_all(path: Path, kind: str, contents: Contents) -> Config:
@@ -250,33 +323,57 @@ def _not_recognised(
     )
 
 
-def _curve(folder: Path, commands: Sequence[Thrusting], problems: list[str]) -> tuple[str, ThrustCurve | None]:
-    """A curve beside the logs that knows these commands, or a straight line."""
-    lowest = min(command.lowest for command in commands)
-    highest = max(command.highest for command in commands)
-    for path in search(folder, lambda _: None).files:
-        if path.parent != folder or path.name == GUESSED_CURVE or not _is_table(path):
-            continue
-        try:
-            curve = read_curve(path)
-        except RovidError as error:
-            problems.append(str(error))
-            continue
-        room = 0.01 * curve.span
-        if curve.command[0] <= lowest + room and highest - room <= curve.command[-1]:
-            return path.name, None
-    return GUESSED_CURVE, _straight(lowest, highest, commands[0].neutral)
+@dataclass(frozen=True, kw_only=True)
+class _Curve:
+    """The thrust curve of a first rovid.toml: its name, what is to be written there, whether that is a guess."""
+
+    name: str
+    new: ThrustCurve | None = None
+    guessed: bool = False
+
+    @classmethod
+    def of(cls, folder: Path, commands: Sequence[Thrusting], told: Profile | None, problems: list[str]) -> _Curve:
+        """One beside the logs that knows these commands, that of the type of vehicle, or a straight line."""
+        if not commands:
+            return cls(name="")
+        lowest = min(command.lowest for command in commands)
+        highest = max(command.highest for command in commands)
+        for path in search(folder, lambda _: None).files:
+            if path.parent != folder or path.name == GUESSED_CURVE or not _is_table(path):
+                continue
+            try:
+                curve = read_curve(path)
+            except RovidError as error:
+                problems.append(str(error))
+                continue
+            if _covers(curve, lowest, highest):
+                return cls(name=path.name)
+        if told is not None and told.curve is not None and commands[0].neutral:
+            published = read_curve(told.curve)
+            if _covers(published, lowest, highest):
+                return cls(name=told.curve.name, new=published)
+        percent = any(command.percent for command in commands)
+        line = _straight(lowest, highest, commands[0].neutral, percent=percent)
+        return cls(name=GUESSED_CURVE, new=line, guessed=True)
 
 
-def _straight(lowest: float, highest: float, neutral: float) -> ThrustCurve:
+def _covers(curve: ThrustCurve, lowest: float, highest: float) -> bool:
+    room = 0.01 * curve.span
+    return bool(curve.command[0] <= lowest + room and highest - room <= curve.command[-1])
+
+
+def _straight(lowest: float, highest: float, neutral: float, *, percent: bool) -> ThrustCurve:
     """Thrust in proportion to the command, from below the lowest to above the highest."""
     if neutral:
         ends = np.array([min(_PULSES[0], lowest), neutral, max(_PULSES[-1], highest)])
     else:
-        most = _ROOM * max(abs(lowest), abs(highest))
+        seen = max(abs(lowest), abs(highest))
+        # A share of one or of a hundred has its end there.
+        whole = next((end for end in (1.0, 100.0) if 0.3 * end < seen <= end), 0.0)
+        most = 100.0 if percent and seen <= 100.0 else whole or _ROOM * seen
         ends = np.array([-most, 0.0, most])
     above = ends - neutral
-    thrust = _FULL_THRUST * above / np.max(np.abs(above))
+    thrust = FULL_THRUST * above / np.max(np.abs(above))
     return ThrustCurve(command=ends, thrust=thrust)
 
 
@@ -292,117 +389,3 @@ def outputs_beside(paths: Sequence[Path]) -> tuple[Output, Output]:
         require(path)
     folder = _folder(paths)
     return Output(folder / FILE_NAME, CONFIG), Output(folder / GUESSED_CURVE, GUESSED)
-
-
-def files_of(survey: Survey) -> dict[Output, str]:
-    """What to write where: rovid.toml, and the guessed curve where there is no other."""
-    config, curve = outputs_beside([survey.folder])
-    files = {config: toml_of(survey)}
-    if survey.curve_guessed is not None:
-        files[curve] = curve_text(survey.curve_guessed.command, survey.curve_guessed.thrust)
-    return files
-
-
-def toml_of(survey: Survey) -> str:
-    """The text of rovid.toml; each guess with its reason."""
-    return "\n".join([*_head(survey), *_thrusters(survey), *_signals(survey)]) + "\n"
-
-
-def logs_in_words(survey: Survey) -> str:
-    """How many logs were looked at."""
-    if survey.logs == 1:
-        return "one log"
-    return f"{survey.logs} logs"
-
-
-def _head(survey: Survey) -> Iterator[str]:
-    yield f"# Written by `rovid init` from {logs_in_words(survey)}. Each guess says why: correct what is wrong. A line"
-    yield "# *_guessed marks what no log can tell, and every number that hangs on it."
-    yield ""
-    yield "[vehicle]"
-    yield f"name = {toml_text(survey.folder.resolve().name)}"
-    yield "# Mass and size are not in the logs; with them rovid tells the added inertia."
-    yield "# mass =       # kg"
-    yield "# length =     # m"
-    yield "# width =      # m"
-
-
-def _thrusters(survey: Survey) -> Iterator[str]:
-    if survey.curve_guessed is not None:
-        yield from _guessed_curve(survey)
-    turning = {command.name for command in _commands(survey.guesses) if command.way}
-    for name, ones in _by_name(survey).items():
-        # Where some are known to turn the vehicle, the others wait for the user to say so.
-        mark = "# " if turning and name not in turning else ""
-        way = next((one.way for one in ones.values() if one.way), 1)
-        yield ""
-        yield from _why(ones)
-        yield f"{mark}[[thrusters]]"
-        yield f"{mark}name = {toml_text(name)}"
-        yield f"{mark}yaw_arm = {way:.1f}            # m: the sense is that of the logs, the distance is not in them"
-        yield f"{mark}yaw_arm_guessed = {way:.1f}    # as long as both are the same; put the distance into yaw_arm"
-        yield f"{mark}curve = {toml_text(survey.curve)}"
-        if survey.curve_guessed is not None:
-            yield f"{mark}curve_guessed = {toml_text(survey.curve)}   # as above; put a bench curve into curve"
-        sources = {kind: one.source for kind, one in ones.items()}
-        yield f"{mark}command = {_sources(sources)}"
-
-
-def guess_of(survey: Survey) -> Guesswork:
-    """What of the file that is written is no measurement: every arm, and a curve that was not there."""
-    turning = {command.name for command in _commands(survey.guesses) if command.way}
-    names = [name for name in _by_name(survey) if not turning or name in turning]
-    what = ["yaw_arm"] if survey.curve_guessed is None else ["yaw_arm", "curve"]
-    return Guesswork(items=tuple(f"{one} of {name}" for name in names for one in what), thrusters=len(names))
-
-
-def _guessed_curve(survey: Survey) -> Iterator[str]:
-    proportion = f"thrust in proportion to the command, {_FULL_THRUST:g} N at its end"
-    yield ""
-    yield f"# {survey.curve} is a guess: {proportion}. Until a"
-    yield "# bench curve takes its place no number holds that was fitted through it, and the diagnosis finds what"
-    yield "# the guess lacks, as the drive's own dead band."
-
-
-def _by_name(survey: Survey) -> dict[str, dict[str, Thrusting]]:
-    """Each thruster by the formats in which its command was found."""
-    named: dict[str, dict[str, Thrusting]] = {}
-    for kind, guesses in survey.guesses.items():
-        for command in guesses.commands:
-            named.setdefault(command.name, {})[kind] = command
-    return named
-
-
-def _signals(survey: Survey) -> Iterator[str]:
-    yield ""
-    yield "[signals]"
-    clocks = {kind: clock for kind, clock in survey.clocks.items() if clock and kind in survey.guesses}
-    if clocks:
-        yield f"time = {_sources(clocks)}"
-    named: dict[str, dict[str, Guess]] = {}
-    for kind, guesses in survey.guesses.items():
-        for name, signal in guesses.signals.items():
-            named.setdefault(name, {})[kind] = signal
-    for name, ones in named.items():
-        yield from _why(ones)
-        yield f"{name} = {_signal(ones)}"
-
-
-def _signal(ones: Mapping[str, Guess]) -> str:
-    first = next(iter(ones.values()))
-    parts = [f"{kind} = {toml_text(one.source)}" for kind, one in ones.items()]
-    if first.unit:
-        parts.append(f"unit = {toml_text(first.unit)}")
-    if first.sign < 0:
-        parts.append("sign = -1")
-    return "{ " + ", ".join(parts) + " }"
-
-
-def _sources(sources: Mapping[str, str]) -> str:
-    parts = [f"{kind} = {toml_text(source)}" for kind, source in sources.items()]
-    return "{ " + ", ".join(parts) + " }"
-
-
-def _why(ones: Mapping[str, Guess] | Mapping[str, Thrusting]) -> Iterator[str]:
-    for kind, one in ones.items():
-        yield f"# {kind}: {shown(one.why, LINE_LENGTH)}"

@@ -18,13 +18,23 @@ from numpy.typing import NDArray
 
 from rovid.campaign.config import Config
 from rovid.campaign.trial import Remark
-from rovid.readers.columns import Columns, channels_of, missing_topic, numeric_sources, of_sensor, raw_log, split_sensor
+from rovid.readers.columns import (
+    Columns,
+    channels_of,
+    missing_topic,
+    numeric_sources,
+    of_sensor,
+    parameters_of,
+    raw_log,
+    split_sensor,
+)
 from rovid.readers.raw import Contents, RawLog, foreign, mapped
 
 KIND = "bin"
 _NAME = "an ArduPilot DataFlash log"
 # Messages that `rovid init` looks into; most others are the autopilot's own affairs.
 _TELLING = ("ATT", "RATE", "RCOU", "RCO2", "BAT")
+_PARAMETERS = "PARM"
 _MARK = b"\xa3\x95"
 _FMT = 128
 _DESCRIPTION = struct.Struct("<BB4s16s64s")  # type, length, name, letters, labels
@@ -71,10 +81,12 @@ def sources(path: Path) -> Contents:
         if file.read(2) != _MARK:
             raise foreign(path, _NAME)
         with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-            log = Log(path, data, set(_TELLING))
-            present = [name for name in _TELLING if name in log.kinds and log.kinds[name].offsets]
+            log = Log(path, data, {*_TELLING, _PARAMETERS})
+            present = [name for name in _TELLING if log.holds(name)]
             topics = {name: log.columns(name) for name in present}
-    return Contents(sources=tuple(source for source in numeric_sources(topics) if ".Des" not in source))
+            parameters = parameters_of(log.columns(_PARAMETERS), "Name", "Value") if log.holds(_PARAMETERS) else {}
+    sources = tuple(source for source in numeric_sources(topics) if ".Des" not in source)
+    return Contents(sources=sources, parameters=parameters)
 
 
 class _Kind:
@@ -179,6 +191,10 @@ class Log:
             at = letters.find(b"#") if isinstance(letters, bytes) else -1
             if kind is not None and 0 <= at < len(kind.labels):
                 kind.instance = kind.labels[at]
+
+    def holds(self, name: str) -> bool:
+        """Whether there are messages ``name``, which were wanted."""
+        return name in self.kinds and len(self.kinds[name].offsets) > 0
 
     def columns(self, topic: str) -> Columns:
         """What the messages ``topic`` hold, of one sensor."""

@@ -76,6 +76,14 @@ def _numeric_in(topic: str, columns: Columns) -> Iterator[str]:
             yield f"{topic}.{name}"
 
 
+def parameters_of(columns: Columns, name: str, value: str) -> dict[str, float]:
+    """Parameters that messages with the fields ``name`` and ``value`` tell, the last of each; none without them."""
+    if name not in columns or value not in columns or columns[name].dtype.kind != "S":
+        return {}
+    names = [text.decode("ascii", errors="replace") for text in columns[name].tolist()]
+    return dict(zip(names, _float64(columns[value]).tolist(), strict=True))
+
+
 def raw_log(channels: Mapping[str, Channel], remarks: tuple[Remark, ...]) -> RawLog:
     """Channels of messages, which loggers store slightly out of order."""
     return RawLog(

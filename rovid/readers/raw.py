@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -85,11 +85,14 @@ class Contents:
         Of everything else.
     left_out
         What is there and cannot be read, each with the reason.
+    parameters
+        Of the autopilot that wrote it, by their own names.
     """
 
     clock: str = ""
     sources: tuple[str, ...]
     left_out: tuple[str, ...] = ()
+    parameters: Mapping[str, float] = field(default_factory=dict)
 
 
 def mapped(config: Config, kind: str, path: Path) -> dict[str, Signal]:

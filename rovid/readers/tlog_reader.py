@@ -19,7 +19,16 @@ from numpy.typing import NDArray
 
 from rovid.campaign.config import Config
 from rovid.campaign.trial import Remark
-from rovid.readers.columns import Columns, channels_of, missing_topic, numeric_sources, of_sensor, raw_log, split_sensor
+from rovid.readers.columns import (
+    Columns,
+    channels_of,
+    missing_topic,
+    numeric_sources,
+    of_sensor,
+    parameters_of,
+    raw_log,
+    split_sensor,
+)
 from rovid.readers.raw import Contents, RawLog, foreign, library, mapped
 
 KIND = "tlog"
@@ -33,7 +42,8 @@ _AROUND_V1, _AROUND_V2, _SIGNATURE = 8, 12, 13
 _VEHICLE = "ATTITUDE"
 _CLOCK = "arrival"
 # Messages that `rovid init` looks into.
-_TELLING = (_VEHICLE, "SERVO_OUTPUT_RAW", "BATTERY_STATUS")
+_TELLING = (_VEHICLE, "SERVO_OUTPUT_RAW", "SYS_STATUS", "BATTERY_STATUS")
+_PARAMETERS = "PARAM_VALUE"
 
 
 def read(path: Path, config: Config) -> RawLog:
@@ -65,11 +75,14 @@ def sources(path: Path) -> Contents:
     LogError
         It is no telemetry log, or pymavlink is not installed.
     """
-    log = Log(path, set(_TELLING))
+    log = Log(path, {*_TELLING, _PARAMETERS})
     present = {name for name, system, _ in log.frames if system == log.system}
     topics = {name: log.columns(name) for name in _TELLING if name in present}
     sources = [source for source in numeric_sources(topics) if not source.endswith(_CLOCK)]
-    return Contents(sources=tuple(sources))
+    parameters = {}
+    if _PARAMETERS in present:
+        parameters = parameters_of(log.columns(_PARAMETERS), "param_id", "param_value")
+    return Contents(sources=tuple(sources), parameters=parameters)
 
 
 class Log:

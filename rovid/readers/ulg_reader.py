@@ -52,7 +52,8 @@ def sources(path: Path) -> Contents:
         It is no ULog, or pyulog is not installed.
     """
     _check(path)
-    return Contents(sources=tuple(numeric_sources(_Log(path, set(_TELLING)).topics)))
+    log = _Log(path, set(_TELLING))
+    return Contents(sources=tuple(numeric_sources(log.topics)), parameters=log.parameters)
 
 
 def _check(path: Path) -> None:
@@ -74,6 +75,8 @@ class _Log:
         By name and instance: what they hold.
     present
         All that there are, wanted or not.
+    parameters
+        Of the autopilot, as the log began.
     """
 
     def __init__(self, path: Path, wanted: set[str]) -> None:
@@ -91,6 +94,7 @@ class _Log:
                     mend="Download the log again, or leave it out.",
                 ) from error
         self.topics: dict[str, Columns] = {_called(data.name, data.multi_id): data.data for data in log.data_list}
+        self.parameters = {name: float(value) for name, value in log.initial_parameters.items()}
         self.remarks = _remarks(log, cut=file.cut)
         self._path = path
 

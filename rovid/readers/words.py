@@ -6,7 +6,7 @@ import re
 
 CLOCK = {"time", "t", "stamp", "timestamp", "seconds", "zeit", "utc", "elapsed"}
 NOT_CLOCK = {"h", "hours", "min", "minutes", "days", "left", "remaining"}
-_WORDS = re.compile(r"[A-Z]?[a-zäöü]+|[A-Z]+(?![a-z])|\d+")
+_WORDS = re.compile(r"[A-ZÀ-Þ]?[a-zß-ÿ]+|[A-ZÀ-Þ]+(?![a-zß-ÿ])|\d+")
 
 
 def words(source: str) -> set[str]:

@@ -11,7 +11,8 @@ from rovid.control.loop_design import Control, RunResult
 from rovid.export.exporting import Exported, Loss
 from rovid.export.manoeuvre import Mismatch
 from rovid.inspect.check import Check, remark_document
-from rovid.inspect.first_config import Survey, guess_of
+from rovid.inspect.draft import guess_of
+from rovid.inspect.first_config import Survey
 from rovid.inspect.signals import Guesses
 from rovid.model.simulation import TrialSimulation, overall
 from rovid.parameters.parameters import Entry, Parameters
@@ -162,9 +163,12 @@ def survey_document(survey: Survey, written: Sequence[Path]) -> Document:
         "schema": "rovid-init/1",
         "written": [str(path) for path in written],
         "logs": survey.logs,
-        "curve": {"file": survey.curve, "guessed": survey.curve_guessed is not None},
+        "vehicle": None if survey.profile is None else {"type": survey.profile.id, "guessed": survey.recognised},
+        "curve": {"file": survey.curve or None, "guessed": survey.curve_guessed},
         "signals": {kind: _guessed_signals(guesses) for kind, guesses in survey.guesses.items()},
         "commands": {kind: _guessed_commands(guesses) for kind, guesses in survey.guesses.items()},
+        "unused": {kind: list(guesses.unused) for kind, guesses in survey.guesses.items()},
+        "open": list(survey.open),
         **guess_document(guess_of(survey)),
         "warnings": list(survey.lacking),
     }
@@ -180,7 +184,7 @@ def _guessed_signals(guesses: Guesses) -> Document:
 def _guessed_commands(guesses: Guesses) -> list[Document]:
     document = []
     for one in guesses.commands:
-        command = {"name": one.name, "source": one.source, "turns": one.way, "why": one.why}
+        command = {"name": one.name, "source": one.source, "turns": one.way, "arm": one.arm or None, "why": one.why}
         document.append(command)
     return document
 

@@ -21,7 +21,8 @@ from rovid.identify.estimate import PER_INERTIA, Estimate
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.identify.likelihood import LikelihoodFit
 from rovid.identify.steady import DragFit
-from rovid.inspect.first_config import Survey, guess_of, logs_in_words
+from rovid.inspect.draft import guess_of, logs_in_words
+from rovid.inspect.first_config import Survey
 from rovid.model.simulation import Fit, TrialSimulation, overall
 from rovid.motion.runs import Runs
 from rovid.parameters.parameters import Parameters
@@ -348,7 +349,12 @@ def _planned_runs(plan: Plan) -> Columns:
 def show_survey(console: Console, survey: Survey, written: Sequence[Path]) -> None:
     """Print what each signal was taken for, and what to do next."""
     guess = guess_of(survey)
+    for what in survey.open:
+        say(console, led("Open:", f"no column was recognised as {what}; name it in {written[0]}, or with --{what}."))
     show_caution(console, guess)
+    if survey.profile is not None:
+        how = "a guess, from the outputs that turn it" if survey.recognised else "as published"
+        say(console, led("Vehicle:", f"{survey.profile.name} ({survey.profile.id}), {how}."))
     rows = table(f"Guessed from {logs_in_words(survey)}", "signal", "taken from", "unit", "why", left=4)
     for guesses in survey.guesses.values():
         for name, one in guesses.signals.items():
@@ -359,7 +365,8 @@ def show_survey(console: Console, survey: Survey, written: Sequence[Path]) -> No
     show_warnings(console, survey.lacking)
     for path in written:
         console.print(f"written: {path}", highlight=False, soft_wrap=True)
-    say(console, led("Next:", f"measure {guess.words}, put that into {written[0]}; then"))
+    first = f"measure {guess.words}, put that into {written[0]}; then" if guess else f"read {written[0]}; then"
+    say(console, led("Next:", first))
     for name in ("check", "report"):
         console.print(f"  rovid {name} {survey.folder}", highlight=False, soft_wrap=True)
 

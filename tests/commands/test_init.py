@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -102,8 +102,11 @@ def test_what_is_no_heading_is_not_taken_for_one(tmp_path: Path, rovid: Rovid) -
     for path in (SAMPLES / "surge_tank").glob("*.csv"):
         shutil.copy(path, tmp_path / "day")
     done = rovid("init", "day")
-    assert done.code == 2
-    assert "no heading was recognised" in done.err
+    assert done.out.startswith("Open: no column was recognised as heading")
+    assert "# OPEN: no column was recognised as heading" in (tmp_path / "day" / "rovid.toml").read_text()
+    checked = rovid("check", "day")
+    assert (checked.code, checked.err.count("\n")) == (2, 1)
+    assert "heading" in checked.err
 
 
 def test_logs_of_different_columns_share_what_is_mapped(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
@@ -151,11 +154,7 @@ def test_nothing_is_written_over(csv_day: Path, tmp_path: Path, rovid: Rovid) ->
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (
-            "time_s,depth_m,fore_V\n0,1,0\n1,1.1,2\n2,1.2,2\n3,1.3,1\n",
-            "no heading was recognised among depth_m, fore_V",
-        ),
-        ("time_s,heading_deg\n" + "".join(f"{k},{k % 360}\n" for k in range(60)), "no command was recognised"),
+        ("time_s,depth_m\n0,1\n1,1.1\n2,1.2\n3,1.3\n", "no heading and no command was recognised among depth_m"),
         ("heading_deg,fore_V\n1,0\n2,1\n1,0\n", "no column that could be the time"),
         ("name,place\nrov,tank\n", "holds no column of numbers"),
         ("", "is empty"),
@@ -168,3 +167,69 @@ def test_what_is_not_recognised_is_said(text: str, said: str, tmp_path: Path, ro
     assert said in done.err
     assert done.err.count("\n") == 1
     assert not (tmp_path / "rovid.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("time_s,depth_m,fore_V\n" + "".join(f"{k},1.{k},{k % 3}\n" for k in range(60)), "heading"),
+        ("time_s,heading_deg,s1\n" + "".join(f"{k},{k % 360},{k % 3}\n" for k in range(60)), "command"),
+    ],
+)
+def test_what_is_open_is_marked_and_can_be_named(text: str, what: str, tmp_path: Path, rovid: Rovid) -> None:
+    (tmp_path / "log.csv").write_text(text)
+    assert rovid("init", tmp_path, "--json").document["open"] == [what]
+    column = {"heading": "depth_m", "command": "s1"}[what]
+    missing = rovid("init", tmp_path, f"--{what}", "depth", "--force")
+    assert missing.code == 2
+    assert f"--{what}" in missing.err
+    done = rovid("init", tmp_path, f"--{what}", column, "--force", "--json")
+    assert what not in done.document["open"]
+
+
+def test_a_dive_needs_nothing_but_its_log(tmp_path: Path, rovid: Rovid) -> None:
+    shutil.copy(SAMPLES / "bluerov2_dataflash" / "dive.BIN", tmp_path)
+    document = rovid("init", tmp_path, "--json").document
+    assert document["vehicle"] == {"type": "bluerov2-heavy", "guessed": True}
+    senses = {command["source"]: command["turns"] for command in document["commands"]["bin"]}
+    assert senses == {f"RCOU.C{at}": way for at, way in zip(range(1, 9), (-1, 1, -1, 1, 0, 0, 0, 0), strict=True)}
+    assert document["signals"]["bin"]["supply_voltage"]["source"] == "BAT.Volt"
+    assert "RCOU.C10" in document["unused"]["bin"]
+    assert document["curve"] == {"file": "t200_16V_curve.csv", "guessed": True}
+    assert rovid("check", tmp_path).code == 0
+
+
+def test_a_vehicle_that_is_named_is_no_guess(tmp_path: Path, rovid: Rovid) -> None:
+    shutil.copy(SAMPLES / "bluerov2_dataflash" / "dive.BIN", tmp_path)
+    document = rovid("init", tmp_path, "--vehicle", "BlueROV2 Heavy", "--json").document
+    assert document["vehicle"] == {"type": "bluerov2-heavy", "guessed": False}
+    text = (tmp_path / "rovid.toml").read_text()
+    assert not [line for line in text.splitlines() if "_guessed =" in line and not line.startswith("#")]
+    assert rovid("init", tmp_path, "--vehicle", "bluerov", "--force").err.count("bluerov2") >= 1
+
+
+@pytest.mark.parametrize(
+    ("log", "kind", "outputs"),
+    [("small.BIN", "RCOU.C{}", (1, 2, 3, 4)), ("small.tlog", "SERVO_OUTPUT_RAW.servo{}_raw", range(1, 9))],
+)
+def test_parameters_of_an_autopilot_tell_thrusters_from_lights(
+    log: str, kind: str, outputs: Sequence[int], tmp_path: Path, rovid: Rovid
+) -> None:
+    shutil.copy(SAMPLES / "ardusub_small" / log, tmp_path)
+    document = rovid("init", tmp_path, "--json").document
+    (commands,) = document["commands"].values()
+    assert [command["source"] for command in commands] == [kind.format(at) for at in outputs]
+    (signals,) = document["signals"].values()
+    assert "olt" in signals["supply_voltage"]["source"]
+    done = rovid("fit", tmp_path)
+    assert (done.code, done.err.count("\n")) == (2, 1)
+
+
+def test_percent_ends_at_a_hundred(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
+    (tmp_path / "day").mkdir()
+    log = pd.read_csv(next(csv_day.glob("sine_*.csv")))
+    log["fore_pct"], log["aft_pct"] = 17.0 * log.pop("fore_V"), 17.0 * log.pop("aft_V")
+    log.to_csv(tmp_path / "day" / "a.csv", index=False)
+    assert rovid("init", "day").code == 0
+    ends = pd.read_csv(tmp_path / "day" / "thrust_guess.csv")["command"]
+    assert (ends.min(), ends.max()) == (-100.0, 100.0)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from rovid.ground.arrays import FloatArray
-from rovid.inspect.signals import Seen, guess
+from rovid.inspect.seen import Seen
+from rovid.inspect.signals import guess
 
 TIME = np.arange(0.0, 400.0, 0.1)
 # Held for 20 s each, in no order.

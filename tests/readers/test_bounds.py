@@ -40,7 +40,8 @@ from rovid.inspect.first_config import survey
 folder, name, what = sys.argv[1:]
 try:
     if what == "init":
-        found = " ".join(survey([Path(folder, name)]).lacking)
+        surveyed = survey([Path(folder, name)])
+        found = " ".join([*surveyed.lacking, *(f"no {what}" for what in surveyed.open)])
     else:
         found = f"{len(read_log(Path(folder, name), load_config(Path(folder, 'rovid.toml'))).time)} samples"
 except RovidError as error:

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from rovid.campaign.config import Config
 from rovid.ground.errors import RovidError
-from rovid.inspect.first_config import survey, toml_of
+from rovid.inspect.draft import toml_of
+from rovid.inspect.first_config import survey
 from rovid.readers import read_campaign, read_log
 from tests.readers.logs import COMPRESSIONS, ENCODERS, campaign, csv_text, dive, mcap_bytes, standard, toml
 

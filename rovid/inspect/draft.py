@@ -1,0 +1,196 @@
+"""A first rovid.toml as text: each guess with its reason, what no log tells marked, what is open said."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from rovid.campaign.guesswork import Guesswork
+from rovid.campaign.tables import curve_text
+from rovid.ground.errors import LINE_LENGTH, shown
+from rovid.ground.files import Output
+from rovid.ground.files.form import GUESSED_CURVE as GUESSED
+from rovid.ground.quoting import toml_text
+from rovid.inspect.first_config import FULL_THRUST, GUESSED_CURVE, Survey, commands_of, outputs_beside
+from rovid.inspect.seen import Guess
+from rovid.inspect.thrusting import Thrusting
+
+# So many columns are listed that are not used.
+_LISTED = 40
+_OPEN_THRUSTER = (
+    "# [[thrusters]]",
+    '# name = "NAME"',
+    "# yaw_arm = 1.0    # m",
+    '# curve = "CURVE.csv"',
+    '# command = { csv = "COLUMN" }',
+)
+
+
+def files_of(survey: Survey) -> dict[Output, str]:
+    """What to write where: rovid.toml, and the curve where there is none yet."""
+    config, _ = outputs_beside([survey.folder])
+    files = {config: toml_of(survey)}
+    if survey.new_curve is not None:
+        curve = Output(survey.folder / survey.curve, GUESSED)
+        files[curve] = curve_text(survey.new_curve.command, survey.new_curve.thrust)
+    return files
+
+
+def toml_of(survey: Survey) -> str:
+    """The text of rovid.toml; each guess with its reason."""
+    return "\n".join([*_head(survey), *_thrusters(survey), *_signals(survey)]) + "\n"
+
+
+def logs_in_words(survey: Survey) -> str:
+    """How many logs were looked at."""
+    if survey.logs == 1:
+        return "one log"
+    return f"{survey.logs} logs"
+
+
+def _head(survey: Survey) -> Iterator[str]:
+    yield f"# Written by `rovid init` from {logs_in_words(survey)}. Each guess says why: correct what is wrong. A line"
+    yield "# *_guessed marks what no log can tell, and every number that hangs on it."
+    for what in survey.open:
+        option = f"--{what} NAME"
+        yield f"# OPEN: no column was recognised as {what}. Put it in below, or run `rovid init LOGS {option} --force`."
+    yield ""
+    yield "[vehicle]"
+    known = survey.profile
+    yield f"name = {toml_text(known.name if known else survey.folder.resolve().name)}"
+    if known is None:
+        yield "# Mass and size are not in the logs; with them rovid tells the added inertia."
+    else:
+        yield f"# {_how_known(survey)}"
+        yield from (f"# {shown(source, LINE_LENGTH)}" for source in known.sources)
+    for name, unit in (("mass", "kg"), ("length", "m"), ("width", "m")):
+        value = getattr(known, name, None)
+        yield (
+            f"# {name} =       # {unit}"
+            if value is None
+            else f"{name} = {value:g}    # {unit}; published, not measured here"
+        )
+
+
+def _how_known(survey: Survey) -> str:
+    """Why it is taken for a vehicle of this type."""
+    if survey.recognised:
+        return "A guess: of this type the same outputs turn it. `rovid init LOGS --vehicle TYPE --force` makes it sure."
+    return "Published of this type of vehicle; where yours differs, correct it:"
+
+
+def _thrusters(survey: Survey) -> Iterator[str]:
+    if survey.curve_guessed:
+        yield from _guessed_curve(survey)
+    turning = {command.name for command in commands_of(survey.guesses) if command.way}
+    for name, ones in _by_name(survey).items():
+        # Where some are known to turn the vehicle, the others wait for the user to say so.
+        mark = "# " if turning and name not in turning else ""
+        yield ""
+        yield from _why(ones)
+        yield f"{mark}[[thrusters]]"
+        yield f"{mark}name = {toml_text(name)}"
+        for line in _arm(survey, ones):
+            yield f"{mark}{line}"
+        yield f"{mark}curve = {toml_text(survey.curve)}"
+        if survey.curve_guessed:
+            yield f"{mark}curve_guessed = {toml_text(survey.curve)}   # as above; put a bench curve into curve"
+        sources = {kind: one.source for kind, one in ones.items()}
+        yield f"{mark}command = {_sources(sources)}"
+    if "command" in survey.open:
+        yield ""
+        yield from _OPEN_THRUSTER
+
+
+def _arm(survey: Survey, ones: Mapping[str, Thrusting]) -> Iterator[str]:
+    """The lines of a thruster's arm."""
+    way = next((one.way for one in ones.values() if one.way), 1)
+    size = next((one.arm for one in ones.values() if one.arm), 0.0)
+    if _arm_guessed(survey, ones):
+        told = (
+            "published for that type"
+            if survey.recognised and size
+            else "the sense is that of the logs, the distance is not in them"
+        )
+        arm = f"{way * (size or 1.0):.4g}" if size and size != 1.0 else f"{way:.1f}"
+        yield f"yaw_arm = {arm}            # m: {told}"
+        yield f"yaw_arm_guessed = {arm}    # as long as both are the same; put the distance into yaw_arm"
+    else:
+        told = "published for this type" if survey.profile else "by the autopilot's parameters"
+        yield f"yaw_arm = {way * size:.4g}    # m: {told}"
+
+
+def _arm_guessed(survey: Survey, ones: Mapping[str, Thrusting]) -> bool:
+    """Whether nobody said how long the arm of a thruster is."""
+    size = next((one.arm for one in ones.values() if one.arm), 0.0)
+    return survey.recognised or size in {0.0, 1.0}
+
+
+def guess_of(survey: Survey) -> Guesswork:
+    """What of the file that is written is no measurement: arms, and a curve that was not there."""
+    turning = {command.name for command in commands_of(survey.guesses) if command.way}
+    thrusters = {name: ones for name, ones in _by_name(survey).items() if not turning or name in turning}
+    items: list[str] = []
+    for name, ones in thrusters.items():
+        items += [f"yaw_arm of {name}"] * _arm_guessed(survey, ones) + [f"curve of {name}"] * survey.curve_guessed
+    return Guesswork(items=tuple(items), thrusters=len(thrusters))
+
+
+def _guessed_curve(survey: Survey) -> Iterator[str]:
+    yield ""
+    if survey.curve != GUESSED_CURVE:
+        yield f"# {survey.curve} is that of the type of vehicle, which is a guess."
+        return
+    proportion = f"thrust in proportion to the command, {FULL_THRUST:g} N at its end"
+    yield f"# {survey.curve} is a guess: {proportion}. Until a"
+    yield "# bench curve takes its place no number holds that was fitted through it, and the diagnosis finds what"
+    yield "# the guess lacks, as the drive's own dead band."
+
+
+def _by_name(survey: Survey) -> dict[str, dict[str, Thrusting]]:
+    """Each thruster by the formats in which its command was found."""
+    named: dict[str, dict[str, Thrusting]] = {}
+    for kind, guesses in survey.guesses.items():
+        for command in guesses.commands:
+            named.setdefault(command.name, {})[kind] = command
+    return named
+
+
+def _signals(survey: Survey) -> Iterator[str]:
+    yield ""
+    yield "[signals]"
+    clocks = {kind: clock for kind, clock in survey.clocks.items() if clock and kind in survey.guesses}
+    if clocks:
+        yield f"time = {_sources(clocks)}"
+    named: dict[str, dict[str, Guess]] = {}
+    for kind, guesses in survey.guesses.items():
+        for name, signal in guesses.signals.items():
+            named.setdefault(name, {})[kind] = signal
+    for name, ones in named.items():
+        yield from _why(ones)
+        yield f"{name} = {_signal(ones)}"
+    if "heading" in survey.open:
+        yield f'# heading = {{ {next(iter(survey.guesses))} = "COLUMN", unit = "deg" }}'
+    for kind, guesses in survey.guesses.items():
+        if guesses.unused:
+            names = [shown(source, LINE_LENGTH) for source in guesses.unused]
+            yield f"# {kind}: not used: {', '.join(names[:_LISTED])}{', …' if len(names) > _LISTED else ''}"
+
+
+def _signal(ones: Mapping[str, Guess]) -> str:
+    first = next(iter(ones.values()))
+    parts = [f"{kind} = {toml_text(one.source)}" for kind, one in ones.items()]
+    if first.unit:
+        parts.append(f"unit = {toml_text(first.unit)}")
+    if first.sign < 0:
+        parts.append("sign = -1")
+    return "{ " + ", ".join(parts) + " }"
+
+
+def _sources(sources: Mapping[str, str]) -> str:
+    parts = [f"{kind} = {toml_text(source)}" for kind, source in sources.items()]
+    return "{ " + ", ".join(parts) + " }"
+
+
+def _why(ones: Mapping[str, Guess] | Mapping[str, Thrusting]) -> Iterator[str]:
+    for kind, one in ones.items():
+        yield f"# {kind}: {shown(one.why, LINE_LENGTH)}"

@@ -1,0 +1,77 @@
+"""What was read of a log before anybody knows what it is, and how fast a heading turns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovid.ground.arrays import FloatArray
+
+# A whole turn.
+TURN = {"deg": 360.0, "rad": 2.0 * np.pi}
+# Readings without which nothing is guessed.
+FEWEST = 30
+_WINDOW = 0.5  # s over which a rate is a mean
+_LONGEST = 3e6  # s from the middle of a log
+_MOST = 500_000  # windows of one log
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Seen:
+    """One column or field of one log: its (n,) times in s and values; ``radians`` where it is an orientation."""
+
+    source: str
+    time: FloatArray
+    values: FloatArray
+    radians: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Guess:
+    """What one signal is taken from, in what unit and sense, and why."""
+
+    source: str
+    why: str
+    unit: str = ""
+    sign: int = 1
+
+
+def finite(seen: Sequence[Seen]) -> FloatArray:
+    """(n,) values that were measured, of all logs."""
+    values = np.concatenate([one.values for one in seen])
+    return np.asarray(values[np.isfinite(values)])
+
+
+def _radians(heading: Guess, seen: Seen) -> tuple[FloatArray, FloatArray]:
+    """(n,) s and the unwrapped heading in rad."""
+    known = np.flatnonzero(np.isfinite(seen.values) & np.isfinite(seen.time))
+    if known.size:
+        stamps = seen.time[known]
+        # A stamp of before the clock was set, or a damaged one, is years away.
+        known = known[np.abs(stamps - np.median(stamps)) < _LONGEST]
+    scale = 2.0 * np.pi / TURN[heading.unit]
+    return seen.time[known], np.unwrap(seen.values[known] * scale)
+
+
+def rates(heading: Guess, seen: Seen) -> tuple[FloatArray, FloatArray]:
+    """(m + 1,) s, a window apart, and the (m,) mean rates in rad/s between them."""
+    time, angle = _radians(heading, seen)
+    if len(time) < FEWEST:
+        return np.empty(0), np.empty(0)
+    # A single stamp weeks away would else make millions of windows.
+    window = max(_WINDOW, 2.0 * float(np.median(np.diff(time))), float(np.ptp(time)) / _MOST)
+    grid = np.arange(time[0], time[-1], window)
+    return grid, np.diff(np.interp(grid, time, angle)) / window
+
+
+def held_mean(seen: Seen, time: FloatArray) -> FloatArray:
+    """(m,) means of the held values between (m + 1,) ``time`` in s."""
+    known = np.isfinite(seen.values)
+    if not known.any():
+        return np.zeros(len(time) - 1)
+    clock, values = seen.time[known], seen.values[known]
+    ends = np.append(clock, max(clock[-1], time[-1]) + 1.0)
+    integral = np.concatenate(([0.0], np.cumsum(values * np.diff(ends))))
+    return np.asarray(np.diff(np.interp(time, ends, integral)) / np.diff(time))

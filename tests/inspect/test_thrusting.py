@@ -1,0 +1,71 @@
+"""Which columns are commands, by name, by an autopilot's mixer and by a type of vehicle."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rovid.campaign.profiles import profile
+from rovid.ground.arrays import FloatArray
+from rovid.inspect.seen import Seen
+from rovid.inspect.thrusting import Thrusting, Wanted, thrusting
+
+TIME = np.arange(0.0, 60.0, 0.1)
+RNG = np.random.default_rng(5)
+
+
+def held(low: float = -1.0, high: float = 1.0) -> FloatArray:
+    return np.repeat(RNG.uniform(low, high, 20), 30)
+
+
+def commands(wanted: Wanted | None = None, **columns: FloatArray) -> dict[str, Thrusting]:
+    return of({name.replace("__", "."): values for name, values in columns.items()}, wanted)
+
+
+def of(columns: dict[str, FloatArray], wanted: Wanted | None = None) -> dict[str, Thrusting]:
+    log = {name: Seen(source=name, time=TIME, values=values) for name, values in columns.items()}
+    found = thrusting({name: [seen] for name, seen in log.items()}, [log], None, wanted or Wanted())
+    return {one.source: one for one in found}
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("port", "stbd"), ("T1", "T2"), ("u1", "u2"), ("M1", "M2"), ("port_rpm", "starboard_rpm"), ("thr_1", "thr_2"),
+        ("Schub links", "Schub rechts"), ("moteur_bâbord", "moteur_tribord"), ("fore_V", "aft_V"), ("left", "right"),
+        ("RCIN.C1", "RCIN.C2"),
+    ],
+)  # fmt: skip
+def test_usual_names_are_known(names: tuple[str, str]) -> None:
+    other = {"t": TIME, "port_temp": held(), "stbd_current": held(), "port_amps_A": held(), "depth": held()}
+    assert set(of({**other, names[0]: held(), names[1]: held()})) == set(names)
+
+
+def test_lights_and_what_never_rests_are_no_thrusters() -> None:
+    pulses = {"RCOU.C1": held(1300.0, 1700.0), "RCOU.C2": held(1300.0, 1700.0), "RCOU.C10": held(1600.0, 1700.0)}
+    lights = {"lights_pwm": held(1100.0, 1900.0), "camera_tilt_pwm": held(1100.0, 1900.0)}
+    assert set(of(pulses | lights)) == {"RCOU.C1", "RCOU.C2"}
+
+
+def test_the_autopilots_own_torque_tells_who_takes_part() -> None:
+    one, two, depth = held(-100.0, 100.0), held(-100.0, 100.0), held(-100.0, 100.0)
+    outputs = {"RCOU.C1": 1500.0 - one + two, "RCOU.C2": 1500.0 + one + two, "RCOU.C5": 1500.0 + depth}
+    found = of({**outputs, "RATE.YOut": one / 400.0})
+    assert {source: command.way for source, command in found.items()} == {"RCOU.C1": -1, "RCOU.C2": 1, "RCOU.C5": 0}
+
+
+def test_a_type_of_vehicle_tells_sense_and_arm() -> None:
+    found = commands(Wanted(profile=profile("heron")), port_cmd=held(), stbd_cmd=held())
+    assert {source: command.way * command.arm for source, command in found.items()} == {
+        "port_cmd": 0.378,
+        "stbd_cmd": -0.378,
+    }
+
+
+def test_what_was_named_is_taken() -> None:
+    assert set(commands(Wanted(commands=("a", "b")), a=held(), b=held(), port_cmd=held())) == {"a", "b"}
+
+
+def test_a_demand_of_motion_stands_back_behind_thrusters() -> None:
+    assert set(commands(yaw_cmd_norm=held(), pwm1_us=held(1300.0, 1700.0))) == {"pwm1_us"}
+    assert set(commands(yaw_cmd_norm=held())) == {"yaw_cmd_norm"}
