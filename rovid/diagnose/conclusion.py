@@ -12,7 +12,7 @@ from scipy import linalg
 from rovid.diagnose.between import models_between
 from rovid.diagnose.floor import position_floor, rate_floor
 from rovid.diagnose.heldout import errors_ahead, log_likelihood, simulate_folds
-from rovid.diagnose.odds import ESTABLISHED, POSSIBLE
+from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, calibrated
 from rovid.diagnose.record import Ahead, Diagnosis, Finding, Side
 from rovid.diagnose.rivals import Cause, is_plausible, worth
 from rovid.diagnose.screening import Promise
@@ -230,7 +230,7 @@ def _finding(work: Work, cause: Cause, estimate: Estimate) -> Finding:
         gain=cause.gain,
         worth=cause.worth,
         held_out_gain=held_out_gain,
-        confidence=work.confidence(cause, held_out_gain),
+        confidence=calibrated(work.confidence(cause, held_out_gain)),
         rivals=cause.rivals,
         undecided=(*undecided(cause, work.margin(cause.worth)), *_untried(work, effect)),
     )

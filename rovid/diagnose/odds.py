@@ -17,6 +17,8 @@ _SUREST = 0.97
 # log-likelihoods of the first size as often as what acts, and each further one of the second multiplies the odds by e;
 # where the data are explained to the noise there is little to resemble.
 _RESEMBLES, _RESEMBLES_LESS = (6.0, 4.7), (6.0, 2.35)
+# Logarithm of the odds that are said: that by which they are higher, and the share of those that were worked out.
+_MORE_ACTS, _TEMPER = 0.85, 0.75
 
 
 def surest(gain: float, *, white: bool) -> float:
@@ -29,6 +31,15 @@ def surest(gain: float, *, white: bool) -> float:
     """
     even, step = _RESEMBLES_LESS if white else _RESEMBLES
     return min(float(special.expit((gain - even) / step)), _SUREST)
+
+
+def calibrated(sure: float) -> float:
+    """What is said where the likelihood and the gain on trials not fitted make a cause ``sure``, both in 0 to 1.
+
+    Readings are not as independent as a likelihood has it, and in real water more acts than one cause: what was sure by
+    0.04, 0.25, 0.5, 0.7, 0.9 acted in 0.24, 0.55, 0.71, 0.85 and 0.92 of the cases, in three seeds of hard water.
+    """
+    return float(special.expit(_MORE_ACTS + _TEMPER * special.logit(sure)))
 
 
 def confidence(worths: Mapping[str, float], alike: Collection[str], tried: int, *, most: float = _SUREST) -> float:

@@ -9,7 +9,7 @@ from functools import cache
 
 from rovid.diagnose.heldout import Fold, cross_validate, log_likelihood
 from rovid.diagnose.odd_trial import stands_out
-from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence, surest
+from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, calibrated, confidence, surest
 from rovid.diagnose.parts import Piece
 from rovid.diagnose.rivals import Cause, Rival, is_beyond, worth
 from rovid.diagnose.search import Search
@@ -291,7 +291,7 @@ class Work:
         for rival in left.copy():
             least = max(rival.worth - _TOLD, 0.0)
             near = [] if suspects else [other for other in left if other is not rival and other.worth > least]
-            if odds([rival, *near]) < POSSIBLE:
+            if calibrated(odds([rival, *near])) < POSSIBLE:
                 break
             if not acts(rival):
                 left.remove(rival)
@@ -301,8 +301,8 @@ class Work:
             sure = odds([rival, *alike], max(rival.worth - gain, 0.0), surest(gain - doubt, white=white))
             if not white:
                 sure = min(sure, stands_out(rival.fitted, rival.effect))
-            if sure >= POSSIBLE:
-                suspects.append(Suspected(rival, sure, gain, tuple(alike)))
+            if (said := calibrated(sure)) >= POSSIBLE:
+                suspects.append(Suspected(rival, said, gain, tuple(alike)))
         return sorted(suspects, key=lambda one: -one.confidence)
 
     def _acts(self, rival: Rival) -> bool:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rovid.diagnose.odds import ESTABLISHED, confidence, surest
+from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, calibrated, confidence, surest
 
 
 @pytest.mark.parametrize(
@@ -34,3 +34,12 @@ def test_what_gains_little_is_no_surer_than_its_stand_ins_are_rare(white: bool, 
     assert surest(-1e6, white=white) < 1e-6
     assert surest(1e6, white=white) == surest(2e6, white=white) < 0.98
     assert confidence({"a": least}, ("a",), 1, most=surest(least, white=white)) == surest(least, white=white)
+
+
+def test_odds_that_are_said_keep_their_order_and_what_is_established() -> None:
+    said = [calibrated(sure) for sure in (0.0, 1e-3, 0.05, 0.3, 0.5, 0.8, ESTABLISHED, 0.97, 1.0)]
+    assert said == sorted(said)
+    assert (said[0], said[-1]) == (0.0, 1.0)
+    assert calibrated(ESTABLISHED) >= ESTABLISHED
+    assert calibrated(0.93) < ESTABLISHED
+    assert calibrated(1e-3) < POSSIBLE
