@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 from rovid.campaign.axis import AXES, YAW, Axis, described
 from rovid.campaign.formats import KINDS
 from rovid.campaign.settings import Settings, settings_of
+from rovid.campaign.stretches import Stretch
 from rovid.campaign.tables import read_curve
 from rovid.campaign.vehicle import Thruster, Vehicle
 from rovid.ground.errors import NAME_LENGTH, ConfigError, nearest
@@ -58,6 +59,7 @@ _OLD_GUESSES = b"# Written by `rovid init`, which looked at "
 _MARKS = tuple(f"{key}{_GUESSED}" for key in (*_ARMS, "curve"))
 _THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside", *_MARKS)
 _NOT_SOURCES = ("unit", "sign")
+_STRETCH_KEYS = ("log", "from", "to", "reason")
 
 _ATTITUDE = {"heading": "yaw", "roll": "roll", "pitch": "pitch"}
 # Format -> signal -> (source, unit): what every log of the format calls by one name, so that [signals] need not.
@@ -125,6 +127,7 @@ class Config:
     signals: Mapping[str, Signal]
     commands: tuple[Signal, ...]
     measured: str = "heading"
+    left_out: tuple[Stretch, ...] = ()
 
     @property
     def axis(self) -> Axis:
@@ -142,6 +145,9 @@ class Config:
         further = {name: str(signal) for name, signal in self.signals.items() if name not in UNITS}
         signals = {name: str(signal) for name, signal in self.signals.items() if name in UNITS}
         commands = {signal.name.replace(".", " of ", 1): str(signal) for signal in self.commands}
+        for stretch in self.left_out:
+            known = signals.get(f"left out of {stretch.log}")
+            signals[f"left out of {stretch.log}"] = f"{known}, {stretch}" if known else str(stretch)
         return settings_of(self.vehicle, {"time": str(self.time), **signals, **commands}, further)
 
     @property
@@ -255,7 +261,7 @@ class _Reader:
         return ConfigError(message, where=f"{self.path}: {place}", mend=mend)
 
     def config(self, document: Mapping[str, Any]) -> Config:
-        self.known(document, ("vehicle", "thrusters", "signals"), "top level")
+        self.known(document, ("vehicle", "thrusters", "signals", "leave_out"), "top level")
         signals = self.signals(self.table(document, "signals"))
         time = signals.pop("time", Signal(name="time", sources={}, unit="auto"))
         blocks = document.get("thrusters", [])
@@ -272,7 +278,25 @@ class _Reader:
             signals=signals,
             commands=tuple(commands),
             measured=measured,
+            left_out=tuple(self.stretches(document.get("leave_out", []))),
         )
+
+    def stretches(self, blocks: Any) -> Iterator[Stretch]:
+        if not isinstance(blocks, list):
+            raise self.complain("leave_out", "must be written [[leave_out]], one block each.")
+        for index, block in enumerate(blocks):
+            place = f"[[leave_out]] number {index + 1}"
+            if not isinstance(block, dict):
+                raise self.complain(place, f"is {block!r}; a block [[leave_out]] was expected.")
+            self.known(block, _STRETCH_KEYS, place)
+            if not isinstance(block.get("log"), str) or not isinstance(block.get("reason", ""), str):
+                raise self.complain(place, "has no log and reason that are text.", 'Add log = "hold_03.csv".')
+            begin = self.number(block.get("from", 0.0), f"{place} from")
+            end = self.number(block["to"], f"{place} to") if "to" in block else math.inf
+            if not end > begin:
+                raise self.complain(place, f"ends at {end:g} s and begins at {begin:g} s.", "Give from and to in s.")
+            log, reason = self.name(block["log"], f"{place} log"), self.name(block.get("reason", ""), f"{place} reason")
+            yield Stretch(log=log, begin=begin, end=end, reason=reason)
 
     def drive(self, blocks: Sequence[Any], signals: dict[str, Signal]) -> tuple[list[Thruster], list[Signal]]:
         """What pushes along the axis, and its commands; a logged torque is taken out of ``signals``."""

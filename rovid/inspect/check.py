@@ -16,7 +16,7 @@ from rovid.inspect.advice import Advice, advise
 from rovid.inspect.feedback import Feedback, find_feedback
 from rovid.motion.rates import white_noise
 from rovid.motion.segments import find_holds, find_sines
-from rovid.readers import find_logs, read_log
+from rovid.readers import find_logs, trials_of
 from rovid.readers.twins import without_twins
 
 
@@ -45,11 +45,11 @@ class Check:
 def check_logs(paths: Sequence[Path], config: Config) -> Check:
     """Read every log on its own, so that one bad log does not hide the others."""
     found, remarks = find_logs(paths, config)
-    rows, problems = [], {}
+    rows: list[tuple[Trial, dict[str, Any]]] = []
+    problems = {}
     for name, path in found:
         try:
-            trial = read_log(path, config, name)
-            rows.append((trial, _facts(trial, config)))
+            rows += [(trial, _facts(trial, config)) for trial in trials_of(path, config, name, remarks)]
         except RovidError as error:
             problems[name] = str(error)
     # One recording in two formats is one run.

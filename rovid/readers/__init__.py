@@ -7,7 +7,7 @@ common time base are the same for all (`rovid.readers.timebase`).
 
 from __future__ import annotations
 
-from rovid.readers.campaign import find_logs, read_campaign
+from rovid.readers.campaign import find_logs, read_campaign, trials_of
 from rovid.readers.formats import READERS, read_log
 
-__all__ = ["READERS", "find_logs", "read_campaign", "read_log"]
+__all__ = ["READERS", "find_logs", "read_campaign", "read_log", "trials_of"]

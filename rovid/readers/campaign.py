@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from rovid.campaign.config import Config
+from rovid.campaign.stretches import kept
 from rovid.campaign.tables import CURVE_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS
 from rovid.campaign.trial import Campaign, Remark, Trial
 from rovid.ground.arrays import FloatArray
-from rovid.ground.errors import LogError
+from rovid.ground.errors import LogError, nearest
 from rovid.ground.places import require, search
 from rovid.readers.formats import READERS, read_log
 
@@ -65,13 +66,15 @@ def read_campaign(paths: Sequence[Path], config: Config, progress: Progress | No
     trials = []
     with _shown(logs, progress) as advance:
         for name, path in logs:
-            trials.append(read_log(path, config, name))
+            trials += trials_of(path, config, name, remarks)
             advance(path, _size(path))
+    if not trials:
+        raise LogError("nothing is left of these logs.", where=config.path, mend="Correct [[leave_out]].")
     from rovid.readers.twins import without_twins
 
-    kept = without_twins(trials, remarks)
-    medians = _medians(kept)
-    pairs = zip(kept, _since(kept), strict=True)
+    own = without_twins(trials, remarks)
+    medians = _medians(own)
+    pairs = zip(own, _since(own), strict=True)
     together = tuple(replace(trial, reference=medians, since=since) for trial, since in pairs)
     return Campaign(trials=together, sources=tuple(paths), remarks=tuple(remarks))
 
@@ -117,8 +120,9 @@ def find_logs(paths: Sequence[Path], config: Config) -> tuple[list[tuple[str, Pa
     logs = logs or [one for one in files if one.asked]
     if not logs:
         raise _no_logs(paths, files)
-    kept = _without_copies(logs, remarks)
-    return [(one.name, one.path) for one in kept], remarks
+    remarks += _unknown_stretches(logs, config)
+    once = _without_copies(logs, remarks)
+    return [(one.name, one.path) for one in once], remarks
 
 
 def _without_companions(files: Sequence[_File]) -> list[_File]:
@@ -207,6 +211,35 @@ def _is_csv_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
         return True
     remarks.append(_skipped(one.name, "it holds none of the columns that rovid.toml maps, so it is no log"))
     return False
+
+
+def trials_of(path: Path, config: Config, name: str, remarks: list[Remark]) -> list[Trial]:
+    """What is to be used of a log: one trial, or several where stretches between them are left out.
+
+    Raises
+    ------
+    LogError
+        It cannot be read.
+    """
+    parts = kept(read_log(path, config, name), config.left_out)
+    if not parts:
+        remarks.append(_skipped(name, "rovid.toml leaves all of it out"))
+    return parts
+
+
+def _unknown_stretches(logs: Sequence[_File], config: Config) -> Iterator[Remark]:
+    """Stretches that are of no log, here or beside rovid.toml."""
+    names = [one.name for one in logs]
+    for stretch in config.left_out:
+        if any(map(stretch.is_of, names)):
+            continue
+        folder = config.path.parent
+        beside = [path.relative_to(folder).as_posix() for path in search(folder, _unreadable).files]
+        if not any(map(stretch.is_of, beside)):
+            text = (
+                f"[[leave_out]] of {stretch.log!r} was left alone: no log is called so. {nearest(stretch.log, names)}"
+            )
+            yield Remark(kind="skipped", count=1, text=text)
 
 
 def _skipped(name: str, why: str) -> Remark:
