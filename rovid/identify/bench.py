@@ -27,6 +27,8 @@ _THRUST_NAMES = ("thrust|force",)
 # A reading below this share of the largest thrust, or below the bench's own noise, is no thrust. A bench that
 # never contradicts itself is believed to a thousandth, another to half a percent.
 _ZERO_SHARE_EXACT, _ZERO_SHARE_NOISY = 0.001, 0.005
+# Between two readings that are farther apart than so many usual ones anything may happen.
+_LONG = 2.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,10 +133,16 @@ def fit_bench(command: FloatArray, thrust: FloatArray) -> BenchFit:
         values[low : high + 1] = 0.0
         values[:low] = _isotonic(np.minimum(rising[:low], 0.0), counts[:low])
         values[high + 1 :] = _isotonic(np.maximum(rising[high + 1 :], 0.0), counts[high + 1 :])
-    curve = ThrustCurve(command=levels, thrust=direction * values)
     dead_zone = None
     if idle is not None and idle[0] != idle[1]:
-        dead_zone = (float(levels[idle[0]]), float(levels[idle[1]]))
+        low, high = idle
+        ends = [_edge(levels[low::-1], values[low::-1], levels), _edge(levels[high:], values[high:], levels)]
+        dead_zone = (ends[0], ends[1])
+        more = [end for end in ends if end not in levels]
+        levels, values = np.append(levels, more), np.append(values, np.zeros(len(more)))
+        order = np.argsort(levels)
+        levels, values = levels[order], values[order]
+    curve = ThrustCurve(command=levels, thrust=direction * values)
     return BenchFit(
         curve=curve,
         command=command,
@@ -143,6 +151,18 @@ def fit_bench(command: FloatArray, thrust: FloatArray) -> BenchFit:
         dead_zone=dead_zone,
         noise=noise,
     )
+
+
+def _edge(outwards: FloatArray, values: FloatArray, levels: FloatArray) -> float:
+    """Where the dead zone ends on one side: at the last command within it, the first of those ``outwards``.
+
+    Where nothing was read for long behind that, the next two readings' line is followed to where it meets no thrust.
+    """
+    spacing = float(np.median(np.diff(levels)))
+    if len(outwards) < 3 or abs(outwards[1] - outwards[0]) <= _LONG * spacing or values[2] == values[1]:
+        return float(outwards[0])
+    slope = (values[2] - values[1]) / (outwards[2] - outwards[1])
+    return float(np.clip(outwards[1] - values[1] / slope, *sorted(outwards[:2])))
 
 
 def _isotonic(values: FloatArray, counts: np.ndarray[tuple[int], np.dtype[np.intp]]) -> FloatArray:

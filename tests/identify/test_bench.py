@@ -86,3 +86,15 @@ def test_bad_bench_is_told(text: str, message: str, tmp_path: Path) -> None:
 def test_two_commands_make_no_curve() -> None:
     with pytest.raises(DataError, match="three commands"):
         fit_bench(np.array([0.0, 1.0]), np.array([0.0, 1.0]))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_dead_zone_that_was_not_read_to_its_end_ends_where_the_curve_begins(side: float) -> None:
+    command = side * np.array([-3.0, -2.5, -2.0, -1.5, -1.0, -0.5, 0.0, 2.0, 2.5, 3.0])
+    thrust = np.where(np.abs(command) > 1.2, side * np.sign(command) * 4.0 * (np.abs(command) - 1.2), 0.0) * side
+    fit = fit_bench(command, thrust)
+    assert fit.dead_zone is not None
+    far = fit.dead_zone[1] if side > 0.0 else fit.dead_zone[0]
+    assert far == pytest.approx(side * 1.2)
+    assert fit.curve(np.array([side * 1.1])) == pytest.approx([0.0])
+    assert fit.curve(np.array([side * 1.6])) == pytest.approx([side * 1.6])
