@@ -10,6 +10,7 @@ from typing import Any
 
 from rovid.campaign.axis import AXES, YAW, Axis, described
 from rovid.campaign.formats import KINDS
+from rovid.campaign.joining import Join
 from rovid.campaign.settings import Settings, settings_of
 from rovid.campaign.stretches import Stretch
 from rovid.campaign.tables import read_curve
@@ -59,6 +60,7 @@ _OLD_GUESSES = b"# Written by `rovid init`, which looked at "
 _MARKS = tuple(f"{key}{_GUESSED}" for key in (*_ARMS, "curve"))
 _THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside", *_MARKS)
 _NOT_SOURCES = ("unit", "sign")
+_JOIN_KEYS = ("parts", "offset", "time")
 _STRETCH_KEYS = ("log", "from", "to", "reason")
 
 _ATTITUDE = {"heading": "yaw", "roll": "roll", "pitch": "pitch"}
@@ -128,6 +130,7 @@ class Config:
     commands: tuple[Signal, ...]
     measured: str = "heading"
     left_out: tuple[Stretch, ...] = ()
+    join: Join | None = None
 
     @property
     def axis(self) -> Axis:
@@ -145,6 +148,8 @@ class Config:
         further = {name: str(signal) for name, signal in self.signals.items() if name not in UNITS}
         signals = {name: str(signal) for name, signal in self.signals.items() if name in UNITS}
         commands = {signal.name.replace(".", " of ", 1): str(signal) for signal in self.commands}
+        if self.join is not None:
+            signals |= {f"offset of {part}": f"{value:g} s" for part, value in self.join.offset.items()}
         for stretch in self.left_out:
             known = signals.get(f"left out of {stretch.log}")
             signals[f"left out of {stretch.log}"] = f"{known}, {stretch}" if known else str(stretch)
@@ -261,7 +266,7 @@ class _Reader:
         return ConfigError(message, where=f"{self.path}: {place}", mend=mend)
 
     def config(self, document: Mapping[str, Any]) -> Config:
-        self.known(document, ("vehicle", "thrusters", "signals", "leave_out"), "top level")
+        self.known(document, ("vehicle", "thrusters", "signals", "leave_out", "join"), "top level")
         signals = self.signals(self.table(document, "signals"))
         time = signals.pop("time", Signal(name="time", sources={}, unit="auto"))
         blocks = document.get("thrusters", [])
@@ -279,7 +284,30 @@ class _Reader:
             commands=tuple(commands),
             measured=measured,
             left_out=tuple(self.stretches(document.get("leave_out", []))),
+            join=self.join(self.table(document, "join")),
         )
+
+    def join(self, table: Mapping[str, Any]) -> Join | None:
+        if not table:
+            return None
+        self.known(table, _JOIN_KEYS, "[join]")
+        parts = table.get("parts")
+        if not isinstance(parts, list) or len(parts) < 2 or not all(isinstance(part, str) for part in parts):
+            raise self.complain(
+                "[join]", "has no parts: two words or more were expected.", 'Add parts = ["ins", "thr"].'
+            )
+        offset, time = self.table(table, "offset"), self.table(table, "time")
+        for key, entries in (("offset", offset), ("time", time)):
+            self.known(entries, parts, f"[join] {key}")
+        return Join(
+            parts=tuple(parts),
+            offset={part: self.number(value, f"[join] offset {part}") for part, value in offset.items()},
+            time={part: self.clock(value, f"[join] time {part}") for part, value in time.items()},
+        )
+
+    def clock(self, value: Any, place: str) -> tuple[str, str]:
+        signal = self.signal("time", value, place)
+        return next(iter(signal.sources.values()), ""), signal.unit
 
     def stretches(self, blocks: Any) -> Iterator[Stretch]:
         if not isinstance(blocks, list):

@@ -19,7 +19,7 @@ from rovid.campaign.trial import Campaign, Remark, Trial
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import LogError, nearest
 from rovid.ground.places import require, search
-from rovid.readers.formats import READERS, read_log
+from rovid.readers.formats import READERS, joined_with, read_log
 
 # Progress is worth a bar from here on.
 _LARGE = 20_000_000
@@ -115,6 +115,8 @@ def find_logs(paths: Sequence[Path], config: Config) -> tuple[list[tuple[str, Pa
     files = _named(_once(_search_all(paths, remarks), remarks))
     if config.maps("nmea"):
         files = _without_companions(files)
+    if config.join is not None:
+        files = _first_of_each(files, config)
     logs = [one for one in files if _is_log(one, config, remarks)]
     # A table alone is read as the log that it was given for, which says what it lacks.
     logs = logs or [one for one in files if one.asked]
@@ -130,6 +132,17 @@ def _without_companions(files: Sequence[_File]) -> list[_File]:
     texts = {one.path for one in files if one.path.suffix.lower() == ".nmea"}
     stems = {text.with_suffix("") for text in texts}
     return [one for one in files if one.path in texts or one.path.with_suffix("") not in stems]
+
+
+def _first_of_each(files: Sequence[_File], config: Config) -> list[_File]:
+    """Without the files that are read with another one of their trial."""
+    if config.join is None:
+        return list(files)
+    firsts: dict[Path, _File] = {}
+    for one in files:
+        beside = joined_with(one.path, config) or [one.path]
+        firsts.setdefault(beside[0], one if beside[0] == one.path else replace(one, path=beside[0]))
+    return list(firsts.values())
 
 
 def files_in(paths: Sequence[Path]) -> list[Path]:

@@ -89,4 +89,29 @@ def read_log(path: Path, config: Config, name: str | None = None) -> Trial:
     from rovid.readers.timebase import build
 
     config = config.of(form.kind)
+    if joined_with(path, config):
+        from rovid.readers.joined import read_joined
+
+        return build(_whole(read_joined(path, config), config, path), config, path, name or path.name)
     return build(form.read(path, config), config, path, name or path.name)
+
+
+def joined_with(path: Path, config: Config) -> list[Path]:
+    """The files of the trial that ``path`` is one of, itself among them; none where it is a trial by itself."""
+    if config.join is None:
+        return []
+    from rovid.readers.joined import companions
+
+    return companions(path, config)
+
+
+def _whole(raw: RawLog, config: Config, path: Path) -> RawLog:
+    """``raw``, which holds all that is needed."""
+    for name in config.needed:
+        if name not in raw.channels:
+            raise LogError(
+                f"neither this nor the files joined with it hold what {name} is mapped to.",
+                where=path,
+                mend="Correct [signals], or parts in [join], in rovid.toml.",
+            )
+    return raw

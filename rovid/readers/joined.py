@@ -1,0 +1,127 @@
+"""One trial of several files: what each of them holds, on clocks that are brought together; nothing is resampled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from rovid.campaign.config import Config
+from rovid.campaign.joining import Join
+from rovid.campaign.trial import Remark
+from rovid.ground.errors import LogError
+from rovid.readers.formats import READERS
+from rovid.readers.raw import Channel, RawLog
+
+
+def companions(path: Path, config: Config) -> list[Path]:
+    """The files of the trial that ``path`` is one of, itself among them, in the order of the parts; none if alone."""
+    root, join = config.path.parent.resolve(), config.join
+    here = path.resolve()
+    if join is None or not here.is_relative_to(root) or not join.part(here.relative_to(root).as_posix()):
+        return []
+    # The part stands in the file's own name, or in that of its folder.
+    folder = path.parent
+    if not join.part(here.name) and here.parent != root:
+        folder = path.parent.parent if path.parent.name else here.parent.parent
+    near = [file for file in folder.rglob("*") if file.suffix.lower() in READERS and file.is_file()]
+    names = {file.resolve().relative_to(root).as_posix(): file for file in near}
+    return [names[name] for name in join.of_trial(here.relative_to(root).as_posix(), names)]
+
+
+def read_joined(path: Path, config: Config) -> RawLog:
+    """Channels of all files of a trial, in the time of the first.
+
+    Raises
+    ------
+    LogError
+        A file cannot be read, or one tells the time of day and another does not.
+    ConfigError
+        A signal is mapped to none of them.
+    """
+    join = config.join
+    if join is None:
+        raise ValueError("there is no [join]")
+    read: list[tuple[Path, RawLog]] = []
+    channels: dict[str, Channel] = {}
+    remarks: list[Remark] = []
+    owners: dict[str, RawLog] = {}
+    for file in companions(path, config):
+        own = _own(file, config, join)
+        if not own.signals:
+            remarks.append(Remark(kind="skipped", count=1, text=f"{file.name} holds nothing that is mapped."))
+            continue
+        raw = READERS[file.suffix.lower()].read(file, own)
+        shift = _shift(file, raw, read) + join.offset.get(join.part(_name(file, config)), 0.0)
+        moved = {id(channel.time): channel.time + shift for channel in raw.channels.values()}
+        for name, channel in raw.channels.items():
+            if name not in channels:
+                channels[name] = replace(channel, time=moved[id(channel.time)])
+                owners[name] = raw
+        read.append((file, raw))
+        remarks += [replace(remark, text=f"{file.name}: {remark.text}") for remark in raw.remarks]
+    remarks += _said(read, join)
+    first = read[0][1] if read else None
+    return RawLog(
+        channels=channels,
+        place=lambda name, index: owners[name].place(name, index),
+        remarks=tuple(remarks),
+        sortable=all(raw.sortable for _, raw in read),
+        epoch=first.epoch if first else None,
+    )
+
+
+def _name(file: Path, config: Config) -> str:
+    return file.resolve().relative_to(config.path.parent.resolve()).as_posix()
+
+
+def _own(file: Path, config: Config, join: Join) -> Config:
+    """What of ``config`` is mapped to ``file``."""
+    form = READERS[file.suffix.lower()]
+    config = config.of(form.kind)
+    part = join.part(_name(file, config))
+    time = config.time
+    if part in join.time:
+        column, unit = join.time[part]
+        time = replace(time, sources={**time.sources, form.kind: column}, unit=unit)
+    there = _columns(file, form.kind)
+    wanted = {name: replace(signal, optional=True) for name, signal in config.wanted(form.kind).items()}
+    signals = {name: signal for name, signal in wanted.items() if there is None or signal.sources[form.kind] in there}
+    return replace(config, signals=signals, time=time, commands=(), measured="")
+
+
+def _columns(file: Path, kind: str) -> set[str] | None:
+    """The columns of a table; None of what holds messages, which the reader looks up itself."""
+    if kind != "csv":
+        return None
+    from rovid.readers.csv_header import read_layout
+
+    return set(read_layout(file, ()).names)
+
+
+def _shift(file: Path, raw: RawLog, before: list[tuple[Path, RawLog]]) -> float:
+    """Time of the first file at which that of ``file`` begins, s."""
+    if not before:
+        return 0.0
+    first, log = before[0]
+    if (log.epoch is None) is not (raw.epoch is None):
+        told, other = (file, first) if log.epoch is None else (first, file)
+        raise LogError(
+            f"tells no time of day, and {told.name} does: their clocks cannot be brought together.",
+            where=other,
+            mend="Log ISO 8601 or epoch times in both, or seconds from the same moment.",
+        )
+    if log.epoch is None or raw.epoch is None:
+        return 0.0
+    return raw.epoch - log.epoch
+
+
+def _said(read: list[tuple[Path, RawLog]], join: Join) -> Iterator[Remark]:
+    """What is taken for granted of the clocks."""
+    if len(read) > 1 and not join.offset:
+        names = ", ".join(file.name for file, _ in read)
+        text = (
+            f"{names} make one trial, and their clocks are taken for one. How far they are apart cannot be told from a "
+            "delay of the thrusters: a command_delay that is found may be theirs. Give what is known in [join] offset."
+        )
+        yield Remark(kind="joined", count=len(read), text=text)
