@@ -37,7 +37,7 @@ def files_of(survey: Survey) -> dict[Output, str]:
 
 def toml_of(survey: Survey) -> str:
     """The text of rovid.toml; each guess with its reason."""
-    return "\n".join([*_head(survey), *_thrusters(survey), *_signals(survey)]) + "\n"
+    return "\n".join([*_head(survey), *_thrusters(survey), *_signals(survey), *_joined(survey)]) + "\n"
 
 
 def logs_in_words(survey: Survey) -> str:
@@ -174,6 +174,26 @@ def _signals(survey: Survey) -> Iterator[str]:
         if guesses.unused:
             names = [shown(source, LINE_LENGTH) for source in guesses.unused]
             yield f"# {kind}: not used: {', '.join(names[:_LISTED])}{', …' if len(names) > _LISTED else ''}"
+
+
+def _joined(survey: Survey) -> Iterator[str]:
+    join = survey.join
+    if join is None:
+        return
+    yield ""
+    yield "[join]"
+    yield "# No file holds both heading and commands: files whose names differ in one of these words are one trial."
+    yield f"parts = [{', '.join(map(toml_text, join.parts))}]"
+    if join.time:
+        columns = [f"{_key(part)} = {toml_text(column)}" for part, (column, _) in join.time.items()]
+        yield f"time = {{ {', '.join(columns)} }}"
+    yield "# Their clocks are taken for one. Where they are known to be apart, s to be added to one of them:"
+    yield f"# offset = {{ {_key(join.parts[-1])} = 0.0 }}"
+
+
+def _key(part: str) -> str:
+    """A key of TOML."""
+    return part if part.isascii() and part.isidentifier() else toml_text(part)
 
 
 def _signal(ones: Mapping[str, Guess]) -> str:

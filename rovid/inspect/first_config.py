@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from rovid.campaign.config import FILE_NAME, Config, Signal
+from rovid.campaign.joining import Join, parts_among
 from rovid.campaign.profiles import Profile, profile
 from rovid.campaign.tables import CURVE_COLUMNS, read_curve
 from rovid.campaign.vehicle import ThrustCurve, Vehicle
@@ -60,6 +61,8 @@ class Survey:
         The type of vehicle; None where nobody knows.
     recognised
         Whether that is a guess, from the outputs that turn the vehicle.
+    join
+        How the files of one trial are known, where no file holds both heading and commands.
     logs
         How many were looked at.
     lacking
@@ -76,6 +79,7 @@ class Survey:
     logs: int
     profile: Profile | None = None
     recognised: bool = False
+    join: Join | None = None
     lacking: tuple[str, ...] = ()
 
     @property
@@ -100,11 +104,12 @@ class _Looked:
     logs: dict[str, list[Mapping[str, Seen]]] = field(default_factory=dict)
     names: dict[str, list[str]] = field(default_factory=dict)
     clocks: dict[str, str] = field(default_factory=dict)
+    own_clocks: dict[str, str] = field(default_factory=dict)
     parameters: dict[str, dict[str, float]] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
 
-    def add(self, path: Path) -> None:
-        """Read one log more, where its format has not been seen often enough."""
+    def add(self, path: Path, folder: Path) -> None:
+        """Read one log more, where its format has not been seen often enough; it is called by its way in ``folder``."""
         kind = READERS[path.suffix.lower()].kind
         logs = self.logs.setdefault(kind, [])
         if len(logs) >= _LOGS or _is_table(path):
@@ -117,7 +122,9 @@ class _Looked:
         self.problems.extend(left_out)
         self.clocks.setdefault(kind, contents.clock)
         self.parameters.setdefault(kind, {}).update(contents.parameters)
-        self.names.setdefault(kind, []).append(path.name)
+        name = path.relative_to(folder).as_posix() if path.is_relative_to(folder) else path.name
+        self.names.setdefault(kind, []).append(name)
+        self.own_clocks[name] = contents.clock
         logs.append(seen)
 
 
@@ -134,8 +141,9 @@ def survey(paths: Sequence[Path], asked: Asked | None = None) -> Survey:
     folder = _folder(paths)
     looked = _Looked()
     for path in _files(paths, looked.problems):
-        looked.add(path)
+        looked.add(path, folder)
     _require(asked, looked, folder)
+    join = _joined(looked)
     told = named or _told(looked)
     guesses = _recognised(looked, folder, asked, told)
     alike = None if told else _alike(list(commands_of(guesses)))
@@ -151,6 +159,7 @@ def survey(paths: Sequence[Path], asked: Asked | None = None) -> Survey:
         curve_guessed=curve.guessed or (alike is not None and curve.new is not None),
         profile=told,
         recognised=alike is not None,
+        join=join,
         logs=sum(map(len, looked.logs.values())),
         lacking=(*dict.fromkeys(looked.problems), *_lacking(looked, guesses)),
     )
@@ -161,6 +170,39 @@ def _folder(paths: Sequence[Path]) -> Path:
     if first.is_dir():
         return first
     return first.parent
+
+
+def _joined(looked: _Looked) -> Join | None:
+    """How files are parts of trials, where no file holds both heading and commands; they are put together."""
+    for kind, logs in looked.logs.items():
+        found = guess(logs)
+        if found.lacking or any(_holds(log, found) for log in logs):
+            continue
+        names = looked.names[kind]
+        join = Join(parts=parts_among(names))
+        trials: dict[str, dict[str, Seen]] = {}
+        for name, log in zip(names, logs, strict=True):
+            if join.part(name):
+                trials[join.trial(name)] = dict(log) | trials.get(join.trial(name), {})
+        whole = [name for name, log in trials.items() if _holds(log, found)]
+        if not whole:
+            continue
+        looked.logs[kind], looked.names[kind] = [trials[name] for name in whole], whole
+        return replace(join, time=_clocks(looked, kind, join))
+    return None
+
+
+def _holds(log: Mapping[str, Seen], found: Guesses) -> bool:
+    """Whether a log holds the heading and a command."""
+    commands = {command.source for command in found.commands}
+    commands |= {found.signals["torque"].source} if "torque" in found.signals else set()
+    return found.signals["heading"].source in log and bool(commands & log.keys())
+
+
+def _clocks(looked: _Looked, kind: str, join: Join) -> dict[str, tuple[str, str]]:
+    """Columns of time that are not called as the first."""
+    own = {join.part(name): clock for name, clock in looked.own_clocks.items() if join.part(name)}
+    return {part: (clock, "") for part, clock in own.items() if clock != looked.clocks[kind]}
 
 
 def _require(asked: Asked, looked: _Looked, folder: Path) -> None:

@@ -165,6 +165,7 @@ def survey_document(survey: Survey, written: Sequence[Path]) -> Document:
         "logs": survey.logs,
         "vehicle": None if survey.profile is None else {"type": survey.profile.id, "guessed": survey.recognised},
         "curve": {"file": survey.curve or None, "guessed": survey.curve_guessed},
+        "joined": None if survey.join is None else list(survey.join.parts),
         "signals": {kind: _guessed_signals(guesses) for kind, guesses in survey.guesses.items()},
         "commands": {kind: _guessed_commands(guesses) for kind, guesses in survey.guesses.items()},
         "unused": {kind: list(guesses.unused) for kind, guesses in survey.guesses.items()},

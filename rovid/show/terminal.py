@@ -355,6 +355,9 @@ def show_survey(console: Console, survey: Survey, written: Sequence[Path]) -> No
     if survey.profile is not None:
         how = "a guess, from the outputs that turn it" if survey.recognised else "as published"
         say(console, led("Vehicle:", f"{survey.profile.name} ({survey.profile.id}), {how}."))
+    if survey.join is not None:
+        parts = " and ".join(survey.join.parts)
+        say(console, led("Joined:", f"files that differ in {parts} are one trial, their clocks taken for one."))
     rows = table(f"Guessed from {logs_in_words(survey)}", "signal", "taken from", "unit", "why", left=4)
     for guesses in survey.guesses.values():
         for name, one in guesses.signals.items():

@@ -78,3 +78,16 @@ def test_a_part_that_is_missing_is_named(tmp_path: Path) -> None:
     (folder / "steps_thr.csv").unlink()
     with pytest.raises(LogError, match=r"steps_ins\.csv: neither this nor the files joined with it hold"):
         read_campaign([folder], load_config(folder / "rovid.toml"))
+
+
+@pytest.mark.parametrize("split", ["{run}_{part}.csv", "{run}/{part}.csv"])
+def test_init_sees_that_files_belong_together(split: str, tmp_path: Path, rovid: Rovid) -> None:
+    folder = day(tmp_path / "day", split=split)
+    (folder / "rovid.toml").unlink()
+    for path in folder.rglob("*thr.csv"):
+        pd.read_csv(path).rename(columns={"time_s": "t"}).to_csv(path, index=False)
+    document = rovid("init", "day", "--json").document
+    assert document["joined"] == ["ins", "thr"]
+    assert {command["name"]: command["turns"] for command in document["commands"]["csv"]} == {"fore": 1, "aft": 1}
+    checked = rovid("check", "day", "--json")
+    assert not checked.document["unreadable"]
