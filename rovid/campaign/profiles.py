@@ -16,10 +16,14 @@ _NUMBERS = ("mass", "length", "width", "supply")
 _KEYS = ("name", *_NUMBERS, "curve", "sources", "arms")
 # What the thrusters of a vehicle are called -> the words for that side in the columns of logs.
 SIDES: Mapping[str, frozenset[str]] = {
-    "port": frozenset({"port", "left", "links", "bb", "backbord", "babord", "bâbord", "gauche"}),
-    "starboard": frozenset({"starboard", "stbd", "right", "rechts", "stb", "steuerbord", "tribord", "droite"}),
-    "bow": frozenset({"bow", "fore", "fwd", "forward", "front", "bug", "vorn", "avant", "proue"}),
-    "stern": frozenset({"stern", "aft", "rear", "heck", "achtern", "arriere", "arrière", "poupe"}),
+    "port": frozenset({"port", "left", "links", "bb", "backbord", "babord", "bâbord", "gauche", "babor"}),
+    "starboard": frozenset(
+        {"starboard", "stbd", "right", "rechts", "stb", "steuerbord", "tribord", "droite", "estribor", "styrbord"}
+    ),
+    "bow": frozenset({"bow", "fore", "fwd", "forward", "front", "bug", "vorn", "avant", "proue", "proa", "baug"}),
+    "stern": frozenset(
+        {"stern", "aft", "rear", "heck", "achtern", "arriere", "arrière", "poupe", "popa", "hekk", "akter"}
+    ),
 }
 
 

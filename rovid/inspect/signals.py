@@ -9,16 +9,47 @@ import numpy as np
 
 from rovid.ground.arrays import FloatArray
 from rovid.inspect.seen import FEWEST, TURN, Guess, Seen, finite, rates
-from rovid.inspect.thrusting import COMMAND, LIGHTS, SUPPLY, VOLTS, Thrusting, Wanted, thrusting
+from rovid.inspect.thrusting import COMMAND, LIGHTS, SUPPLY, VOLTS, Thrusting, Wanted, senses, thrusting
 from rovid.readers.words import words
 
 _UNITS = {"deg": "deg", "degrees": "deg", "grad": "deg", "rad": "rad", "radians": "rad", "dps": "deg/s", "rps": "rad/s"}
 _NOT_MEASURED = {"set", "setpoint", "desired", "target", "ref", "reference", "wanted", "error", "err", "std", "sigma"}
-_NOT_MEASURED |= {"sp", "soll", "consigne"}
+_NOT_MEASURED |= {
+    "sp",
+    "soll",
+    "sollkurs",
+    "sollwert",
+    "consigne",
+    "consigna",
+    "settpunkt",
+    "ønsket",
+    "deseado",
+    "deseada",
+}
+_NOT_MEASURED |= {"objetivo", "cible", "cmd", "demand", "erreur", "fehler", "feil", "avvik", "ecart", "écart", "desvio"}
+_NOT_MEASURED |= {"joystick", "stick", "manette", "pilot", "rcin", "input", "trim"}
+# Where it goes, which is not where it points.
+_NOT_MEASURED |= {
+    "over",
+    "über",
+    "ueber",
+    "ground",
+    "grund",
+    "grunn",
+    "fond",
+    "fondo",
+    "sobre",
+    "cog",
+    "sog",
+    "gps",
+    "track",
+}
 _RATES = {"rate", "gyro", "angular", "velocity", "speed", "acc", "accel", "acceleration", "dps", "omega"}
 _RATES |= {"geschwindigkeit", "vitesse", "taux"}
 _HEADING = {"heading", "hdg", "yaw", "psi", "compass", "kurs", "steuerkurs", "kompass", "gier", "gierwinkel"}
-_HEADING |= {"cap", "lacet", "azimuth", "azimut"}
+_HEADING |= {"cap", "lacet", "azimuth", "azimut", "rumbo", "guinada", "guiñada", "gir", "girvinkel", "stevning"}
+# A gyro that is said to tell a heading is a compass.
+_COMPASS = {"heading", "hdg", "kurs", "cap", "rumbo", "compass", "kompass", "azimuth"}
 _YAW_RATE = {"gierrate", "drehrate", "giergeschwindigkeit", "yawrate", "yawspeed"}
 _ROLL = {"roll", "phi", "roulis", "rollwinkel", "kraengung", "krängung"}
 _PITCH = {"pitch", "theta", "tangage", "nick", "nickwinkel", "assiette"}
@@ -57,7 +88,7 @@ def guess(logs: Sequence[Mapping[str, Seen]], wanted: Wanted | None = None) -> G
     taken = {signal.source for signal in signals.values()}
     free = {source: seen for source, seen in every.items() if source not in taken}
     commands = thrusting(free, logs, heading, wanted)
-    if not commands and (torque := _torque(free)) is not None:
+    if not commands and (torque := _torque(free, logs, heading)) is not None:
         signals["torque"] = torque
     known = bool(commands) or "torque" in signals
     lacking = [what for what, there in (("heading", heading), ("command", known)) if not there]
@@ -95,15 +126,22 @@ def _supply(shared: Mapping[str, Sequence[Seen]], taken: set[str]) -> str | None
     return best
 
 
-def _torque(free: Mapping[str, Sequence[Seen]]) -> Guess | None:
-    """A logged torque, where no command is logged."""
+def _torque(
+    free: Mapping[str, Sequence[Seen]], logs: Sequence[Mapping[str, Seen]], heading: Guess | None
+) -> Guess | None:
+    """A logged torque, where no command is logged; its sense is that in which it turns the heading."""
     for source, seen in free.items():
         named = words(source)
-        if named & _TORQUE and not named & (_NOT_MEASURED | LIGHTS):
-            values = finite(seen)
-            if len(values) >= FEWEST and np.ptp(values) > 0.0:
-                unit = "kN m" if "knm" in named or {"kn", "m"} <= named else "N m"
-                return Guess(source=source, unit=unit, why=f"named so; {values.min():.4g} to {values.max():.4g}")
+        if not named & _TORQUE or named & (_NOT_MEASURED | LIGHTS):
+            continue
+        values = finite(seen)
+        if len(values) < FEWEST or not np.ptp(values) > 0.0:
+            continue
+        unit = "kN m" if "knm" in named else "N m"
+        way, sure = (0, 0.0) if heading is None else senses({source: 0.0}, logs, heading).get(source, (0, 0.0))
+        against = f"; more of it turns the heading down ({sure:.0f} standard errors): turned around here"
+        why = f"named so; {values.min():.4g} to {values.max():.4g}{against if way < 0 else ''}"
+        return Guess(source=source, unit=unit, sign=-1 if way < 0 else 1, why=why)
     return None
 
 
@@ -120,7 +158,7 @@ def _heading(every: Mapping[str, Sequence[Seen]], asked: str = "") -> Guess | No
     if asked:
         unit, why = _turning(asked, every[asked]) if asked in every else ("", "")
         return Guess(source=asked, unit=unit, why=f"given; {why}") if unit else None
-    measured = [source for source in every if not words(source) & (_NOT_MEASURED | _RATES | _YAW_RATE | COMMAND)]
+    measured = [source for source in every if _may_be_heading(words(source))]
     named = [source for source in measured if words(source) & _HEADING]
     turned = [source for source, seen in every.items() if seen[0].radians]
     if turned and not named:
@@ -139,6 +177,11 @@ def _heading(every: Mapping[str, Sequence[Seen]], asked: str = "") -> Guess | No
             said = f"named so; {why}" if named else why
             best, best_rank = Guess(source=source, unit=unit, why=said), rank
     return best
+
+
+def _may_be_heading(named: set[str]) -> bool:
+    rates = _RATES - {"gyro"} if named & _COMPASS else _RATES
+    return not named & (_NOT_MEASURED | rates | _YAW_RATE | COMMAND)
 
 
 def _turning(source: str, seen: Sequence[Seen]) -> tuple[str, str]:

@@ -17,16 +17,34 @@ from rovid.readers.words import CLOCK, words
 COMMAND = {"cmd", "command", "pwm", "throttle", "thruster", "thrusters", "motor", "motors", "servo", "esc", "output"}
 COMMAND |= {"actuator", "rcout", "rcou", "propeller", "prop", "thr", "thrust", "schub", "antrieb", "propulseur"}
 COMMAND |= {"stellgroesse", "stellgröße", "moteur", "moteurs", "poussee", "poussée", "helice", "hélice", "jet"}
-VOLTS = {"v", "volt", "volts", "voltage", "voltages", "spannung", "tension", "mv"}
+COMMAND |= {"mando", "empuje", "propulsor", "motores", "pådrag", "paadrag", "thrustere"}
+VOLTS = {"v", "volt", "volts", "voltage", "voltages", "spannung", "tension", "mv", "voltaje", "spenning"}
+VOLTS |= {"batteriespannung", "batterispenning", "bordspannung"}
 # What is driven by an output and moves nothing.
 LIGHTS = {"light", "lights", "lamp", "lumen", "led", "licht", "scheinwerfer", "lumiere", "lumière", "camera", "cam"}
 LIGHTS |= {"gimbal", "tilt", "mount", "gripper", "grabber", "kamera", "sonar", "winch", "pump", "laser"}
 # A number behind one of these letters is a thruster's: T1, M1, u1.
 _LETTERS = {"t", "m", "u"}
 _SIDED = frozenset().union(*SIDES.values())
-_TURNS_PER_MINUTE = {"rpm", "drehzahl", "upm", "n"}
+_TURNS_PER_MINUTE = {"rpm", "drehzahl", "upm", "trmin", "turtall", "omdr"}
+# What a thruster answered.
+_ANSWER = {
+    "fb",
+    "feedback",
+    "actual",
+    "ist",
+    "målt",
+    "maalt",
+    "measured",
+    "meas",
+    "medida",
+    "medido",
+    "mesure",
+    "mesuré",
+}
+_ANSWER |= {"mesurée", "speed", "tacho", "telemetry", "status", "retour"}
 # Where no output is logged, what a pilot asks for may stand in.
-_PILOT = {"rcin", "rci", "joystick", "stick"}
+_PILOT = {"rcin", "rci", "joystick", "stick", "manette"}
 # What is logged of a thruster or a side, and is no command.
 _NOT_COMMAND = {"temp", "temperature", "curr", "current", "amps", "amp", "strom", "courant", "power", "watt"}
 _NOT_COMMAND |= {"depth", "roll", "pitch", "leak", "pressure", "lat", "lon", "north", "east", "flow", "fault", "status"}
@@ -35,12 +53,13 @@ _CLOCK = CLOCK - {"t"}
 # Of a name's end: the unit of something else.
 _OTHER_UNIT = re.compile(r"[^A-Za-z](A|W|C|K|bar|degC)\W*$")
 # A command that asks for motion is none of one thruster.
-_OF_MOTION = {"heading", "hdg", "yaw", "psi", "kurs", "cap", "surge", "sway", "heave", "rate"}
-SUPPLY = {"supply", "battery", "batt", "bat", "bus", "akku", "batterie", "versorgung"}
+_OF_MOTION = {"heading", "hdg", "yaw", "psi", "kurs", "cap", "rumbo", "gir", "surge", "sway", "heave", "rate"}
+SUPPLY = {"supply", "battery", "batt", "bat", "bus", "akku", "batterie", "versorgung", "batteri", "bateria", "batería"}
+SUPPLY |= {"batteriespannung", "batterispenning", "bordspannung", "voltaje", "alimentation"}
 _NOT_VOLTAGES = {"m", "s", "kn", "vel", "velocity", "speed", "dvl", "gps"}
 _SAYS_LITTLE = (VOLTS - {"tension"}) | {"cmd", "command", "data", "thruster", "thrusters", "us", "norm", "pct", "raw"}
 _SAYS_LITTLE |= {"percent", "prozent", "pourcent", "rpm", "pwm", "servo", "output", "rcou"}
-_PERCENT = {"pct", "percent", "prozent", "pourcent", "proz"}
+_PERCENT = {"pct", "percent", "prozent", "pourcent", "proz", "prosent", "porcentaje"}
 # The autopilot's own torque about the vertical, which its mixer spreads over the outputs.
 _DEMAND = "RATE.YOut"
 # Of a regression of that on the outputs: how much of it they tell, and how small a share is no part of it.
@@ -49,6 +68,10 @@ _MIXED, _PART = 0.9, 0.1
 _PULSE, REST, _NEAR = (800.0, 2200.0), 1500.0, 25.0
 # Standard errors from which a sense is told.
 _SURE = 4.0
+# Of commands that go together to so little, that part of them tells nothing.
+_ALIKE = 1e-3
+# A command that never comes nearer to its rest than this share of its largest is none.
+_AWAY = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +126,7 @@ def thrusting(
     """The commands: those that were named, those that the autopilot knows, or those with such names."""
     moving = _chosen(every, wanted)
     neutral = {source: _neutral(values) for source, values in moving.items()}
-    ways = _ways(neutral, logs, heading) if heading is not None and neutral else {}
+    ways = senses(neutral, logs, heading) if heading is not None and neutral else {}
     mixed = _mixed(neutral, logs)
     names: list[str] = []
     commands: list[Thrusting] = []
@@ -171,6 +194,9 @@ def _sense(way: int) -> str:
     return "up" if way > 0 else "down"
 
 
+_NEVER = _CLOCK | LIGHTS | _NOT_COMMAND | _OF_MOTION | _PILOT | SUPPLY | _ANSWER
+
+
 def _chosen(every: Mapping[str, Sequence[Seen]], wanted: Wanted) -> dict[str, FloatArray]:
     """Values of each source that is a command."""
     if wanted.commands:
@@ -182,8 +208,13 @@ def _chosen(every: Mapping[str, Sequence[Seen]], wanted: Wanted) -> dict[str, Fl
         values = finite(seen)
         if len(values) and np.ptp(values) > 0.0:
             moving[source] = values
-    for named_so in (_is_command, _is_like_one, _is_of_motion, _is_pilots):
+    for named_so in (_is_command, _is_like_one, _is_answer, _is_of_motion, _is_pilots):
         found = {source: values for source, values in moving.items() if named_so(source)}
+        coming = {source: values for source, values in found.items() if _neutral(values) == REST or _comes_by(values)}
+        found = coming or found
+        # Beside what is asked of a thruster its turns a minute are its answer.
+        asked = {source: values for source, values in found.items() if not words(source) & _TURNS_PER_MINUTE}
+        found = asked or found
         # What a person or an autopilot asks for goes to the thrusters by way of their own pulses.
         pulses = {source: values for source, values in found.items() if _neutral(values) == REST}
         if resting := {source: values for source, values in pulses.items() if _rests(values)}:
@@ -198,6 +229,12 @@ def _rests(values: FloatArray) -> bool:
     return bool(values.min() <= REST + _NEAR and values.max() >= REST - _NEAR)
 
 
+def _comes_by(values: FloatArray) -> bool:
+    """Whether these come near nothing, as a command does and a supply does not."""
+    low, high = float(values.min()), float(values.max())
+    return low <= 0.0 <= high or min(abs(low), abs(high)) < _AWAY * max(abs(low), abs(high))
+
+
 def _is_command(source: str) -> bool:
     named = words(source)
     return _may_command(source, named) and bool(named & COMMAND or _is_voltage(named))
@@ -205,15 +242,21 @@ def _is_command(source: str) -> bool:
 
 def _is_like_one(source: str) -> bool:
     """By the side that it stands on, by its number, or as so many turns a minute."""
+    return _may_command(source, words(source)) and _is_of_one(words(source))
+
+
+def _is_answer(source: str) -> bool:
     named = words(source)
-    numbered = named & _LETTERS and any(word.isdigit() for word in named) and len(named) <= 3
-    return _may_command(source, named) and bool(named & (_SIDED | _TURNS_PER_MINUTE) or numbered)
+    return bool(named & _ANSWER) and _may_command(source, named - _ANSWER) and _is_of_one(named - _ANSWER)
+
+
+def _is_of_one(named: set[str]) -> bool:
+    numbered = named & _LETTERS and any(word.isdigit() for word in named) and len(named) <= 4
+    return bool(named & (_SIDED | _TURNS_PER_MINUTE) or numbered)
 
 
 def _may_command(source: str, named: set[str]) -> bool:
-    return not named & (_CLOCK | LIGHTS | _NOT_COMMAND | _OF_MOTION | _PILOT | SUPPLY) and not _OTHER_UNIT.search(
-        source
-    )
+    return not named & _NEVER and not _OTHER_UNIT.search(source)
 
 
 def _is_voltage(named: set[str]) -> bool:
@@ -238,7 +281,7 @@ def _neutral(values: FloatArray) -> float:
     return 0.0
 
 
-def _ways(
+def senses(
     neutral: Mapping[str, float], logs: Sequence[Mapping[str, Seen]], heading: Guess
 ) -> dict[str, tuple[int, float]]:
     """Sense in which each command turns the heading, and in standard errors how surely; 0 where that is little.
@@ -294,16 +337,23 @@ def _mixed(neutral: Mapping[str, float], logs: Sequence[Mapping[str, Seen]]) -> 
 
 
 def _regressed(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Coefficients of a regression of ``y`` on the columns of ``x``, each in its standard errors too, and R^2."""
+    """Coefficients of a regression of ``y`` on the columns of ``x``, each in its standard errors too, and R^2.
+
+    The first of the columns is constant.
+    """
+    x[:, 1:] -= x[:, 1:].mean(axis=0)
     scale = np.linalg.norm(x, axis=0)
     # Columns of one length: else a command in us would drown one in volts.
     scale = np.where(scale > 0.0, scale, 1.0)
     x = x / scale
     # Commands that always go together leave no plain inverse.
-    inverse = np.linalg.pinv(x.T @ x, rcond=1e-6)
+    inverse = np.linalg.pinv(x.T @ x, rcond=_ALIKE)
     values = inverse @ (x.T @ y)
     left = y - x @ values
-    spread = np.sqrt(np.diag(inverse) * float(left @ left) / max(len(y) - len(values), 1))
+    # Errors that are alike from one row to the next count as fewer.
+    alike = min(max(float(left[1:] @ left[:-1]) / max(float(left @ left), 1e-300), 0.0), 0.98)
+    fewer = (1.0 + alike) / (1.0 - alike)
+    spread = np.sqrt(np.diag(inverse) * fewer * float(left @ left) / max(len(y) - len(values), 1))
     # A column of zeros has no spread, and tells nothing.
     known = spread > 0.0
     varied = y - y.mean()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -26,6 +27,8 @@ from rovid.readers.raw import Channel, Contents, RawLog, mapped, time_signal
 from rovid.readers.words import CLOCK, NOT_CLOCK, words
 
 KIND = "csv"
+# How a date, or a date and a time of day, begins.
+_ISO = re.compile(r"\d{4}-\d{2}-\d{2}([T ]\d{2}:\d{2}|$)")
 _MISSING = ("", "nan", "NaN", "NAN", "-nan")
 # A whole number this long does not fit a float64 without loss: nanoseconds since 1970.
 _LONG_INTEGER = 16
@@ -302,7 +305,7 @@ def sources(path: Path) -> Contents:
         # What is no number may be a time in words.
         if values is None or _rises(values):
             rising.append(name)
-    clock = _clock(rising, numbers)
+    clock = _clock(rising, numbers, layout)
     if numbers and not clock:
         raise LogError(
             "holds no column that could be the time: none only grows.",
@@ -316,12 +319,25 @@ def sources(path: Path) -> Contents:
     )
 
 
-def _clock(rising: Sequence[str], numbers: Mapping[str, FloatArray]) -> str:
-    """The likeliest of the columns that only grow: by its name, else the first of numbers; empty if there is none."""
+def _clock(rising: Sequence[str], numbers: Mapping[str, FloatArray], layout: Layout) -> str:
+    """The likeliest of the columns that only grow, empty if there is none.
+
+    By its name, else one of dates and times of day, else the first of numbers that does not count rows.
+    """
     called = [name for name in rising if words(name) & CLOCK]
     likely = [name for name in called if not words(name) & NOT_CLOCK]
+    texts = [name for name in rising if name not in numbers]
+    dated = [name for name in texts if all(map(_ISO.match, _cells(layout, name)))]
     unnamed = [name for name in rising if name in numbers]
-    return next(iter(likely or called or unnamed), "")
+    lasting = [name for name in unnamed if not np.all(np.diff(numbers[name]) == 1.0)]
+    plain = [name for name in likely or called if name in numbers or name in dated]
+    return next(iter(plain or dated or likely or called or lasting or unnamed), "")
+
+
+def _cells(layout: Layout, name: str) -> list[str]:
+    """What stands in a column, where anything does."""
+    at = layout.names.index(name)
+    return [row[at].strip() for row in layout.rows if at < len(row) and row[at].strip()] or [""]
 
 
 def _numbers(cells: Sequence[str], layout: Layout) -> FloatArray | None:

@@ -5,6 +5,19 @@ from __future__ import annotations
 import re
 
 CLOCK = {"time", "t", "stamp", "timestamp", "seconds", "zeit", "utc", "elapsed"}
+CLOCK |= {
+    "datetime",
+    "zeitstempel",
+    "uhrzeit",
+    "horodatage",
+    "temps",
+    "heure",
+    "tiempo",
+    "fecha",
+    "hora",
+    "tid",
+    "klokkeslett",
+}
 NOT_CLOCK = {"h", "hours", "min", "minutes", "days", "left", "remaining"}
 _WORDS = re.compile(r"[A-ZÀ-Þ]?[a-zß-ÿ]+|[A-ZÀ-Þ]+(?![a-zß-ÿ])|\d+")
 
