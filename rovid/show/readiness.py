@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from rovid.campaign.trial import said_once
-from rovid.ground.errors import LINE_LENGTH, shown
 from rovid.ground.screen import led
 from rovid.inspect.advice import listed
 from rovid.inspect.check import Check
@@ -56,11 +53,9 @@ def _problem(name: str, problem: str) -> str:
 
 
 def _show_tasks(console: Console, tasks: Sequence[str], first: int) -> None:
-    rows = Table.grid(padding=(0, 1, 0, 0))
     for number_, task in enumerate(tasks, first):
-        rows.add_row(f"{number_}.", Text(shown(task, LINE_LENGTH)))
-    if tasks:
-        console.print(rows, highlight=False)
+        lead = f"{number_}. "
+        say(console, lead + task, len(lead))
 
 
 def _show_logs(console: Console, checked: Check) -> None:
