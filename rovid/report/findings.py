@@ -81,9 +81,7 @@ def sides_grid(base: Estimate, extended: Estimate, findings: tuple[Finding, ...]
         change = _change(base, extended, name)
         # The first column stays in sight on a narrow page.
         its_unit = unit((base if name in base.names else extended).unit(name)).replace(" ", "\u00a0")
-        table.add(
-            f"{shown},\u00a0{its_unit}" if its_unit else shown, _value(base, name), _value(extended, name), change
-        )
+        table.add(f"{shown}, {its_unit}" if its_unit else shown, _value(base, name), _value(extended, name), change)
     return table.grid()
 
 

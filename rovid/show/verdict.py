@@ -69,7 +69,7 @@ def gained(errors: Mapping[str, tuple[float, float]]) -> str:
         else:
             grown.append(f"the {what} {-share:.0f} % larger")
     parts = [f"{listed(gone)} gone"] if gone else []
-    return f"{', '.join([*parts, *grown])}, on trials that the fit never saw."
+    return f"{', '.join([*parts, *grown])}, on data that the fit never saw."
 
 
 def listed(texts: Sequence[str], last: str = "and") -> str:

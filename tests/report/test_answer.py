@@ -43,7 +43,7 @@ def test_what_was_found_is_wrong_why_gain_and_next(lagged: Evidence) -> None:
     assert reason.sure == "established: odds 32 to 1"
     lost = [round(100 * (1 - gain.bars[1].share)) for gain in answer.gains]
     said = f"{lost[0]} % of the heading error and {lost[1]} % of the yaw rate error gone"
-    assert answer.gained == f"{said}, on trials that the fit never saw."
+    assert answer.gained == f"{said}, on data that the fit never saw."
     assert answer.run
 
 

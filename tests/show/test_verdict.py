@@ -64,7 +64,7 @@ def test_sureness_is_a_word_and_odds(sure: float, words: str) -> None:
 def test_what_is_gained_is_a_share_of_each_error() -> None:
     assert (
         gained({"heading error": (40.0, 4.0), "yaw rate error": (0.02, 0.01)})
-        == "90 % of the heading error and 50 % of the yaw rate error gone, on trials that the fit never saw."
+        == "90 % of the heading error and 50 % of the yaw rate error gone, on data that the fit never saw."
     )
     grown = gained({"heading error": (4.0, 5.0), "yaw rate error": (0.02, 0.01)})
     assert grown.startswith("50 % of the yaw rate error gone, the heading error 25 % larger")
