@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from rich.cells import cell_len, chop_cells
 from rich.text import Text
 
-_NUMBER = r"[-+(]*\d+(?:\.\d+)?(?:e[-+]\d+)?"
+_NUMBER = r"[-+−(]*\d+(?:\.\d+)?(?:e[-+]\d+)?"
 # What begins a unit of several words, where the next goes on with it.
 _BEGUN = r"(?:kg|√?\(?N|m)\s+(?=[ms](?:\b|[²³^/)]))"
-_WORD = re.compile(rf"(?:{_NUMBER}\s+(?:±\s+{_NUMBER}\s+)?(?:{_BEGUN})*)?\S+\s*|\s+")
+_WORD = re.compile(rf"(?:{_NUMBER}\s+(?:±\s+{_NUMBER}\s+)?(?![-+−(]*\d)(?:{_BEGUN})*)?\S+\s*|\s+")
 _BARE = re.compile(r"\S+\s*|\s+")
 # Where a name may be folded besides at its blanks.
 _PIECE = re.compile(r"\s+|[^\s_./:,-]*[_./:,-]*")

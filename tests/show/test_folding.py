@@ -5,10 +5,13 @@ from __future__ import annotations
 import pytest
 from rich.text import Text
 
-from rovid.show.folding import folded
+from rovid.show.folding import bound, folded
 
-SAID = "sampled every 0.1 s; in all 0.88 s late, ± 12.0 kg m² of 5072.3 ± 12.0 kg m², 3548 N m s²/rad², 95 % of 7 runs"
-WHOLE = ("0.1 s;", "0.88 s", "5072.3 ± 12.0 kg m²,", "3548 N m s²/rad²,", "95 %", "7 runs")
+SAID = (
+    "sampled every 0.1 s; in all 0.88 s late, ± 12.0 kg m² of 5072.3 ± 12.0 kg m², 3548 N m s²/rad², 95 % of 7 runs, "
+    "294 (100 %), DQ −12 %"
+)
+WHOLE = ("0.1 s;", "0.88 s", "5072.3 ± 12.0 kg m²,", "3548 N m s²/rad²,", "95 %", "7 runs,", "(100 %),", "−12 %")
 
 
 def lines(text: str, width: int, hang: int = 0) -> list[str]:
@@ -38,3 +41,9 @@ def test_styles_stay() -> None:
     text = folded(Text.assemble(("Next:", "bold"), " a run of 3 min"), 14)
     assert text.plain == "Next: a run of\n3 min"
     assert text.spans[0].style == "bold"
+
+
+def test_a_page_that_folds_by_itself_keeps_them_too() -> None:
+    assert (
+        bound("1 to 3 s a level, 5.0 ± 0.1 kg m²") == "1\u00a0to 3\u00a0s a level, 5.0\u00a0±\u00a00.1\u00a0kg\u00a0m²"
+    )
