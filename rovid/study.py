@@ -168,8 +168,9 @@ class Study:
         return replace(fit, estimate=self._guessing(estimate))
 
     def _guessing(self, estimate: Estimate) -> Estimate:
-        """``estimate``, which knows what of the vehicle is a guess."""
-        return replace(estimate, guess=self.vehicle.guess)
+        """``estimate``, which knows what of the vehicle is a guess, and says so in what it warns of."""
+        guess = self.vehicle.guess
+        return replace(estimate, guess=guess, warnings=tuple(map(guess.marked_in, estimate.warnings)))
 
     def plan(
         self,

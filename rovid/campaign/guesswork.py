@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 _CURVE = "curve"
+_NUMBER = r"-?\d+(?:\.\d+)?(?:e[-+]\d+)?"
+# A number, with its error, that is in a unit of force, torque or mass.
+_OF_TORQUE = re.compile(rf"(?<!guessed )(?<![-.\d])(?<!± ){_NUMBER}(?: ± {_NUMBER})?(?= (?:N|kg)\b)")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,6 +118,10 @@ class Guesswork:
     def marked(self, number: str, unit: str) -> str:
         """``number``, which is in ``unit``, as "guessed 12" where it is a placeholder."""
         return f"guessed {number}" if self.marks(unit) else number
+
+    def marked_in(self, sentence: str) -> str:
+        """``sentence`` with what it says in N m, N or kg marked likewise."""
+        return _OF_TORQUE.sub(r"guessed \g<0>", sentence) if self else sentence
 
 
 def goes_with_thrust(unit: str) -> bool:

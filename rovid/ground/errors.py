@@ -107,17 +107,24 @@ def nearest(wanted: str, present: Iterable[str], also: Mapping[str, str] = Mappi
 def near(wanted: str, present: Iterable[str], also: Mapping[str, str] = MappingProxyType({})) -> list[str]:
     """The three names at most that may be meant by ``wanted``.
 
-    Near is what is spelt nearly so, what has ``wanted`` as a part, as `lag` is of `thruster_lag`, and what goes by
-    another word in ``also``: word -> name.
+    Near is what is spelt nearly so, what has ``wanted`` as a part, as `lag` is of `thruster_lag`, or is cut down to it,
+    as `heading` to `hdg`, and what goes by another word in ``also``: word -> name.
     """
     # Names are compared by their beginnings: what one thing costs must not depend on a file's longest name.
     names = {str(name)[:NAME_LENGTH].lower(): str(name) for name in islice(present, _LOOKED_THROUGH)}
     asked = wanted[:NAME_LENGTH].lower()
     parts = [name for name in names if asked in re.split(r"[\W_]+", name)]
     other = [also[word].lower() for word in difflib.get_close_matches(asked, also, n=1, cutoff=0.8)]
+    cut = [name for name in names if len(asked) > 2 and name[:1] == asked[:1] and _runs_through(asked, name)]
     spelt = difflib.get_close_matches(asked, names, n=3, cutoff=0.5)
-    close = dict.fromkeys(name for name in (*parts, *other, *spelt) if name in names)
+    close = dict.fromkeys(name for name in (*parts, *other, *cut, *spelt) if name in names)
     return [names[name] for name in close][:3]
+
+
+def _runs_through(letters: str, name: str) -> bool:
+    """Whether ``name`` has all the ``letters``, in that order."""
+    left = iter(name)
+    return all(letter in left for letter in letters)
 
 
 def listed(names: Iterable[str]) -> str:

@@ -32,7 +32,7 @@ def _finite(value: Any) -> Any:
 def plus_minus(value: float, error: float) -> str:
     """Value and standard error, rounded to two digits of the error, three where it begins with 1 to 3."""
     if not math.isfinite(error) or error <= 0.0:
-        return f"{value:.4g}"
+        return significant(value, 4)
     return f"{to_error(value, error)} ± {to_error(error, error)}"
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rovid.ground.arrays import FloatArray
+from rovid.ground.numbers import significant
 from rovid.identify.fitted import Fitted, climbed
 from rovid.model.names import unit_of
 
@@ -65,9 +66,10 @@ def _said(fitted: Fitted, short: _Answer, long: _Answer) -> list[str]:
         return []
     name = fitted.model.names[worst]
     words, unit = name.replace("_", " "), unit_of(name, fitted.records.axis)
+    near, far = (f"{significant(answer.values[worst], 3)} {unit}" for answer in (short, long))
     text = (
-        f"Predictions up to one time constant ahead ask for another {words} ({short.values[worst]:.3g} {unit}) than "
-        f"those from four on ({long.values[worst]:.3g} {unit}): something is still missing. Where commands answer the "
+        f"Predictions up to one time constant ahead ask for another {words} ({near}) than "
+        f"those from four on ({far}): something is still missing. Where commands answer the "
         "motion believe the short ones. The standard errors include half of the difference."
     )
     return [text]

@@ -13,6 +13,7 @@ from rovid.campaign.axis import Axis
 from rovid.campaign.vehicle import PLAUSIBLE_RATIO
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
+from rovid.ground.numbers import plus_minus, significant
 from rovid.identify.estimate import Estimate
 from rovid.identify.regression import Regression, fit_regression
 from rovid.identify.sine import (
@@ -227,9 +228,9 @@ def _method_warnings(methods: dict[str, Inertia], refused: dict[str, str], axis:
         texts.append(f"Not possible, {names}: {reason}")
     orbit = methods.get("orbit_integral")
     if orbit is not None and orbit.consistent is False:
-        runs = ", ".join(f"{name} {value:.4g} ± {error:.2g}" for name, value, error in orbit.runs)
+        runs = ", ".join(f"{name} {plus_minus(value, error)} {unit}" for name, value, error in orbit.runs)
         texts.append(
-            f"No single inertia fits all sine runs ({runs} {unit}): lag, delay or water set in motion, not drag, "
+            f"No single inertia fits all sine runs ({runs}): lag, delay or water set in motion, not drag, "
             "makes the orbit integral change with period or amplitude."
         )
     return [*texts, *_disagreements(methods, unit)]
@@ -244,7 +245,8 @@ def _disagreements(methods: dict[str, Inertia], unit: str) -> Iterator[str]:
         if gap > _DISAGREE_SIGMAS:
             yield (
                 f"{METHODS[first]} and {METHODS[second]} disagree by {gap:.0f} standard errors "
-                f"({a.value:.4g} against {b.value:.4g} {unit}): the base model misses something."
+                f"({significant(a.value, 4)} against {significant(b.value, 4)} {unit}): the base model misses "
+                "something."
             )
 
 
@@ -278,8 +280,8 @@ def unlike_rigid_body(estimate: Estimate, rigid_body: float | None) -> list[str]
         return []
     axis, unit = estimate.axis, estimate.unit("inertia")
     text = (
-        f"The inertia is {ratio:.3g} times the rigid body's {rigid_body:.4g} {unit}, outside what vehicles show "
-        f"({low} to {high}): look at {axis.arm}, thrust curve, mass and size, and at the units of time and "
+        f"The inertia is {ratio:.3g} times the rigid body's {significant(rigid_body, 4)} {unit}, outside what vehicles "
+        f"show ({low} to {high}): look at {axis.arm}, thrust curve, mass and size, and at the units of time and "
         f"{axis.measures}."
     )
     return [text]

@@ -11,6 +11,7 @@ from rovid.campaign.vehicle import Vehicle
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
+from rovid.ground.numbers import significant
 from rovid.identify.certainty import TRIAL_ITERATIONS, form_doubt
 from rovid.identify.estimate import PER_INERTIA, Estimate
 from rovid.identify.fitted import Fitted, climbed
@@ -229,7 +230,7 @@ def _at_limit(fitted: Fitted) -> str:
     """What is said where the disturbance would be larger than it may be."""
     axis, limit = fitted.records.axis, fitted.misfit.limit
     per_inertia = "" if fitted.records.driven else PER_INERTIA
-    most = f"{limit * fitted.records.torque:.3g} {axis.push_unit}{per_inertia}"
+    most = f"{significant(limit * fitted.records.torque, 3)} {axis.push_unit}{per_inertia}"
     return (
         f"The disturbance {axis.push} would exceed {100 * limit:.2g} % of the {axis.push} in use "
         f"({most}): the model misses something that these data show. The standard errors include what "

@@ -12,6 +12,7 @@ from rovid.effects import restoring_of
 from rovid.effects.restoring import columns, from_columns
 from rovid.ground.arrays import BoolArray, FloatArray, IntArray
 from rovid.ground.errors import DataError
+from rovid.ground.numbers import plus_minus
 from rovid.identify.estimate import Estimate, explained, varies
 from rovid.model.drive import Drive
 from rovid.model.model import Model
@@ -133,7 +134,7 @@ def require_inertia(estimate: Estimate, certainty: float) -> None:
     """
     value, error = estimate.value("inertia"), estimate.standard_error("inertia")
     if not value >= certainty * error:  # nor one of which nothing is known
-        raise _not_excited(f"the inertia is {value:.3g} ± {error:.2g} {estimate.unit('inertia')}")
+        raise _not_excited(f"the inertia is {plus_minus(value, error)} {estimate.unit('inertia')}")
 
 
 def _torque(runs: Sequence[Run]) -> tuple[FloatArray, IntArray]:

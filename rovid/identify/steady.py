@@ -13,6 +13,7 @@ from scipy import special
 from rovid.campaign.axis import YAW, Axis
 from rovid.ground.arrays import BoolArray, FloatArray
 from rovid.ground.errors import DataError
+from rovid.ground.numbers import plus_minus, significant, to_error
 from rovid.ground.toml import SMALLEST
 from rovid.identify.estimate import Estimate, explained
 from rovid.identify.steady_points import SteadyPoint
@@ -164,7 +165,9 @@ def _below_zero(names: Sequence[str], solution: Solution, free: BoolArray) -> li
     if not negative.any() or not free.all():
         return []
     at = int(np.argmax(negative))
-    text = f"{names[at]} came out negative ({values[at]:.3g} ± {errors[at]:.2g}), which no drag is; it is held at zero."
+    text = (
+        f"{names[at]} came out negative ({plus_minus(values[at], errors[at])}), which no drag is; it is held at zero."
+    )
     return [text]
 
 
@@ -270,9 +273,9 @@ def _direction_warnings(
 
 def _said_to_differ(up: float, down: float, p_value: float, axis: Axis) -> str:
     return (
-        f"The two directions differ (p = {p_value:.1g}): quadratic drag {up:.4g} with the {axis.position_words} "
-        f"growing, {down:.4g} with it falling. Thrust curve, a constant {axis.push} or the drag itself is not the same "
-        "both ways."
+        f"The two directions differ (p = {p_value:.1g}): quadratic drag {significant(up, 4)} with the "
+        f"{axis.position_words} growing, {significant(down, 4)} with it falling. Thrust curve, a constant {axis.push} "
+        "or the drag itself is not the same both ways."
     )
 
 
@@ -298,9 +301,9 @@ def _warnings(estimate: Estimate) -> list[str]:
         value = estimate.value(name)
         if name in estimate.refused or value == 0.0 or estimate.differs_from_zero(name):
             continue
-        low, high = estimate.interval(name)
+        error, (low, high) = estimate.standard_error(name), estimate.interval(name)
         texts.append(
-            f"{name} cannot be told from zero: {value:.3g} ± {estimate.standard_error(name):.2g} "
-            f"{estimate.unit(name)}, 95 % interval {low:.3g} to {high:.3g}. Slower holds would tell."
+            f"{name} cannot be told from zero: {plus_minus(value, error)} {estimate.unit(name)}, 95 % interval "
+            f"{to_error(low, error)} to {to_error(high, error)}. Slower holds would tell."
         )
     return texts

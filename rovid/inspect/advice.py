@@ -65,8 +65,13 @@ class Advice:
     weight: Weight = "care"
 
 
-def advise(trials: Sequence[Trial], vehicle: Vehicle, feedback: Sequence[Feedback] = ()) -> list[Advice]:
-    """What to mind, and what to run besides, the gravest first; nothing where there is all that a fit wants."""
+def advise(
+    trials: Sequence[Trial], vehicle: Vehicle, feedback: Sequence[Feedback] = (), *, whole: bool = True
+) -> list[Advice]:
+    """What to mind, and what to run besides, the gravest first; nothing where there is all that a fit wants.
+
+    What to run besides is said of ``whole`` campaigns alone: the logs that could not be read may hold it.
+    """
     if not trials:
         return []
     try:
@@ -81,8 +86,8 @@ def advise(trials: Sequence[Trial], vehicle: Vehicle, feedback: Sequence[Feedbac
         *_clocks(runs),
         *_saturated(runs.items, vehicle),
         *_fed_back(feedback, vehicle.axis),
-        *_missing(runs.items, vehicle),
-        *_determined(runs.items),
+        *(_missing(runs.items, vehicle) if whole else ()),
+        *(_determined(runs.items) if whole else ()),
     ]
     return sorted(found, key=lambda one: ("grave", "care", "aside").index(one.weight))
 

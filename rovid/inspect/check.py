@@ -59,7 +59,7 @@ def check_logs(paths: Sequence[Path], config: Config) -> Check:
         rows=tuple(rows),
         problems=problems,
         remarks=tuple(remarks),
-        advice=tuple(advise(trials, config.vehicle, feedback)),
+        advice=tuple(advise(trials, config.vehicle, feedback, whole=not problems)),
         feedback=tuple(feedback),
     )
 

@@ -421,7 +421,7 @@ def _left_over(evidence: Evidence) -> Iterator[Sketch]:
     axis, vehicle = evidence.axis, evidence.vehicle
     before = left_by_all(runs, diagnosis.base.model, vehicle)
     after = left_by_all(runs, found.model, vehicle)
-    was, now = _root_mean_square(before), _root_mean_square(after)
+    was, now = (vehicle.guess.marked(_root_mean_square(left), axis.push_unit) for left in (before, after))
     yield Sketch(
         "diagnosis_residuals",
         left_over.left_over(before, after, runs.cutoff),

@@ -9,18 +9,16 @@ from dataclasses import dataclass
 from rovid.campaign.axis import Axis
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.experiments import next_experiment
-from rovid.diagnose.odds import ESTABLISHED
 from rovid.diagnose.record import Diagnosis, Finding
 from rovid.ground.numbers import plus_minus
 from rovid.model.names import unit_of
 from rovid.model.simulation import HORIZONS
 from rovid.report.evidence import Evidence
-from rovid.report.findings import listed, name_of, spaced, title_of, verdict
+from rovid.report.findings import name_of, spaced, title_of
 from rovid.report.stages import missed
-from rovid.report.text import column, like, number, with_unit
+from rovid.report.text import column, like, with_unit
+from rovid.show.verdict import gained, listed, sureness, verdict
 
-# Surer than not.
-_EVEN = 0.5
 # Of what would have been seen so many are named.
 _NAMED = 3
 # Units that say little of how large something is.
@@ -177,29 +175,6 @@ def size_of(finding: Finding) -> str:
     return ", ".join(sizes)
 
 
-def sureness(finding: Finding) -> str:
-    """How sure a cause is, in a word and as odds."""
-    sure = finding.confidence
-    if sure >= ESTABLISHED:
-        word = "established"
-    elif sure >= _EVEN:
-        word = "likely, not established"
-    else:
-        word = "possible, not established"
-    return f"{word}: odds {_odds(sure)}"
-
-
-def _odds(sure: float) -> str:
-    odds = sure / max(1.0 - sure, 1e-9)
-    if odds >= 1.0:
-        return f"{_plain(odds)} to 1"
-    return f"1 to {_plain(1.0 / odds)}"
-
-
-def _plain(value: float) -> str:
-    return f"{value:.0f}" if value >= 10.0 else f"{value:.2g}"
-
-
 def _why(evidence: Evidence) -> str:
     """Where there is no cause, why not."""
     diagnosis = evidence.diagnosis
@@ -245,17 +220,7 @@ def _gain(off: _Off, *, found: bool) -> Gain:
 
 
 def _gained(off: list[_Off]) -> str:
-    """Share of each error that is gone; where a restart forgets what the water remembers one may have grown."""
-    gone, grown = [], []
-    for one in off:
-        what, _, _ = one.title.partition(" after")
-        share = 100.0 * (1.0 - one.with_it / one.without) if one.without else 0.0
-        if share >= 0.0:
-            gone.append(f"{number(share, '.0f')} % of the {what}")
-        else:
-            grown.append(f"the {what} {number(-share, '.0f')} % larger")
-    parts = [f"{listed(gone)} gone"] if gone else []
-    return f"{', '.join([*parts, *grown])}, on trials that the fit never saw."
+    return gained({one.title.partition(" after")[0]: (one.without, one.with_it) for one in off})
 
 
 def _next(diagnosis: Diagnosis | None) -> tuple[str, str]:

@@ -6,36 +6,21 @@ import math
 from collections.abc import Iterator
 
 from rovid.campaign.axis import YAW, Axis
-from rovid.campaign.guesswork import Guesswork
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes, Explanation
 from rovid.diagnose.record import INVISIBLE, NEVER_SHOWN, Diagnosis, Finding, Side, not_identifiable
 from rovid.diagnose.rivals import Rival
 from rovid.diagnose.signals import is_signal
 from rovid.effects import Effect
-from rovid.ground.numbers import plus_minus
+from rovid.ground.numbers import plus_minus, significant
 from rovid.identify.estimate import Estimate, Ratio
 from rovid.identify.inertia import METHODS
 from rovid.model.names import unit_of
 from rovid.report.table import Column, Grid, Table, of_numbers, of_text, of_unlike, words
 from rovid.report.text import NOTHING, column, number, title, unit, with_unit
+from rovid.show.verdict import listed
 
 RIVALS = 8  # that are shown
-
-
-def verdict(diagnosis: Diagnosis, guess: Guesswork) -> str:
-    """The whole diagnosis in one plain sentence."""
-    simulation = f"The simulation{guess.with_curve}"
-    if diagnosis.verdict == "found":
-        causes = [_cause(finding) for finding in diagnosis.findings]
-        return f"{simulation} misses {listed(causes)}."
-    if diagnosis.verdict == "suspected":
-        return f"{simulation} may miss {_cause(diagnosis.suspects[0])}."
-    if diagnosis.verdict == "nothing_found":
-        return "Nothing was found: the model explains these data."
-    if diagnosis.verdict == "unexplained":
-        return f"{simulation} misses something that no effect of the catalogue explains."
-    return "There is too little data for a diagnosis."
 
 
 def invisible(vehicle: Vehicle) -> list[str]:
@@ -95,7 +80,7 @@ def sides_grid(base: Estimate, extended: Estimate, findings: tuple[Finding, ...]
         shown = titles.get(name, title(name))
         change = _change(base, extended, name)
         # The first column stays in sight on a narrow page.
-        its_unit = unit((base if name in base.names else extended).unit(name))
+        its_unit = unit((base if name in base.names else extended).unit(name)).replace(" ", "\u00a0")
         table.add(f"{shown}, {its_unit}" if its_unit else shown, _value(base, name), _value(extended, name), change)
     return table.grid()
 
@@ -212,7 +197,7 @@ def ruled_out(amplitudes: Amplitudes) -> str:
 
 def _sizes(cause: Explanation) -> Iterator[str]:
     for name, (value, its_unit) in cause.sizes.items():
-        yield f"{spaced(name)} {value:.3g} {unit(its_unit)}".strip()
+        yield f"{spaced(name)} {significant(value, 3)} {unit(its_unit)}".strip()
 
 
 def _seen(size: float) -> str:
@@ -237,20 +222,3 @@ def _change(base: Estimate, extended: Estimate, name: str) -> str:
     if abs(before) <= base.standard_error(name):
         return NOTHING
     return f"{100.0 * (after / before - 1.0):+.1f}"
-
-
-def _cause(finding: Finding) -> str:
-    effects = (finding.effect, *finding.undecided)
-    return " or ".join(finding.estimate.axis.words(effect.title) for effect in effects)
-
-
-def listed(texts: list[str], last: str = "and") -> str:
-    """As in "a, b and c", with ``last`` before the last."""
-    return f" {last} ".join(_joined(texts))
-
-
-def _joined(texts: list[str]) -> Iterator[str]:
-    """All but the last in one text, and the last."""
-    if len(texts) > 1:
-        yield ", ".join(texts[:-1])
-    yield from texts[-1:]

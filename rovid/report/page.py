@@ -24,12 +24,14 @@ from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.model.names import base_names
 from rovid.report import controller, correlations, drag_grids, exports, findings, grids
 from rovid.report.album import Album, make_album, plots_in
-from rovid.report.answer import answer_of, size_of, sureness
+from rovid.report.answer import answer_of, size_of
 from rovid.report.assets import read_assets
 from rovid.report.evidence import Evidence
 from rovid.report.residual import left_by_all, sizes
 from rovid.report.text import arm, column, number, prose, steady_state, title, unit
 from rovid.report.viewer import viewer_document
+from rovid.show.folding import bound
+from rovid.show.verdict import sureness
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -111,6 +113,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["bound"] = bound
     environment.filters["number"] = number
     environment.filters["prose"] = prose
     environment.filters["unit"] = unit

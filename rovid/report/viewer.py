@@ -83,7 +83,7 @@ def _measures(evidence: Evidence) -> Iterator[dict[str, Any]]:
     floors = diagnosis.position_floors if diagnosis else {}
     for horizon in HORIZONS:
         floor = _known(axis.in_shown(floors.get(horizon)))
-        yield {"title": f"{axis.position_words} error after {horizon:.0f} s", "unit": shown, "floor": floor}
+        yield {"title": f"{axis.position_words} error after {horizon:.0f}\u00a0s", "unit": shown, "floor": floor}
     floor = _known(diagnosis.noise_floor if diagnosis else None)
     yield {"title": f"{axis.rate_words} error", "unit": axis.rate_unit, "floor": floor}
 

@@ -18,35 +18,29 @@ from rovid.diagnose.amplitudes import Amplitudes, Explanation
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.diagnose.record import INVISIBLE, Diagnosis, Finding, Side, not_identifiable
 from rovid.effects import Effect
-from rovid.ground.numbers import plus_minus
+from rovid.ground.numbers import plus_minus, significant
 from rovid.ground.screen import led
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import METHODS
 from rovid.model.names import unit_of
 from rovid.show.table import Columns, table
 from rovid.show.terminal import by_guess, number, say, show_parameters
+from rovid.show.verdict import cause, gained, sureness, verdict
 
-_VERDICTS = {
-    "found": "The simulation misses something, and it has a name.",
-    "suspected": "The simulation misses something. What it may be is likely or possible, not established.",
-    "nothing_found": "Nothing was found: the model explains these data.",
-    "unexplained": "The simulation misses something that no effect of the catalogue explains.",
-    "too_little_data": "There is too little data for a diagnosis.",
-}
+_RIVALS_SHOWN = 3
 
 
 def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> None:
     """Print the account."""
     axis = vehicle.axis
-    verdict = _VERDICTS[diagnosis.verdict].replace("The simulation", f"The simulation{vehicle.guess.with_curve}")
-    say(console, led(verdict))
+    say(console, led(verdict(diagnosis, vehicle.guess)))
     if diagnosis.missing:
         say(console, diagnosis.missing)
     if diagnosis.amplitudes is not None:
         _show_amplitudes(console, diagnosis.amplitudes)
     _show_causes(console, diagnosis, axis)
     if diagnosis.base is not None and diagnosis.extended is not None:
-        _show_gain(console, diagnosis.base, diagnosis.extended, diagnosis.noise_floor, axis)
+        _show_gain(console, diagnosis.base, diagnosis.extended, diagnosis)
         show_parameters(console, diagnosis.extended.estimate)
         share = 100.0 * diagnosis.unexplained_share
         say(console, f"left unexplained: {share:.2g} % of the {axis.push}'s variance")
@@ -63,12 +57,8 @@ def _invisible(vehicle: Vehicle) -> str:
 
 def _show_causes(console: Console, diagnosis: Diagnosis, axis: Axis) -> None:
     """What was found, what is suspected, and what has no name."""
-    for finding in diagnosis.findings:
+    for finding in (*diagnosis.findings, *diagnosis.suspects):
         _show_finding(console, finding, axis)
-    for suspect in diagnosis.suspects:
-        console.print()
-        console.print(f"Suspected, {100.0 * suspect.confidence:.0f} % sure:", highlight=False, end="")
-        _show_finding(console, suspect, axis)
     for signal, gain in diagnosis.signals:
         what = f"{axis.words(signal.title)} (log-likelihood gain {gain:.0f})"
         console.print()
@@ -106,53 +96,52 @@ def _show_explanations(console: Console, amplitudes: Amplitudes) -> None:
     rows = table(
         "Each would explain it alone", "effect", "with", "inertia kg m²", "run that would tell", left=2, prose=True
     )
-    for cause in amplitudes.causes:
-        rows.add_row(*_explanation_cells(cause))
+    for explanation in amplitudes.causes:
+        rows.add_row(*_explanation_cells(explanation))
     console.print(rows)
 
 
-def _explanation_cells(cause: Explanation) -> tuple[str, str, str, str]:
-    effect = cause.model.effects[0]
-    return effect.title, ", ".join(_sizes(cause)), number(cause.model.inertia, 4), effect.experiment
+def _explanation_cells(explanation: Explanation) -> tuple[str, str, str, str]:
+    model, sizes = explanation.model, ", ".join(_sizes(explanation))
+    return model.effects[0].title, sizes, number(model.inertia, 4), model.effects[0].experiment
 
 
-def _sizes(cause: Explanation) -> Iterator[str]:
+def _sizes(explanation: Explanation) -> Iterator[str]:
     """Name, value and unit of each parameter."""
-    for name, (value, unit) in cause.sizes.items():
+    for name, (value, unit) in explanation.sizes.items():
         # A plain number has the unit 1, which is not said.
-        yield f"{name} {value:.3g} {unit}".removesuffix(" 1")
+        yield f"{name} {significant(value, 3)} {unit}".removesuffix(" 1")
 
 
 def _show_finding(console: Console, finding: Finding, axis: Axis) -> None:
     effect = finding.effect
-    names = [axis.words(each.title) for each in (effect, *finding.undecided)]
-    form = f", form {effect.form}" if effect.form else ""
     console.print()
-    say(console, led(" or ".join(names), f"({effect.id}{form}): {effect.equation}"))
+    name = cause(finding)
+    say(console, led(f"{name[:1].upper()}{name[1:]}:", _sizes_found(finding)))
     if blamed := finding.estimate.guess.blames(effect.id):
-        say(console, Text(f"  {blamed}", style="red"))
-    _show_sizes(console, finding)
-    gains = f"  log-likelihood gain {finding.gain:.0f}, on trials not fitted {finding.held_out_gain:.0f}"
-    say(console, gains)
+        say(console, Text(f"  {blamed}", style="red"), 2)
+    say(console, f"  {sureness(finding)}")
+    say(console, f"  {effect.key}: {effect.equation}")
+    evidence = f"log-likelihood gained: {finding.worth:.0f}, on trials not fitted {finding.held_out_gain:.0f}"
     if finding.rivals:
-        rivals = ", ".join(f"{axis.words(rival.effect.title)} {rival.worth:.0f}" for rival in finding.rivals[:3])
-        say(console, f"  parameters paid for, {finding.worth:.0f}; in its place {rivals}")
+        rivals = (f"{axis.words(rival.effect.title)} {rival.worth:.0f}" for rival in finding.rivals[:_RIVALS_SHOWN])
+        evidence += f"; instead of it {', '.join(rivals)}"
+    say(console, f"  {evidence}", 2)
     _show_deciding(console, finding)
 
 
-def _show_sizes(console: Console, finding: Finding) -> None:
-    """The parameters of what was found, a line each."""
-    for parameter in finding.effect.parameters:
-        size = _size(finding.estimate, f"{finding.effect.key}.{parameter.name}")
-        say(console, f"  {parameter.name} {size}")
+def _sizes_found(finding: Finding) -> str:
+    """The parameters of what was found."""
+    names = [parameter.name for parameter in finding.effect.parameters]
+    return ", ".join(f"{name} {_size(finding.estimate, f'{finding.effect.key}.{name}')}" for name in names)
 
 
 def _size(estimate: Estimate, name: str) -> str:
     """Value, standard error and unit."""
     value = plus_minus(estimate.value(name), estimate.standard_error(name))
-    unit = estimate.unit(name)
     guessed = "guessed " if estimate.is_placeholder(name) else ""
-    return f"{guessed}{value} {unit if unit != '1' else ''}"
+    # A plain number has the unit 1, which is not said.
+    return f"{guessed}{value} {estimate.unit(name)}".removesuffix(" 1")
 
 
 def _show_deciding(console: Console, finding: Finding) -> None:
@@ -162,25 +151,38 @@ def _show_deciding(console: Console, finding: Finding) -> None:
         return
     planned = "commands" in decides
     which = "would" if planned else "might"
-    say(console, f"  these data do not tell which; this run {which}: {decides['run']}")
+    say(console, f"  these data do not tell which; this run {which}: {decides['run']}", 2)
     if planned:
         one, other = (shlex.quote(effect.key) for effect in (finding.effect, finding.undecided[0]))
         command = led(f"rovid plan --between {one} --between {other}", "writes it")
         console.print(f"  in {decides['minutes']:.1f} min;", command, highlight=False)
 
 
-def _show_gain(console: Console, base: Side, extended: Side, floor: float, axis: Axis) -> None:
-    rows = table("Trials that were not fitted, simulated freely", "", "without", "with what was found", "noise floor")
-    one, other = base.held_out, extended.held_out
-    rows.add_row(f"{axis.rate_words} R²", number(one.rate_r2, ".4f"), number(other.rate_r2, ".4f"), "")
-    rmse = f"{axis.rate_words} RMSE, {axis.rate_unit}"
-    rows.add_row(rmse, number(one.rate_rmse), number(other.rate_rmse), number(floor, 2))
-    for horizon in one.position_errors:
-        before = axis.in_shown(one.position_errors[horizon])
-        after = axis.in_shown(other.position_errors[horizon])
-        name = f"{axis.position_words} after {horizon:.0f} s, {axis.shown[0]}"
-        rows.add_row(name, number(before), number(after), "")
-    rows.add_row("log-likelihood", number(one.log_likelihood, ".0f"), number(other.log_likelihood, ".0f"), "")
+def _show_gain(console: Console, base: Side, extended: Side, diagnosis: Diagnosis) -> None:
+    axis, one, other = base.estimate.axis, base.held_out, extended.held_out
+    errors = {}
+    of_rate = f"{axis.rate_words} RMSE, {axis.rate_unit}"
+    cells = [(of_rate, number(one.rate_rmse), number(other.rate_rmse), number(diagnosis.noise_floor, 2))]
+    for horizon, before in one.position_errors.items():
+        after, floor = other.position_errors[horizon], diagnosis.position_floors.get(horizon)
+        of_position = f"{axis.position_words} after {horizon:.0f} s, {axis.shown[0]}"
+        one_shown, other_shown = (number(axis.in_shown(value)) for value in (before, after))
+        cells.append((of_position, one_shown, other_shown, number(axis.in_shown(floor), 2)))
+        if before is not None and after is not None:
+            # The longest says it best.
+            errors[f"{axis.position_words} error"] = (before, after)
+    errors[f"{axis.rate_words} error"] = (one.rate_rmse, other.rate_rmse)
+    cells += [
+        (f"{axis.rate_words} R²", number(one.rate_r2, ".4f"), number(other.rate_r2, ".4f"), ""),
+        ("log-likelihood", number(one.log_likelihood, ".0f"), number(other.log_likelihood, ".0f"), ""),
+    ]
+    console.print()
+    models = ("without", "with what was found") if extended.model.effects else ("the model",)
+    if extended.model.effects:
+        say(console, led("Gain:", gained(errors)))
+    rows = table("Trials that were not fitted, simulated freely", "", *models, "noise floor")
+    for what, without, with_it, best in cells:
+        rows.add_row(what, *(without, with_it)[: len(models)], best)
     console.print(rows)
 
 
@@ -249,7 +251,7 @@ def _closed_loop_runs(result: Control, guess: Guesswork) -> Columns:
     """A row for each run of the design."""
     rows = table(
         by_guess("Closed-loop runs, with 2 % of the torque in use as disturbance", guess, "N m"),
-        *("run", "effects", "model aid", "settled s", "overshoot deg", "steady deg", "limit cycle", "63 % s", "rise s"),
+        *("run", "effects", "model aid", "settled s", "overshot deg", "steady deg", "limit cycle", "63 % s", "rise s"),
         "effort N m",
         left=3,
     )

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from rovid.campaign.trial import said_once
-from rovid.ground.errors import LINE_LENGTH, shown
 from rovid.ground.screen import led
 from rovid.inspect.advice import listed
 from rovid.inspect.check import Check
@@ -32,8 +29,8 @@ def show_check(console: Console, checked: Check) -> None:
     console.print()
     if checked.rows:
         _show_logs(console, checked)
-    if len(checked.problems) > 1:
-        show_warnings(console, [_problem(name, problem) for name, problem in checked.problems.items()])
+    if len(reasons := _reasons(checked.problems)) > 1:
+        show_warnings(console, [_problem(names, reason) for reason, names in reasons.items()])
     _show_tasks(console, tasks[_FIRST:], _FIRST + 1)
     asides = [one.text for one in checked.advice if one.weight == "aside"]
     noticed = said_once([trial for trial, _ in checked.rows])
@@ -42,25 +39,34 @@ def show_check(console: Console, checked: Check) -> None:
 
 def _tasks(checked: Check) -> Iterator[str]:
     """What to do, the gravest first."""
-    problems = list(checked.problems.items())
-    if len(problems) == 1:
-        yield _problem(*problems[0])
-    elif problems:
-        logs = len(problems) + len(checked.rows)
-        yield f"{len(problems)} of {logs} logs cannot be used, for the reasons below: {listed(list(checked.problems))}."
+    reasons, bad = _reasons(checked.problems), len(checked.problems)
+    several = f"{bad} of {bad + len(checked.rows)} logs cannot be used"
+    if len(reasons) == 1:
+        ((reason, names),) = reasons.items()
+        yield f"{several}. {_problem(names, reason)}" if bad > 1 else _problem(names, reason)
+    elif reasons:
+        yield f"{several}, for the reasons below: {listed(list(checked.problems))}."
     yield from (one.text for one in checked.advice if one.weight != "aside")
 
 
-def _problem(name: str, problem: str) -> str:
-    return problem if name in problem else f"{name}: {problem}"
+def _reasons(problems: Mapping[str, str]) -> dict[str, list[str]]:
+    """Why logs cannot be used -> those logs."""
+    reasons: dict[str, list[str]] = {}
+    for name, problem in problems.items():
+        _, _, reason = problem.rpartition(f"{name}: ")
+        reasons.setdefault(reason, []).append(name)
+    return reasons
+
+
+def _problem(names: Sequence[str], reason: str) -> str:
+    # The log, and where in it, may stand in the reason itself.
+    return reason if any(name in reason for name in names) else f"{listed(names)}: {reason}"
 
 
 def _show_tasks(console: Console, tasks: Sequence[str], first: int) -> None:
-    rows = Table.grid(padding=(0, 1, 0, 0))
     for number_, task in enumerate(tasks, first):
-        rows.add_row(f"{number_}.", Text(shown(task, LINE_LENGTH)))
-    if tasks:
-        console.print(rows, highlight=False)
+        lead = f"{number_}. "
+        say(console, lead + task, len(lead))
 
 
 def _show_logs(console: Console, checked: Check) -> None:

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterator, Sequence
 
 from rich import box
-from rich.cells import cell_len, chop_cells
+from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from rovid.ground.errors import LINE_LENGTH, shown
+from rovid.show.folding import folded
 
 # Blanks between two columns.
 _GAP = 2
 # A name longer than this may be folded, and prose is not set any narrower.
 _NAME, _PROSE = 24, 14
-# Where a name may be folded besides at its blanks.
-_PIECE = re.compile(r"\s+|[^\s_./:,-]*[_./:,-]*")
 
 
 class Columns:
@@ -60,7 +58,7 @@ class Columns:
             collapse_padding=True,
             padding=(0, _GAP - 1, 0, 0),
         )
-        headings = [_folded(heading, width) for heading, width in zip(self._headings, widths, strict=False)]
+        headings = [folded(heading, width) for heading, width in zip(self._headings, widths, strict=False)]
         most = max(heading.plain.count("\n") for heading in headings)
         for at, (heading, width) in enumerate(zip(headings, widths, strict=True)):
             # The last words of all stand on the line.
@@ -69,13 +67,12 @@ class Columns:
         for number, (row, style) in enumerate(zip(self._rows, self._styles, strict=True)):
             if number in self._sections:
                 made.add_section()
-            made.add_row(*(_folded(cell, width) for cell, width in zip(row, widths, strict=False)), style=style)
+            made.add_row(*(folded(cell, width) for cell, width in zip(row, widths, strict=False)), style=style)
         yield made
         if gone := [heading.plain for heading in self._headings[len(widths) :]]:
             them = "them" if len(gone) > 1 else "it"
-            yield Text(
-                f"No room in {options.max_width} columns: {', '.join(gone)}. A wider terminal has {them}, or --json."
-            )
+            said = f"No room in {options.max_width} columns: {', '.join(gone)}. A wider terminal has {them}, or --json."
+            yield folded(Text(said), options.max_width)
         yield Text()
 
     def _widths(self, most: int) -> list[int]:
@@ -135,30 +132,3 @@ def _text(cell: str | Text) -> Text:
 
 def _long(text: Text) -> int:
     return cell_len(text.plain)
-
-
-def _folded(text: Text, width: int) -> Text:
-    """``text`` in lines of that width: at blanks, else behind a sign within a name, else anywhere."""
-    if _long(text) <= width:
-        return text
-    ends, used, at = [], 0, 0
-    for piece in _pieces(text.plain, width):
-        if used and used + cell_len(piece.rstrip()) > width:
-            ends.append(at)
-            used = 0
-        at += len(piece)
-        used += cell_len(piece)
-    lines = text.divide(ends)
-    for line in lines:
-        line.rstrip()
-    return Text("\n").join(lines)
-
-
-def _pieces(text: str, width: int) -> Iterator[str]:
-    """Words with the blanks behind them; parts of words that are longer than a line."""
-    for word in re.findall(r"\S+\s*|\s+", text):
-        if cell_len(word.rstrip()) <= width:
-            yield word
-            continue
-        for piece in filter(None, _PIECE.findall(word)):
-            yield from chop_cells(piece, width) if cell_len(piece) > width else (piece,)

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from rovid.campaign.guesswork import Guesswork
 from rovid.export.exporting import Exported
+from rovid.ground.errors import LINE_LENGTH, shown
 from rovid.ground.numbers import plus_minus, rounded, significant, to_error
 from rovid.ground.screen import led
 from rovid.identify.bench import BenchFit
@@ -28,6 +29,7 @@ from rovid.motion.runs import Runs
 from rovid.parameters.parameters import Parameters
 from rovid.plan.run_design import Plan
 from rovid.plan.worth import DECIDES
+from rovid.show.folding import folded
 from rovid.show.table import Columns, table
 from rovid.study import Study
 
@@ -42,9 +44,10 @@ def number(value: float | None, form: str | int = 3) -> str:
     return significant(value, form) if isinstance(form, int) else format(value, form)
 
 
-def say(console: Console, text: str | Text) -> None:
-    """Print a text, with its numbers in no colour of their own."""
-    console.print(text, highlight=False)
+def say(console: Console, text: str | Text, hang: int = 0) -> None:
+    """Print a text, with its numbers in no colour of their own, and further lines ``hang`` blanks in."""
+    text = text if isinstance(text, Text) else Text(shown(text, LINE_LENGTH))
+    console.print(folded(text, console.width, hang), highlight=False)
 
 
 def show_warnings(console: Console, warnings: Sequence[str]) -> None:

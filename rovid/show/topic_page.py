@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from rich.console import Console, ConsoleOptions, RenderResult
-from rich.markdown import Markdown, TableElement
+from rich.markdown import Markdown, Paragraph, TableElement
 
+from rovid.show.folding import folded
 from rovid.show.table import Columns
 from rovid.show.terminal import say
 from rovid.show.topics import TOPICS, names, text, title
@@ -45,5 +46,13 @@ class _Table(TableElement):
         yield rows
 
 
+class _Paragraph(Paragraph):
+    """One whose numbers keep their units."""
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """What rich prints."""
+        yield folded(self.text, options.max_width)
+
+
 class _Page(Markdown):
-    elements: ClassVar[dict[str, Any]] = {**Markdown.elements, "table_open": _Table}
+    elements: ClassVar[dict[str, Any]] = {**Markdown.elements, "paragraph_open": _Paragraph, "table_open": _Table}

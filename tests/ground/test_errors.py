@@ -41,6 +41,7 @@ def test_an_unknown_key_costs_no_more_for_being_long() -> None:
     ("wanted", "found"),
     [
         ("lag", "'thruster_lag'"),
+        ("cmd_dly", "'command_delay'"),
         ("delay", "'command_delay'"),
         ("tether", "'tether_torsion'"),
         ("deadzone", "'thruster_deadband'"),

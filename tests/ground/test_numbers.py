@@ -17,7 +17,7 @@ from rovid.ground.numbers import plus_minus, significant, to_error
         (5056.93, 0.155, "5056.930 ± 0.155"),
         (0.1234567, 0.00456, "0.1235 ± 0.0046"),
         (123456.0, 45678.0, "123000 ± 46000"),
-        (2.5, math.nan, "2.5"),
+        (2.5, math.nan, "2.500"),
     ],
 )
 def test_values_are_rounded_to_their_uncertainty(value: float, error: float, expected: str) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from rovid.effects import effect_named
-from rovid.report.answer import Answer, answer_of, sureness
+from rovid.report.answer import Answer, answer_of
 from rovid.report.evidence import Evidence
 
 
@@ -23,7 +23,7 @@ def test_what_was_found_is_wrong_why_gain_and_next(lagged: Evidence) -> None:
     assert diagnosis is not None
     assert diagnosis.base is not None
     answer = answer_of(lagged)
-    assert answer.headline == "The simulation misses thruster lag."
+    assert answer.headline == "The plain model misses thruster lag."
     heading, rate = answer.gains
     assert heading.title == "heading error after 60 s"
     assert [bar.label for bar in heading.bars] == ["without", "with"]
@@ -43,7 +43,7 @@ def test_what_was_found_is_wrong_why_gain_and_next(lagged: Evidence) -> None:
     assert reason.sure == "established: odds 32 to 1"
     lost = [round(100 * (1 - gain.bars[1].share)) for gain in answer.gains]
     said = f"{lost[0]} % of the heading error and {lost[1]} % of the yaw rate error gone"
-    assert answer.gained == f"{said}, on trials that the fit never saw."
+    assert answer.gained == f"{said}, on data that the fit never saw."
     assert answer.run
 
 
@@ -64,24 +64,11 @@ def test_what_nothing_explains_is_said_so(lagged: Evidence) -> None:
     assert answer.why.startswith("No effect of the catalogue explains")
 
 
-@pytest.mark.parametrize(
-    ("sure", "words"),
-    [
-        (0.97, "established: odds 32 to 1"),
-        (0.75, "likely, not established: odds 3 to 1"),
-        (0.25, "possible, not established: odds 1 to 3"),
-    ],
-)
-def test_sureness_is_a_word_and_odds(lagged: Evidence, sure: float, words: str) -> None:
-    assert lagged.diagnosis is not None
-    assert sureness(replace(lagged.diagnosis.findings[0], confidence=sure)) == words
-
-
 def test_a_suspect_gains_nothing_yet(lagged: Evidence) -> None:
     assert lagged.diagnosis is not None
     suspect = replace(lagged.diagnosis.findings[0], confidence=0.6)
     answer = answered(lagged, verdict="suspected", findings=(), suspects=(suspect,), extended=lagged.diagnosis.base)
-    assert answer.headline == "The simulation may miss thruster lag."
+    assert answer.headline == "The plain model may miss thruster lag."
     assert answer.gained == ""
     assert [[bar.label for bar in gain.bars] for gain in answer.gains] == [["simulated"], ["simulated"]]
     assert "A perfect model's would be" in answer.wrong

@@ -120,7 +120,7 @@ def test_rivals_that_are_not_ruled_out_stand_out(lagged: Evidence, finding: Find
     assert box.x1 <= figure.get_figwidth()
     undecided = with_diagnosis(lagged, findings=(unsure,))
     shown = text(section(undecided))
-    assert f"The simulation misses thruster lag or {rival.title}." in text(part_of(undecided, "summary"))
+    assert f"The plain model misses thruster lag or {rival.title}." in text(part_of(undecided, "summary"))
     assert f"cannot tell it from {rival.title}. The likeliest to tell: " in shown
 
 

@@ -66,10 +66,30 @@ def test_a_remark_is_made_once_for_all_logs() -> None:
     assert "and 10 more." in text
 
 
-def test_many_logs_that_cannot_be_used_are_one_thing_to_do_and_each_is_told() -> None:
-    lines = printed(problems={f"bad_{at}.csv": f"bad_{at}.csv: no heading" for at in range(9)})
-    assert lines[1].startswith("1. 9 of 10 logs cannot be used, for the reasons below: bad_0.csv, ")
-    assert sum("no heading" in line for line in lines) == 9
+def test_what_keeps_many_logs_from_being_used_is_told_once() -> None:
+    alike = {f"bad_{at}.csv": f"day/bad_{at}.csv: has no column 'hdg'." for at in range(9)}
+    text = " ".join(" ".join(printed(problems=alike)).split())
+    assert "1. 9 of 10 logs cannot be used. bad_0.csv, bad_1.csv, " in text
+    assert "bad_4.csv and 4 more: has no column 'hdg'." in text
+    assert text.count("'hdg'") == 1
+    lines = printed(problems={**alike, "cut.csv": "day/cut.csv:17: is cut."})
+    assert lines[1].startswith("1. 10 of 11 logs cannot be used, for the reasons below: bad_0.csv, ")
+    assert sum("'hdg'" in line for line in lines) == 1
+    assert "Note: day/cut.csv:17: is cut." in lines
+
+
+def test_no_runs_are_wanted_while_logs_cannot_be_read(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
+    for name in ("rovid.toml", "thrust_curve.csv", "hold_03.csv", "hold_05.csv"):
+        shutil.copy(csv_day / name, tmp_path)
+    assert "\n2. Run sines" in rovid("check", tmp_path).out
+    bad = tmp_path / "hold_05.csv"
+    bad.write_text(bad.read_text().replace("heading_deg", "hdg", 1))
+    done = rovid("check", tmp_path)
+    assert done.code == 2
+    text = " ".join(done.out.split())
+    assert text.startswith("No go: A fit would fail, or be wrong. First of all: 1. ")
+    assert text.count("has no column 'heading_deg'") == 1
+    assert "\n2. " not in done.out
 
 
 def test_a_good_day_goes_and_clocks_that_differ_stop_it(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:

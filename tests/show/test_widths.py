@@ -1,4 +1,4 @@
-"""Every command's output at 60, 80 and 120 columns: no line is longer, no number is cut in two."""
+"""Every command's output at 60, 80 and 120 columns: no line is longer, no number cut in two or parted from its unit."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from tests.conftest import SAMPLES, Rovid
 WIDTHS = (60, 80, 120)
 WIDE = 400
 NUMBER = re.compile(r"[-+±]?\d+(?:\.\d+)?(?:e[-+]\d+)?")
+PARTED = re.compile(r"\d *\n *(?:%|s|min|deg|rad|N|kg|m|Hz|dB|V)(?=[/ ,.;)²³]|$)", re.MULTILINE)
 DAY = ("aft_only", "coast_02", "fore_only", "hold_03", "hold_05", "sine_40s_a", "staircase")
 # In an order in which each finds what it needs.
 OF_A_DAY = (
@@ -121,6 +122,7 @@ def test_output_fits_and_numbers_are_whole(
             assert len(longest) <= width, f"{command} at {width}: {longest}"
             broken = set(numbers(printed[width])) - set(numbers(printed[WIDE])) - {str(width)}
             assert not broken, f"{command} at {width}: {broken}\n{printed[width]}"
+            assert not (parted := PARTED.findall(printed[width])), f"{command} at {width}: {parted}\n{printed[width]}"
             assert not re.search(r"(?<!\S)-0(\.0+)?(?!\S)", printed[width]), f"{command}: a minus before nothing"
 
 
