@@ -49,6 +49,13 @@ class Craft:
     rate: float
     floats: bool = False
 
+    @property
+    def teams(self) -> tuple[tuple[bool, ...], ...]:
+        """Which thrusters turn it together: all, and where there are tunnels those or the screws alone, too."""
+        tunnels = tuple(bool(mount.sway and not mount.surge) for mount in self.mounts)
+        everyone = (True,) * len(tunnels)
+        return (everyone, tunnels, tuple(not tunnel for tunnel in tunnels)) if any(tunnels) else (everyone,)
+
 
 _VECTORED = (
     Mount(role=("fore", "port"), yaw=1.0, surge=1.0, sway=1.0),
@@ -66,8 +73,8 @@ CRAFTS = (
     Craft(
         name="tunnel thrusters",
         mounts=(
-            Mount(role=("port",), yaw=0.4, surge=1.0),
-            Mount(role=("stbd",), yaw=-0.4, surge=1.0),
+            Mount(role=("port",), yaw=0.6, surge=1.0),
+            Mount(role=("stbd",), yaw=-0.6, surge=1.0),
             Mount(role=("bow",), yaw=1.0, sway=1.0),
             Mount(role=("stern",), yaw=-1.0, sway=1.0),
         ),
@@ -391,7 +398,9 @@ class _Draw:
         if driver == "held":
             _alone(rng, others, yaw, craft, step)
         others[list(self.idle)] = 0.0
-        return _integrate(rng, craft, driver, step, self.sense, yaw, ahead, others, mix[:, 0])
+        team = _levels(rng, count, step, 10.0 * craft.tau, range(len(craft.teams))).astype(int)
+        shares = mix[:, :1] * np.array(craft.teams, dtype=np.float64).T[:, team]
+        return _integrate(rng, craft, driver, step, self.sense, yaw, ahead, others, shares)
 
 
 def _levels(rng: np.random.Generator, count: int, step: float, seconds: float, values: Sequence[float]) -> FloatArray:
@@ -461,7 +470,7 @@ def _integrate(
     yaw: FloatArray,
     ahead: FloatArray,
     others: FloatArray,
-    share: FloatArray,
+    shares: FloatArray,
 ) -> _Ride:
     """The vehicle's motion: inertia 1, drag for the full rate at full torque, weak reverse, thrusters with a lag."""
     count, fine = len(yaw), step / _SUBSTEPS
@@ -485,7 +494,7 @@ def _integrate(
         asked[k] = (
             float(np.clip(1.2 * error - 1.5 * craft.tau * rate, -0.7, 0.7)) if driver == "autopilot" else float(yaw[k])
         )
-        commands[:, k] = np.clip(share * asked[k] + others[:, k], -1.0, 1.0)
+        commands[:, k] = np.clip(shares[:, k] * asked[k] + others[:, k], -1.0, 1.0)
         goal = commands[:, k] * np.where(commands[:, k] < 0.0, reverse, 1.0)
         for _ in range(_SUBSTEPS):
             thrust += (goal - thrust) * min(1.0, fine / lag)

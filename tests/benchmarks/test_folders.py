@@ -1,0 +1,69 @@
+"""What rovid makes of made-up folders is scored as it should be."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from subprocess import CompletedProcess
+
+import pytest
+
+from benchmarks import folders
+from tools.folders import Folder
+
+TRUTH = Folder(
+    format="csv",
+    heading="cap_rad",
+    heading_unit="rad",
+    turned_round=False,
+    thrusters={"babord": 1, "tribord": -1, "vertical": 0},
+    decoys={"phares": "lights"},
+    time="temps",
+    time_unit="s",
+    kind="%",
+    neutral=0.0,
+)
+HEADING = 'heading = { csv = "cap_rad", unit = "rad" }'
+
+
+def thruster(column: str, arm: float) -> str:
+    return f'[[thrusters]]\nyaw_arm = {arm}\ncommand = {{ csv = "{column}" }}\n'
+
+
+SCREWS = thruster("babord", 1.0) + thruster("tribord", -0.3)
+
+
+@pytest.mark.parametrize(
+    ("blocks", "heading", "said", "verdict"),
+    [
+        (SCREWS, HEADING, [], "right"),
+        (SCREWS, HEADING.replace('"rad"', '"deg"'), [], "wrong"),
+        (SCREWS, HEADING.replace("cap_rad", "consigne_cap"), [], "wrong"),
+        (SCREWS, "", [], "wrong"),
+        ("", "", ["heading"], "open"),
+        (thruster("babord", 1.0), HEADING, [], "wrong"),
+        (thruster("babord", 1.0), HEADING, ["whether tribord turns the vehicle"], "open"),
+        (thruster("babord", 1.0) + thruster("tribord", 1.0), HEADING, ["heading"], "wrong"),
+        (SCREWS + thruster("vertical", 1.0), HEADING, [], "wrong"),
+        (SCREWS + thruster("phares", 1.0), HEADING, [], "wrong"),
+        (thruster("babord", -1.0) + thruster("tribord", 1.0), HEADING.replace(" }", ", sign = -1 }"), [], "right"),
+    ],
+)
+def test_a_score(
+    blocks: str, heading: str, said: list[str], verdict: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def answered(folder: Path) -> CompletedProcess[str]:
+        (folder / "rovid.toml").write_text(f'{blocks}\n[signals]\ntime = "temps"\n{heading}\n')
+        return CompletedProcess([], 0, json.dumps({"open": said, "warnings": []}), "")
+
+    monkeypatch.setattr(folders, "init", answered)
+    assert folders.scored(tmp_path, TRUTH).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("code", "message", "verdict"),
+    [(2, "rovid: a.csv: holds no heading.", "open"), (2, "rovid: no.", "wrong"), (1, "Traceback heading", "wrong")],
+)
+def test_a_refusal(code: int, message: str, verdict: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(folders, "init", lambda _: CompletedProcess([], code, "", message))
+    assert folders.scored(tmp_path, TRUTH).verdict == verdict
