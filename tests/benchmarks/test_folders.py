@@ -1,15 +1,16 @@
-"""What rovid makes of made-up folders is scored as it should be."""
+"""What rovid makes of made-up folders is scored as it should be, and rovid says what it does not find in them."""
 
 from __future__ import annotations
 
 import json
+import secrets
 from pathlib import Path
 from subprocess import CompletedProcess
 
 import pytest
 
 from benchmarks import folders
-from tools.folders import Folder
+from tools.folders import Folder, write_folder
 
 TRUTH = Folder(
     format="csv",
@@ -67,3 +68,11 @@ def test_a_score(
 def test_a_refusal(code: int, message: str, verdict: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(folders, "init", lambda _: CompletedProcess([], code, "", message))
     assert folders.scored(tmp_path, TRUTH).verdict == verdict
+
+
+@pytest.mark.parametrize("index", [0, 3, 8, 13, 26])
+def test_what_is_not_found_is_said(index: int, tmp_path: Path) -> None:
+    seed = secrets.randbelow(10**6)
+    truth = write_folder(tmp_path, seed=seed, index=index)
+    score = folders.scored(tmp_path, truth)
+    assert score.verdict != "wrong", f"seed {seed}: {truth.about}: {score.faults}"
