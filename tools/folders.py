@@ -219,7 +219,9 @@ class _Namer:
         return STYLES[self.style](group, words, *unit_words(unit, self.language))
 
     def name(self, group: str, key: str, unit: str, role: str = "") -> str:
-        words = self.word(key).replace("{role}", role)
+        """A column of what ``key`` says; ``role`` is a thruster's place, or its number, which comes last."""
+        words = self.word(key)
+        words = f"{words.replace('{role}', '')} {role}" if role.isdigit() else words.replace("{role}", role)
         return self.joined(group, " ".join(words.split()), unit)
 
 
