@@ -233,7 +233,8 @@ def write_folder(folder: Path, *, seed: int, index: int) -> Folder:
     rng = np.random.default_rng([seed, index])
     folder.mkdir(parents=True, exist_ok=True)
     craft = _TORQUE if index % 20 == 11 else CRAFTS[index % len(CRAFTS)]
-    mcap, split = index % 8 == 3, index % 10 == 7
+    mcap = index % 8 == 3
+    split = not mcap and index % 10 == 7
     style = "topic" if mcap else str(rng.choice([style for style in STYLES if style != "topic"]))
     namer = _Namer(rng=rng, language=("en", "de", "en", "fr", "en", "no", "es")[index % 7], style=style)
     clock = _Clock.drawn(rng, namer, mcap=mcap)
