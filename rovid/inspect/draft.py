@@ -53,6 +53,9 @@ def _head(survey: Survey) -> Iterator[str]:
     for what in survey.open:
         option = f"--{what} NAME"
         yield f"# OPEN: no column was recognised as {what}. Put it in below, or run `rovid init LOGS {option} --force`."
+    if survey.untold:
+        names = ", ".join(shown(source, LINE_LENGTH) for source in survey.untold)
+        yield f"# OPEN: which way these turn the vehicle, if at all, no log tells: {names}."
     yield ""
     yield "[vehicle]"
     known = survey.profile

@@ -87,6 +87,11 @@ class Survey:
         """What was not recognised in any log: "heading", "command"; the user has to name it."""
         return tuple(dict.fromkeys(what for one in self.guesses.values() for what in one.lacking))
 
+    @property
+    def untold(self) -> tuple[str, ...]:
+        """Sources of commands of which the logs do not tell whether, and which way, they turn the vehicle."""
+        return tuple(command.source for command in commands_of(self.guesses) if not command.told)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:

@@ -9,7 +9,7 @@ import numpy as np
 
 from rovid.ground.arrays import FloatArray
 from rovid.inspect.seen import FEWEST, TURN, Guess, Seen, finite, rates
-from rovid.inspect.thrusting import COMMAND, LIGHTS, SUPPLY, VOLTS, Thrusting, Wanted, senses, thrusting
+from rovid.inspect.thrusting import COMMAND, LIGHTS, SUPPLY, TORQUE, VOLTS, Thrusting, Wanted, senses, thrusting
 from rovid.readers.words import words
 
 _UNITS = {"deg": "deg", "degrees": "deg", "grad": "deg", "rad": "rad", "radians": "rad", "dps": "deg/s", "rps": "rad/s"}
@@ -58,7 +58,6 @@ _NOT_VOLTS |= {"inst", "instance", "energy", "enrg", "consumed", "charge", "capa
 _NOT_VOLTS |= {"pct", "soc", "strom", "courant", "health", "state", "fault", "h", "sh"}
 # What drives a vehicle, in V or mV.
 _SUPPLIES = (3.0, 1e5)
-_TORQUE = {"torque", "moment", "drehmoment", "couple", "nm"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +131,7 @@ def _torque(
     """A logged torque, where no command is logged; its sense is that in which it turns the heading."""
     for source, seen in free.items():
         named = words(source)
-        if not named & _TORQUE or named & (_NOT_MEASURED | LIGHTS):
+        if not named & TORQUE or named & (_NOT_MEASURED | LIGHTS):
             continue
         values = finite(seen)
         if len(values) < FEWEST or not np.ptp(values) > 0.0:

@@ -23,6 +23,7 @@ VOLTS |= {"batteriespannung", "batterispenning", "bordspannung"}
 # What is driven by an output and moves nothing.
 LIGHTS = {"light", "lights", "lamp", "lumen", "led", "licht", "scheinwerfer", "lumiere", "lumière", "camera", "cam"}
 LIGHTS |= {"gimbal", "tilt", "mount", "gripper", "grabber", "kamera", "sonar", "winch", "pump", "laser"}
+TORQUE = {"torque", "moment", "drehmoment", "couple", "nm", "dreiemoment", "par"}
 # A number behind one of these letters is a thruster's: T1, M1, u1.
 _LETTERS = {"t", "m", "u"}
 _SIDED = frozenset().union(*SIDES.values())
@@ -102,6 +103,8 @@ class Thrusting:
     ----------
     arm
         m; 0 where nobody knows.
+    told
+        Whether it is known which way it turns the vehicle, or that it does not.
     label
         The thruster in the words of an autopilot or of a type of vehicle; empty where that is not told.
     percent
@@ -116,6 +119,7 @@ class Thrusting:
     highest: float
     why: str
     arm: float = 0.0
+    told: bool = True
     label: str = ""
     percent: bool = False
 
@@ -147,6 +151,7 @@ def thrusting(
                 highest=float(values.max()),
                 why=f"{said}; {values.min():.4g} to {values.max():.4g}, no thrust at {rest:g}; {told}",
                 arm=arm,
+                told=bool(way or output or mixed or label),
                 label=label,
                 percent=bool(words(source) & _PERCENT) or "%" in source,
             )
@@ -208,7 +213,8 @@ def _chosen(every: Mapping[str, Sequence[Seen]], wanted: Wanted) -> dict[str, Fl
         values = finite(seen)
         if len(values) and np.ptp(values) > 0.0:
             moving[source] = values
-    for named_so in (_is_command, _is_like_one, _is_answer, _is_of_motion, _is_pilots):
+    logged = any(words(source) & TORQUE for source in moving)
+    for named_so in (_is_command, _is_like_one, _is_answer, _is_of_motion, *([_is_pilots] * (not logged))):
         found = {source: values for source, values in moving.items() if named_so(source)}
         coming = {source: values for source, values in found.items() if _neutral(values) == REST or _comes_by(values)}
         found = coming or found
@@ -260,8 +266,8 @@ def _may_command(source: str, named: set[str]) -> bool:
 
 
 def _is_voltage(named: set[str]) -> bool:
-    # A v is a sway velocity as well.
-    return bool(named & VOLTS and named != {"v"} and not named & _NOT_VOLTAGES)
+    # A v is a sway velocity as well, and a voltage by itself that of the supply.
+    return bool(named & VOLTS and named - VOLTS and not named & _NOT_VOLTAGES)
 
 
 def _is_of_motion(source: str) -> bool:

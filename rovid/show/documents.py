@@ -169,7 +169,7 @@ def survey_document(survey: Survey, written: Sequence[Path]) -> Document:
         "signals": {kind: _guessed_signals(guesses) for kind, guesses in survey.guesses.items()},
         "commands": {kind: _guessed_commands(guesses) for kind, guesses in survey.guesses.items()},
         "unused": {kind: list(guesses.unused) for kind, guesses in survey.guesses.items()},
-        "open": list(survey.open),
+        "open": [*survey.open, *(f"sense of {source}" for source in survey.untold)],
         **guess_document(guess_of(survey)),
         "warnings": list(survey.lacking),
     }

@@ -354,6 +354,8 @@ def show_survey(console: Console, survey: Survey, written: Sequence[Path]) -> No
     guess = guess_of(survey)
     for what in survey.open:
         say(console, led("Open:", f"no column was recognised as {what}; name it in {written[0]}, or with --{what}."))
+    if survey.untold:
+        say(console, led("Open:", f"which way {', '.join(survey.untold)} turn the vehicle, if at all: no log tells."))
     show_caution(console, guess)
     if survey.profile is not None:
         how = "a guess, from the outputs that turn it" if survey.recognised else "as published"
