@@ -28,6 +28,8 @@ _NOT_MEASURED |= {
 }
 _NOT_MEASURED |= {"objetivo", "cible", "cmd", "demand", "erreur", "fehler", "feil", "avvik", "ecart", "écart", "desvio"}
 _NOT_MEASURED |= {"joystick", "stick", "manette", "pilot", "rcin", "input", "trim"}
+# Ends of words of one piece that are no headings.
+_ASTRAY = ("fehler", "feil", "avvik", "abweichung", "settpunkt")
 # Where it goes, which is not where it points.
 _NOT_MEASURED |= {
     "over",
@@ -180,7 +182,8 @@ def _heading(every: Mapping[str, Sequence[Seen]], asked: str = "") -> Guess | No
 
 def _may_be_heading(named: set[str]) -> bool:
     rates = _RATES - {"gyro"} if named & _COMPASS else _RATES
-    return not named & (_NOT_MEASURED | rates | _YAW_RATE | COMMAND)
+    wished = any(word.startswith("soll") or word.endswith(_ASTRAY) for word in named)
+    return not wished and not named & (_NOT_MEASURED | rates | _YAW_RATE | COMMAND)
 
 
 def _turning(source: str, seen: Sequence[Seen]) -> tuple[str, str]:

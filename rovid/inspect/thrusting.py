@@ -243,11 +243,11 @@ def _comes_by(values: FloatArray) -> bool:
 
 def _is_command(source: str) -> bool:
     named = words(source)
-    return _may_command(source, named) and bool(named & COMMAND or _is_voltage(named))
+    return _may_command(source, named) and bool(named & (COMMAND | _SIDED) or _is_voltage(named))
 
 
 def _is_like_one(source: str) -> bool:
-    """By the side that it stands on, by its number, or as so many turns a minute."""
+    """By its number, or as so many turns a minute."""
     return _may_command(source, words(source)) and _is_of_one(words(source))
 
 
