@@ -113,6 +113,11 @@ def write(rows: Any, at: int, x: Any) -> None:
     rows[at] = x
 
 
+def lanes_of(x: FloatArray) -> tuple[types.Type, Any]:
+    """Their kind, and ``x`` as constant lanes in compiled code."""
+    return _LANES, ir.Constant(_VECTOR, x.tolist())
+
+
 def _are_lanes(*every: types.Type) -> bool:
     return any(isinstance(x, LanesType) for x in every)
 
@@ -125,7 +130,7 @@ def _alike_number(context: Any, builder: Any, kind: Any, _: Any, value: Any) -> 
     return builder.shuffle_vector(first, undefined, ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES))
 
 
-def _teach(
+def teach(
     function: Any, typed: Callable[..., Any], generate: Callable[..., Any], *kinds_of_arguments: tuple[Any, ...]
 ) -> None:
     """Let compiled code call ``function`` with arguments of such kinds.
@@ -141,7 +146,7 @@ def _teach(
             told = typed(*arguments)
             return None if told is None else signature(*told)  # type: ignore[no-untyped-call]  # numba ships no types
 
-    infer_global(function)(Template)  # type: ignore[no-untyped-call]  # as above
+    infer_global(function, types.Function(Template))  # type: ignore[no-untyped-call]  # as above
     for kinds in kinds_of_arguments:
 
         @lower_builtin(function, *kinds)  # type: ignore[untyped-decorator, no-untyped-call]  # as above
@@ -235,21 +240,21 @@ def _write(context: Any, builder: Any, kinds: Any, values: Any) -> Any:
 _ONE, _TWO, _THREE = ((LanesType,) * count for count in (1, 2, 3))
 _NUMBER, _NUMBERS, _AT = (types.Float,), (types.Float, types.Float), types.Integer
 # No ``+=`` or the like: uncompiled it would change the lanes of whoever else holds them.
-_teach(operator.add, _all_lanes, _of("fadd"), _TWO)
-_teach(operator.sub, _all_lanes, _of("fsub"), _TWO)
-_teach(operator.mul, _all_lanes, _of("fmul"), _TWO)
-_teach(operator.truediv, _all_lanes, _of("fdiv"), _TWO)
-_teach(operator.neg, _all_lanes, _of("fneg"), _ONE)
-_teach(abs, _all_lanes, _by_llvm("fabs"), _ONE)
-_teach(larger, _lanes_or_numbers, _selecting(">"), _TWO, _NUMBERS)
-_teach(smaller, _lanes_or_numbers, _selecting("<"), _TWO, _NUMBERS)
-_teach(root, _lanes_or_numbers, _by_llvm("sqrt"), _ONE, _NUMBER)
-_teach(where_positive, _lanes_or_numbers, _where_positive, _THREE, (types.Float,) * 3)
-_teach(alike, lambda _: (_LANES, _LANES), lambda _, __, ___, values: values[0], _ONE)
-_teach(lane, lambda x, i: (types.float64, x, i), _lane, (LanesType, _AT))
-_teach(with_lane, lambda x, i, _: (_LANES, x, i, types.float64), _with_lane, (LanesType, _AT, types.Float))
-_teach(read, lambda rows, at: (_LANES, rows, at) if _without_gaps(rows) else None, _read, (types.Array, _AT))
-_teach(
+teach(operator.add, _all_lanes, _of("fadd"), _TWO)
+teach(operator.sub, _all_lanes, _of("fsub"), _TWO)
+teach(operator.mul, _all_lanes, _of("fmul"), _TWO)
+teach(operator.truediv, _all_lanes, _of("fdiv"), _TWO)
+teach(operator.neg, _all_lanes, _of("fneg"), _ONE)
+teach(abs, _all_lanes, _by_llvm("fabs"), _ONE)
+teach(larger, _lanes_or_numbers, _selecting(">"), _TWO, _NUMBERS)
+teach(smaller, _lanes_or_numbers, _selecting("<"), _TWO, _NUMBERS)
+teach(root, _lanes_or_numbers, _by_llvm("sqrt"), _ONE, _NUMBER)
+teach(where_positive, _lanes_or_numbers, _where_positive, _THREE, (types.Float,) * 3)
+teach(alike, lambda _: (_LANES, _LANES), lambda _, __, ___, values: values[0], _ONE)
+teach(lane, lambda x, i: (types.float64, x, i), _lane, (LanesType, _AT))
+teach(with_lane, lambda x, i, _: (_LANES, x, i, types.float64), _with_lane, (LanesType, _AT, types.Float))
+teach(read, lambda rows, at: (_LANES, rows, at) if _without_gaps(rows) else None, _read, (types.Array, _AT))
+teach(
     write,
     lambda rows, at, _: (types.none, rows, at, _LANES) if _without_gaps(rows) else None,
     _write,
@@ -270,7 +275,7 @@ def _each(function: Any, count: int = 1) -> None:
             result = builder.insert_element(result, of_numbers(builder, own), _INDEX(i))
         return result
 
-    _teach(function, _all_lanes, generate, (LanesType,) * count)
+    teach(function, _all_lanes, generate, (LanesType,) * count)
 
 
 @inlined
@@ -305,16 +310,16 @@ def _by_formula(function: Any, formula: Any) -> None:
         told = signature(_LANES, _LANES)  # type: ignore[no-untyped-call]  # numba ships no types
         return context.compile_internal(builder, formula.py_func, told, values)
 
-    _teach(function, _all_lanes, generate, _ONE)
+    teach(function, _all_lanes, generate, _ONE)
 
 
-_teach(two_to, _all_lanes, _two_to, _ONE)
+teach(two_to, _all_lanes, _two_to, _ONE)
 for _function, _formula in ((math.exp, _exp), (exponential, _exp), (math.tanh, _tanh)):
     _by_formula(_function, _formula)
 for _function in (math.sin, math.cos, math.tan, math.atan, math.log):
     _each(_function)
 _each(math.pow, 2)
-_teach(math.floor, _all_lanes, _by_llvm("floor"), _ONE)
+teach(math.floor, _all_lanes, _by_llvm("floor"), _ONE)
 
 
 @inlined

@@ -20,6 +20,7 @@ from rovid.effects import MOTION, TERMS, Effect, effect_named
 from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, Body, Instant, Numbers, Term, compiled
 from rovid.ground.arrays import FloatArray
 from rovid.ground.lanes import LANES, read, write
+from rovid.ground.straight import one_of
 from rovid.model.acting import Acting
 from rovid.model.drive import Drive
 from rovid.model.equation import Equation, Terms, terms_abreast, terms_of
@@ -184,8 +185,14 @@ def _calling(at: Instant, p: Numbers) -> float:
 
 @pytest.mark.parametrize(("function", "states"), [(_stuck, 0), (_limited, 1), (_swinging, 2), (_calling, 0)])
 def test_a_term_that_branches_goes_lane_by_lane(function: Callable[..., Any], states: int) -> None:
-    of_lanes = taking_lanes(function, states)
+    of_lanes = taking_lanes(function)
     assert of_lanes is not function
+
+    def one(*told: Any) -> Any:
+        return of_lanes(*told)
+
+    # As kernels choose one of many.
+    chosen = one_of({3: one}, one)
     rng = np.random.default_rng(8)
     rows, given = rng.normal(size=(13, LANES)), np.empty((1 + states, LANES))
     p, x = np.array([[0.4], [7.0], [0.0], [0.0]]) * np.ones(LANES), rng.normal(size=(2, LANES))
@@ -199,11 +206,11 @@ def test_a_term_that_branches_goes_lane_by_lane(function: Callable[..., Any], st
 
     @numba.njit
     def without(rows: Any, p: Any, x: Any, out: Any) -> None:
-        write(out, 0, of_lanes(instant(rows), (read(p, 0), read(p, 1), read(p, 2), read(p, 3))))
+        write(out, 0, chosen(3, instant(rows), (read(p, 0), read(p, 1), read(p, 2), read(p, 3))))
 
     @numba.njit
     def with_states(rows: Any, p: Any, x: Any, out: Any) -> None:
-        every = of_lanes(instant(rows), (read(p, 0), read(p, 1), read(p, 2), read(p, 3)), (read(x, 0), read(x, 1)))
+        every = chosen(3, instant(rows), (read(p, 0), read(p, 1), read(p, 2), read(p, 3)), (read(x, 0), read(x, 1)))
         write(out, 0, every[0])
         write(out, 1, every[1])
         write(out, states, every[states])
@@ -224,7 +231,7 @@ def test_no_term_of_the_catalogue_branches() -> None:
 
 
 def _takes_lanes(term: Term) -> bool:
-    return taking_lanes(term.torque, term.states) is term.torque
+    return taking_lanes(term.torque) is term.torque
 
 
 def test_a_prediction_that_runs_away_leaves_those_beside_it() -> None:

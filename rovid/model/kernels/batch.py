@@ -6,17 +6,18 @@ from typing import Any
 
 from rovid.effects.base import Body
 from rovid.ground.compiled import inlined
-from rovid.ground.lanes import LANES, alike, lane, read, with_lane
+from rovid.ground.lanes import LANES, alike, lane, read, with_lane, write
+from rovid.ground.straight import straight
 from rovid.model.equation import Equation
 
 
-@inlined
+@straight
 def body_of(numbers: Any) -> Any:
     """In lanes, of (5, LANES) ``numbers``, see `rovid.model.batch.Abreast`."""
     return Body(read(numbers, 0), read(numbers, 1), read(numbers, 2), read(numbers, 3), read(numbers, 4))
 
 
-@inlined
+@straight
 def in_lanes(equation: Any) -> Any:
     """An `rovid.model.equation.Equation` of numbers, the same in all lanes."""
     own = equation.body
@@ -30,7 +31,7 @@ def in_lanes(equation: Any) -> Any:
     return Equation(body, equation.terms, alike(equation.start))
 
 
-@inlined
+@straight
 def each(rows: Any, of_lane: Any, k: int) -> Any:
     """In lanes, the column ``k`` of each one's own of the ``rows``."""
     x = alike(0.0)
@@ -39,7 +40,7 @@ def each(rows: Any, of_lane: Any, k: int) -> Any:
     return x
 
 
-@inlined
+@straight
 def beside_of(driven: Any, k: int) -> Any:
     """In lanes, what effects are told of the instant ``k`` beside the torque."""
     race = surge = sway = alike(0.0)
@@ -57,3 +58,10 @@ def put(table: Any, column: int, x: Any) -> None:
     if column >= 0:
         for i in range(LANES):
             table[i, column] = lane(x, i)
+
+
+@inlined
+def clear(rows: Any) -> None:
+    """Write zeros."""
+    for j in range(len(rows)):
+        write(rows, j, 0.0)

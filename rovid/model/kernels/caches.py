@@ -7,9 +7,9 @@ from pathlib import Path
 
 from rovid import effects
 from rovid.effects.series import lagged
-from rovid.ground import compiled, lanes
+from rovid.ground import compiled, lanes, straight
 from rovid.ground.caches import keeps_compiled
-from rovid.model.kernels.free_run import simulate
+from rovid.model.kernels.step import step
 
 _MARK = "kernels.sources"
 
@@ -21,7 +21,7 @@ def _kept_beside(function: object) -> Path:
 
 def is_compiled() -> bool:
     """Whether this machine has compiled the simulation before."""
-    return keeps_compiled() and any(_kept_beside(simulate).glob("free_run.simulate*.nbi"))
+    return keeps_compiled() and any(_kept_beside(step).glob("free_run._simulate*.nbi"))
 
 
 def forget_stale() -> None:
@@ -31,7 +31,7 @@ def forget_stale() -> None:
     """
     if not keeps_compiled():
         return
-    folder, digest = _kept_beside(simulate), _digest_of_sources()
+    folder, digest = _kept_beside(step), _digest_of_sources()
     mark = folder / _MARK
     try:
         if mark.exists() and mark.read_text() == digest:
@@ -49,6 +49,6 @@ def _digest_of_sources() -> str:
     digest = hashlib.sha256()
     rooms = Path(effects.__file__).parent, Path(__file__).parent
     sources = [source for room in rooms for source in sorted(room.glob("*.py"))]
-    for source in (*sources, Path(compiled.__file__), Path(lanes.__file__)):
+    for source in (*sources, *(Path(str(one.__file__)) for one in (compiled, lanes, straight))):
         digest.update(source.read_bytes())
     return digest.hexdigest()

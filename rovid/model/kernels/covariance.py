@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from rovid.ground.compiled import inlined, lean
 from rovid.ground.lanes import alike, read, write
+from rovid.ground.straight import straight
 from rovid.model.kernels.filter import NODES, WEIGHTS
 
 SIZE = 5
@@ -33,7 +33,7 @@ class Swing(NamedTuple):
     fifth_fifth: Any
 
 
-@lean
+@straight
 def transition(swing: Any, h: float, fade: Any, f: Any) -> None:
     """Write exp(slopes h) into ``f``, by its series; ``fade`` is what a step leaves of the disturbance.
 
@@ -66,7 +66,7 @@ def transition(swing: Any, h: float, fade: Any, f: Any) -> None:
         _write_row(f, at + 1, (r0, r1, r2, r3, r4))
 
 
-@inlined
+@straight
 def _write_row(f: Any, row: int, x: Any) -> None:
     write(f, SIZE * row, x[0])
     write(f, SIZE * row + 1, x[1])
@@ -75,17 +75,15 @@ def _write_row(f: Any, row: int, x: Any) -> None:
     write(f, SIZE * row + 4, x[4])
 
 
-@lean
-def add_noise(swing: Any, into: int, size: Any, h: float, q: Any) -> None:
-    """Add to ``q`` what white noise of ``size`` into the state ``into``, the third or the fifth, grows in ``h`` s.
+@straight
+def add_noise(swing: Any, kicks: Any, h: float, q: Any) -> None:
+    """Add to ``q`` what white noise that ``kicks`` the five states so much grows in ``h`` s.
 
     By Gauss and Legendre, with its path to each node as a series: no covariance comes out of that negative.
     """
-    zero = alike(0.0)
     for node in range(3):
         t, weight = NODES[node] * h, WEIGHTS[node] * h
-        v0, v1, v2, v3, v4 = zero, zero, size if into == 2 else zero, zero, size if into == 4 else zero
-        c0, c1, c2, c3, c4 = v0, v1, v2, v3, v4
+        v0, v1, v2, v3, v4 = c0, c1, c2, c3, c4 = kicks
         for order in range(1, _ORDER + 1):
             share = t / order
             v0, v1, v2, v3, v4 = (
@@ -110,7 +108,7 @@ def add_noise(swing: Any, into: int, size: Any, h: float, q: Any) -> None:
         _add_to_row(q, 4, weight * c4, (c0, c1, c2, c3, c4))
 
 
-@inlined
+@straight
 def _add_to_row(q: Any, row: int, by: Any, c: Any) -> None:
     """Add ``by`` times ``c`` on and above the diagonal."""
     for j in range(SIZE):
@@ -118,7 +116,7 @@ def _add_to_row(q: Any, row: int, by: Any, c: Any) -> None:
             write(q, SIZE * row + j, read(q, SIZE * row + j) + by * c[j])
 
 
-@lean
+@straight
 def congruence(f: Any, p: Any, q: Any, room: Any) -> None:
     """Write f p f^T + q into ``p``; the disturbance follows from itself alone."""
     for j in range(SIZE):
@@ -142,20 +140,21 @@ def congruence(f: Any, p: Any, q: Any, room: Any) -> None:
             write(p, SIZE * i + j, read(q, SIZE * i + j) + total)
 
 
-@inlined
-def clear(matrix: Any) -> None:
-    """Write zeros."""
-    for at in range(SIZE * SIZE):
-        write(matrix, at, 0.0)
+@straight
+def take(p: Any, column: Any, share: Any) -> None:
+    """Take a ``share`` of the square of a ``column`` of ``p`` from it."""
+    for i in range(SIZE):
+        for j in range(i, SIZE):
+            write(p, SIZE * i + j, read(p, SIZE * i + j) - column[i] * share * column[j])
 
 
-@inlined
+@straight
 def upper(p: Any, i: int, j: int) -> Any:
     """Entry of a symmetric matrix, which stands on or above the diagonal."""
     return read(p, SIZE * i + j) if i <= j else read(p, SIZE * j + i)
 
 
-@inlined
+@straight
 def _times(f: Any, row: int, x: Any) -> Any:
     """A row of ``f`` times a column of five."""
     at = SIZE * row

@@ -9,7 +9,7 @@ import numpy as np
 
 from rovid.effects.base import Body
 from rovid.ground.arrays import FloatArray
-from rovid.ground.compiled import compiled, lean
+from rovid.ground.compiled import lean
 from rovid.ground.lanes import LANES, alike, lane, larger
 from rovid.model.kernels.batch import in_lanes
 from rovid.model.kernels.step import bare_step, brakes, damping_of, step, wanted_steps, whole_steps
@@ -21,7 +21,6 @@ _MAX_SUBSTEPS = 1000
 _SETTLED = 1e-9
 
 
-@compiled
 def simulate(time: FloatArray, torque: FloatArray, body: Body, initial_rate: float) -> tuple[FloatArray, FloatArray]:
     """Integrate ``inertia*rdot + quadratic*|r|*r + linear*r = torque`` and ``angle_dot = r``.
 
@@ -40,20 +39,24 @@ def simulate(time: FloatArray, torque: FloatArray, body: Body, initial_rate: flo
         (n,) rad/s and (n,) rad. Classical fourth-order Runge-Kutta, sub-stepped so that a step is a small
         share of the local time constant ``inertia / (2*quadratic*|r| + linear)``.
     """
-    n = len(time)
-    rate = np.empty(n)
-    angle = np.empty(n)
-    rate[0] = initial_rate
-    angle[0] = 0.0
+    rate, angle = np.empty(len(time)), np.empty(len(time))
+    rate[0], angle[0] = initial_rate, 0.0
+    _simulate(np.diff(time), torque, body, rate, angle)
+    return rate, angle
+
+
+@lean
+def _simulate(intervals: FloatArray, torque: FloatArray, body: Body, rate: FloatArray, angle: FloatArray) -> None:
+    """Fill in ``rate`` and ``angle`` behind the first."""
     quadratic, linear, brake = body.quadratic_drag, body.linear_drag, brakes(body)
-    for k in range(n - 1):
+    for k in range(len(intervals)):
         r = rate[k]
         a = angle[k]
         # The rate heads for the one that balances the torque: the faster of the two sets the time constant.
         balance = math.sqrt(abs(torque[k]) / quadratic) if quadratic > 0.0 else 0.0
         if linear > 0.0:
             balance = min(balance, abs(torque[k]) / linear) if quadratic > 0.0 else 0.0
-        left = time[k + 1] - time[k]
+        left = intervals[k]
         while left > 0.0:
             stiffness = damping_of(max(abs(r), balance), brake)
             wanted = left * stiffness / _STEP_SHARE
@@ -70,7 +73,6 @@ def simulate(time: FloatArray, torque: FloatArray, body: Body, initial_rate: flo
                 left = 0.0
         rate[k + 1] = r
         angle[k + 1] = a
-    return rate, angle
 
 
 @lean
@@ -121,7 +123,6 @@ def advance(
     return r, a, lane(fastest, 0)
 
 
-@compiled
 def simulate_effects(
     time: FloatArray,
     torque: FloatArray,
@@ -146,16 +147,23 @@ def simulate_effects(
     states
         (m * TERM_STATES, LANES) of the effects there.
     """
-    n = len(time)
-    rate, angle = np.empty(n), np.empty(n)
-    r, a = begin
-    rate[0], angle[0] = r, a
+    rate, angle = np.empty(len(time)), np.empty(len(time))
+    rate[0], angle[0] = begin
     state, work = states.copy(), np.zeros((3, len(states) + ROOM, LANES))
-    stiffness = 0.0
-    for k in range(n - 1):
-        interval = time[k + 1] - time[k]
+    _simulate_effects(np.diff(time), (torque, moment, beside), equation, state, work, rate, angle)
+    return rate, angle
+
+
+@lean
+def _simulate_effects(
+    intervals: FloatArray, drive: Any, equation: Any, state: Any, work: Any, rate: FloatArray, angle: FloatArray
+) -> None:
+    """Fill in ``rate`` and ``angle`` behind the first."""
+    (torque, moment, beside), stiffness = drive, 0.0
+    r, a = rate[0], angle[0]
+    for k in range(len(intervals)):
+        interval = intervals[k]
         r, a, stiffness = advance(
             r, a, torque[k], 0.0, moment[k], beside[k], interval, equation, state, work, stiffness
         )
         rate[k + 1], angle[k + 1] = r, a
-    return rate, angle

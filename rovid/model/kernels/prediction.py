@@ -9,10 +9,11 @@ import numpy as np
 
 from rovid.effects.base import TERM_STATES, Body
 from rovid.ground.arrays import FloatArray
-from rovid.ground.compiled import compiled, inlined, lean
+from rovid.ground.compiled import lean
 from rovid.ground.lanes import LANES, alike, lane, larger, largest, with_lane, within
+from rovid.ground.straight import straight
 from rovid.model.equation import Equation
-from rovid.model.kernels.batch import in_lanes
+from rovid.model.kernels.batch import clear, in_lanes
 from rovid.model.kernels.step import (
     EFFECTS_STEP_SHARE,
     REACH,
@@ -32,7 +33,6 @@ _RUNAWAY = 30.0
 _MAX_SUBSTEPS_AHEAD = 200
 
 
-@compiled
 def predict(
     period: FloatArray,
     torque: FloatArray,
@@ -68,23 +68,16 @@ def predict(
     turned
         (m, 1 + the largest reach) rad; NaN beyond the reach, and where the model runs away or asks for endless steps.
     """
-    rows, most = TERM_STATES * len(terms.kinds), 0.0
-    for k in range(len(rate)):
-        most = max(most, abs(rate[k])) if not math.isnan(rate[k]) else most
-    farthest = 0
-    for k in range(len(reach)):
-        farthest = max(farthest, reach[k])
-    turned = np.full((len(restarts), farthest + 1), np.nan)
+    rows, most = TERM_STATES * len(terms.kinds), _RUNAWAY * float(np.fmax.reduce(np.abs(rate), initial=0.0))
+    turned = np.full((len(restarts), 1 + int(reach.max(initial=0))), np.nan)
     state, work = np.zeros((rows, LANES)), np.zeros((3, rows + ROOM, LANES))
     course, begun = (torque, beside, rate, angle, states), (restarts, reach, period, start)
-    for first in range(0, len(restarts), LANES):
-        _predict(first, begun, course, body, terms, _RUNAWAY * most, state, work, turned)
+    _predict(begun, course, body, terms, most, state, work, turned)
     return turned
 
 
 @lean
 def _predict(
-    first: int,
     begun: Any,
     course: Any,
     body: Any,
@@ -94,46 +87,47 @@ def _predict(
     work: Any,
     turned: Any,
 ) -> None:
-    """From the restarts behind the ``first``, one in each lane; fills in their rows of ``turned``."""
+    """From all restarts, one in each lane; fills in their rows of ``turned``."""
     (restarts, reach, period, start), (torque, beside, rate, angle, states) = begun, course
-    r, a, span, origin, longest = alike(0.0), alike(0.0), alike(1.0), alike(0.0), 0
-    for i in range(LANES):
-        # Lanes beyond the last restart do as that does.
-        own = min(first + i, len(restarts) - 1)
-        at, longest = restarts[own], max(longest, reach[own])
-        r, a = with_lane(r, i, rate[at]), with_lane(a, i, angle[at])
-        span, origin = with_lane(span, i, period[own]), with_lane(origin, i, start[own])
-        for j in range(TERM_STATES * terms.remembering):
-            state[j, i] = states[at, j]
-        turned[own, 0] = 0.0
-    equation, begin = Equation(in_lanes(Equation(body, terms, 0.0)).body, terms, origin), a
-    brake, stiffness, none = brakes(equation.body), alike(0.0), alike(0.0)
-    for k in range(longest):
-        push, race, surge, sway = none, none, none, none
+    whole, none = in_lanes(Equation(body, terms, 0.0)).body, alike(0.0)
+    brake = brakes(whole)
+    for first in range(0, len(restarts), LANES):
+        r, a, span, origin, longest = alike(0.0), alike(0.0), alike(1.0), alike(0.0), 0
         for i in range(LANES):
-            at = min(restarts[min(first + i, len(restarts) - 1)] + k, len(torque) - 1)
-            push, race = with_lane(push, i, torque[at]), with_lane(race, i, beside[at, 0])
-            surge, sway = with_lane(surge, i, beside[at, 1]), with_lane(sway, i, beside[at, 2])
-        wanted = wanted_steps(r, push, stiffness, span, equation)
-        # One that asks for endless steps is given up.
-        r, wanted = within(r, wanted, _MAX_SUBSTEPS_AHEAD), within(wanted, wanted, _MAX_SUBSTEPS_AHEAD)
-        steps = whole_steps(wanted)
-        h, stiffness = span / steps, none
-        for _ in range(steps):
-            if len(terms.kinds) == 0:
-                r, a, damping = bare_step(r, a, push, brake, h)
-            else:
-                r, a, damping = step(r, a, push, none, (race, surge, sway), equation, state, work, h)
-            stiffness = larger(stiffness, damping)
-        # So is one that runs away.
-        r = within(r, abs(r), most)
-        for i in range(LANES):
-            own = first + i
-            if own < len(restarts) and k < reach[own] and lane(r, i) == lane(r, i):
-                turned[own, k + 1] = lane(a, i) - lane(begin, i)
+            # Lanes beyond the last restart do as that does.
+            own = min(first + i, len(restarts) - 1)
+            at, longest = restarts[own], max(longest, reach[own])
+            r, a = with_lane(r, i, rate[at]), with_lane(a, i, angle[at])
+            span, origin = with_lane(span, i, period[own]), with_lane(origin, i, start[own])
+            for j in range(TERM_STATES * terms.remembering):
+                state[j, i] = states[at, j]
+            turned[own, 0] = 0.0
+        equation, begin, stiffness = Equation(whole, terms, origin), a, none
+        for k in range(longest):
+            push, race, surge, sway = none, none, none, none
+            for i in range(LANES):
+                at = min(restarts[min(first + i, len(restarts) - 1)] + k, len(torque) - 1)
+                push, race = with_lane(push, i, torque[at]), with_lane(race, i, beside[at, 0])
+                surge, sway = with_lane(surge, i, beside[at, 1]), with_lane(sway, i, beside[at, 2])
+            wanted = wanted_steps(r, push, stiffness, span, equation)
+            # One that asks for endless steps is given up.
+            r, wanted = within(r, wanted, _MAX_SUBSTEPS_AHEAD), within(wanted, wanted, _MAX_SUBSTEPS_AHEAD)
+            steps = whole_steps(wanted)
+            h, stiffness = span / steps, none
+            for _ in range(steps):
+                if len(terms.kinds) == 0:
+                    r, a, damping = bare_step(r, a, push, brake, h)
+                else:
+                    r, a, damping = step(r, a, push, none, (race, surge, sway), equation, state, work, h)
+                stiffness = larger(stiffness, damping)
+            # So is one that runs away.
+            r = within(r, abs(r), most)
+            for i in range(LANES):
+                own = first + i
+                if own < len(restarts) and k < reach[own] and lane(r, i) == lane(r, i):
+                    turned[own, k + 1] = lane(a, i) - lane(begin, i)
 
 
-@compiled
 def effects_along(
     begins: Any,
     periods: FloatArray,
@@ -160,57 +154,60 @@ def effects_along(
     """
     count = TERM_STATES * len(terms.kinds)
     torque, states, room = np.zeros(len(course)), np.zeros((len(course), count)), np.zeros((4, count + ROOM, LANES))
-    for first in range(0, len(periods), LANES):
-        room[:] = 0.0
-        _follow(first, (begins, periods, starts), (course, beside), Equation(body, terms, 0.0), room, torque, states)
+    at = np.zeros((2, LANES), dtype=np.int64)
+    _follow((begins, periods, starts), (course, beside), Equation(body, terms, 0.0), at, room, torque, states)
     return torque, states
 
 
 @lean
-def _follow(first: int, runs: Any, measured: Any, equation: Any, room: Any, torque: Any, states: Any) -> None:
-    """The courses of the runs behind the ``first``, one in each lane; fills in ``torque`` and ``states`` there."""
+def _follow(runs: Any, measured: Any, equation: Any, at: Any, room: Any, torque: Any, states: Any) -> None:
+    """The courses of all runs, one in each lane; fills in ``torque`` and ``states``."""
     (begins, periods, starts), (course, beside), terms = runs, measured, equation.terms
-    period, origin, longest = alike(1.0), alike(0.0), 0
-    for i in range(LANES):
-        # Lanes beyond the last run do as that does.
-        own = min(first + i, len(periods) - 1)
-        period, origin = with_lane(period, i, periods[own]), with_lane(origin, i, starts[own])
-        longest = max(longest, begins[own + 1] - begins[own])
-    equation = Equation(in_lanes(equation).body, terms, origin)
-    steps = max(math.ceil(largest(period) * terms.fastest / EFFECTS_STEP_SHARE), 1)
-    h, rows = period / steps, TERM_STATES * terms.remembering
-    state, change, there, moved = room[0], room[1], room[2], room[3]
-    for k in range(longest):
-        rate, angle = _at(course, 0, begins, first, k), _at(course, 1, begins, first, k)
-        push, race = _at(course, 2, begins, first, k), _at(beside, 0, begins, first, k)
-        told = race, _at(beside, 1, begins, first, k), _at(beside, 2, begins, first, k)
-        jump(rate, equation, state)
-        given = torque_at(rate, angle, push, told, equation, state, change)
-        for i in range(min(LANES, len(periods) - first)):
-            at = begins[first + i] + k
-            if at < begins[first + i + 1]:
-                torque[at] = lane(given, i)
-                for j in range(states.shape[1]):
-                    states[at, j] = state[j, i]
-        faster = (_at(course, 0, begins, first, k + 1) - rate) / steps
-        farther = (_at(course, 1, begins, first, k + 1) - angle) / steps
-        for number in range(steps):
-            r, a = rate + float(number) * faster, angle + float(number) * farther
-            jump(r, equation, state)
-            passed = 0.0
-            copy(rows, state, there)
-            for stage in range(4):
-                torque_at(r + passed * faster, a + passed * farther, push, told, equation, there, change)
-                move(stage, rows, state, change, h, there, moved)
-                if stage < 3:
-                    passed = REACH[stage]
+    state, change, there, moved, whole = room[0], room[1], room[2], room[3], in_lanes(equation).body
+    for first in range(0, len(periods), LANES):
+        period, origin, longest = alike(1.0), alike(0.0), 0
+        for i in range(LANES):
+            # Lanes beyond the last run do as that does.
+            own = min(first + i, len(periods) - 1)
+            period, origin = with_lane(period, i, periods[own]), with_lane(origin, i, starts[own])
+            longest = max(longest, begins[own + 1] - begins[own])
+        abreast = Equation(whole, terms, origin)
+        steps = max(math.ceil(largest(period) * terms.fastest / EFFECTS_STEP_SHARE), 1)
+        h, rows = period / steps, TERM_STATES * terms.remembering
+        clear(state)
+        for k in range(longest):
+            # This instant of each run and the next, or its last.
+            for i in range(LANES):
+                own = min(first + i, len(periods) - 1)
+                at[0, i] = min(begins[own] + k, begins[own + 1] - 1)
+                at[1, i] = min(begins[own] + k + 1, begins[own + 1] - 1)
+            here, behind = at[0], at[1]
+            rate, angle, push = _at(course, here, 0), _at(course, here, 1), _at(course, here, 2)
+            told = _at(beside, here, 0), _at(beside, here, 1), _at(beside, here, 2)
+            jump(rate, abreast, state)
+            given = torque_at(rate, angle, push, told, abreast, state, change)
+            for i in range(min(LANES, len(periods) - first)):
+                if begins[first + i] + k < begins[first + i + 1]:
+                    torque[here[i]] = lane(given, i)
+                    for j in range(states.shape[1]):
+                        states[here[i], j] = state[j, i]
+            faster, farther = (_at(course, behind, 0) - rate) / steps, (_at(course, behind, 1) - angle) / steps
+            for number in range(steps):
+                r, a = rate + float(number) * faster, angle + float(number) * farther
+                jump(r, abreast, state)
+                passed = 0.0
+                copy(rows, state, there)
+                for stage in range(4):
+                    torque_at(r + passed * faster, a + passed * farther, push, told, abreast, there, change)
+                    move(stage, rows, state, change, h, there, moved)
+                    if stage < 3:
+                        passed = REACH[stage]
 
 
-@inlined
-def _at(table: Any, column: int, begins: Any, first: int, k: int) -> Any:
-    """In lanes, the instant ``k`` of each run behind the ``first``, or its last."""
+@straight
+def _at(table: Any, rows: Any, column: int) -> Any:
+    """In lanes, the ``column`` of each one's own of the ``rows``."""
     x = alike(0.0)
     for i in range(LANES):
-        own = min(first + i, len(begins) - 2)
-        x = with_lane(x, i, table[min(begins[own] + k, begins[own + 1] - 1), column])
+        x = with_lane(x, i, table[rows[i], column])
     return x

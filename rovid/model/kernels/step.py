@@ -10,6 +10,7 @@ from typing import Any
 from rovid.effects.base import TERM_STATES
 from rovid.ground.compiled import inlined, lean
 from rovid.ground.lanes import alike, larger, largest, read, root, smaller, write
+from rovid.ground.straight import straight
 from rovid.model.kernels.torque import jump, torque_of
 
 # How far along the step the second to fourth stage stand, and how often each of the four counts in the mean.
@@ -24,25 +25,25 @@ MAX_GAP_SUBSTEPS = 1_000_000
 _TINY = 1e-12
 
 
-@inlined
+@straight
 def brakes(body: Any) -> Any:
     """Quadratic and linear drag over the inertia, and one over the inertia: divided once, not in each stage."""
     return body.quadratic_drag / body.inertia, body.linear_drag / body.inertia, 1.0 / body.inertia
 
 
-@inlined
+@straight
 def _accelerated(rate: Any, push: Any, brake: Any) -> Any:
     """In rad/s^2, by a ``push`` over the inertia, of the plain model."""
     return push - (brake[0] * abs(rate) + brake[1]) * rate
 
 
-@inlined
+@straight
 def damping_of(rate: Any, brake: Any) -> Any:
     """-d(acceleration)/d(rate) of the plain model, in 1/s; see `brakes`."""
     return 2.0 * brake[0] * abs(rate) + brake[1]
 
 
-@inlined
+@straight
 def bare_step(r: Any, a: Any, torque: Any, brake: Any, h: Any) -> Any:
     """One step of rate and angle without effects; also the damping half way, in 1/s.
 

@@ -2,138 +2,76 @@
 
 from __future__ import annotations
 
-import dis
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
-import numba
-from numba.core.dispatcher import Dispatcher
-
 from rovid.effects import TERMS
-from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, Body, Instant
-from rovid.ground.compiled import Function, inlined, lean
+from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, Instant, Term
+from rovid.ground.compiled import inlined, lean
 from rovid.ground.lanes import LANES, alike, lane, read, with_lane, write
+from rovid.ground.straight import goes_straight, one_of, straight
 
-# What a term gives, by how many states it has: its torque and how two states change.
-_GIVES = ("alike({}(at, p)), none, none", "both({}(at, p, x), none)", "{}(at, p, x)")
 # Rows behind the rates of change of the states, in which it is kept what terms look at.
 ROOM = 3
-# Compiled into its caller, and making no arrays of its own, as `rovid.ground.compiled.lean`.
-_part: Callable[[Function], Function] = numba.njit(  # type: ignore[call-overload]  # its types leave out _nrt
-    error_model="numpy", nogil=True, _nrt=False, forceinline=True
-)
 
 
-def _any_of(takes: str, gives: Mapping[int, str], names: Mapping[str, Any], otherwise: str) -> Any:
-    """Compiled; of a ``kind``, before what it ``takes``, what that gives; ``otherwise`` of any other.
+def taking_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``function`` of an instant, parameters and states in lanes: itself, or where it branches lane by lane."""
+    if goes_straight(function):
+        return function
 
-    As a chain of comparisons, which compiles to one jump: numba's own loop over functions takes ten times as long.
-    """
-    lines = [f"def any_of(kind, {takes}):"]
-    lines += [f"    if kind == {kind}: return {text}" for kind, text in gives.items()]
-    namespace = dict(names)
-    exec("\n".join((*lines, f"    return {otherwise}")), namespace)  # noqa: S102 - all of it is here
-    return numba.njit(error_model="numpy", nogil=True, inline="always")(namespace["any_of"])
+    def lane_by_lane(*arguments: Any) -> Any:
+        def own(x: Any, i: int) -> Any:
+            if not isinstance(x, tuple):
+                return lane(x, i)
+            each = [own(one, i) for one in x]
+            return type(x)(*each) if hasattr(x, "_fields") else tuple(each)
 
+        def abreast(numbers: Any) -> Any:
+            if isinstance(numbers[0], tuple):
+                return tuple([abreast(column) for column in zip(*numbers, strict=True)])
+            x = alike(0.0)
+            for i in range(LANES):
+                x = with_lane(x, i, numbers[i])
+            return x
 
-def taking_lanes(function: Any, states: int) -> Any:
-    """Compiled; a term's ``function`` as one of lanes: itself, or where it branches one that goes lane by lane."""
-    return function if _takes_lanes(function) else _lane_by_lane(function, states)
+        return abreast([function(*own(arguments, i)) for i in range(LANES)])
 
-
-def _takes_lanes(function: Any) -> bool:
-    """Whether a compiled ``function`` and all that it calls go on the same way whatever the numbers are."""
-    if not isinstance(function, Dispatcher):
-        return False
-    plain = function.py_func
-    names = plain.__code__.co_names
-    if {"min", "max"} & set(names) or any("JUMP" in step.opname for step in dis.get_instructions(plain)):
-        return False
-    called = [plain.__globals__.get(name) for name in names]
-    return all(_takes_lanes(one) for one in called if isinstance(one, Dispatcher))
+    return straight(lane_by_lane)
 
 
-def _lane_by_lane(function: Callable[..., Any], states: int) -> Any:
-    """Compiled; as a ``function`` that takes lanes."""
+def _whole(term: Term) -> Callable[..., Any]:
+    """The torque of ``term`` and the changes of as many states as any has, in lanes."""
+    torque, states = taking_lanes(term.torque), term.states
 
-    @_part
-    def without(at: Any, p: Any) -> Any:
-        torque = alike(0.0)
-        for i in range(LANES):
-            torque = with_lane(torque, i, function(_instant(at, i), _four(p, i)))
-        return torque
+    def whole(at: Any, p: Any, x: Any) -> Any:
+        given, *changes = torque(at, p, x) if states else (torque(at, p),)
+        return alike(given), *(alike(change) for change in changes), *([alike(0.0)] * (TERM_STATES - states))
 
-    @_part
-    def with_one(at: Any, p: Any, x: Any) -> Any:
-        torque = change = alike(0.0)
-        for i in range(LANES):
-            own, first = function(_instant(at, i), _four(p, i), _two(x, i))
-            torque, change = with_lane(torque, i, own), with_lane(change, i, first)
-        return torque, change
-
-    @_part
-    def with_two(at: Any, p: Any, x: Any) -> Any:
-        torque = change = further = alike(0.0)
-        for i in range(LANES):
-            own, first, second = function(_instant(at, i), _four(p, i), _two(x, i))
-            torque, change = with_lane(torque, i, own), with_lane(change, i, first)
-            further = with_lane(further, i, second)
-        return torque, change, further
-
-    return (without, with_one, with_two)[states]
+    return whole
 
 
-@inlined
-def _two(x: Any, i: int) -> Any:
-    return lane(x[0], i), lane(x[1], i)
+def _nothing(at: Any, p: Any, x: Any) -> Any:  # noqa: ARG001 - as any term
+    return alike(0.0), alike(0.0), alike(0.0)
 
 
-@inlined
-def _four(p: Any, i: int) -> Any:
-    return lane(p[0], i), lane(p[1], i), lane(p[2], i), lane(p[3], i)
+def _still(p: Any, x: Any) -> Any:  # noqa: ARG001 - as any that takes the water along
+    return alike(0.0)
 
 
-@inlined
-def _instant(at: Any, i: int) -> Any:
-    """What lane ``i`` is told."""
-    inertia, quadratic, linear, stiffness = _four(at.body, i)
-    rate, slip, angle, start = _four(at, i)
-    body = Body(inertia, quadratic, linear, stiffness, lane(at.body.trim, i))
-    return Instant(
-        rate, slip, angle, start, lane(at.push, i), lane(at.race, i), lane(at.surge, i), lane(at.sway, i), body
-    )
-
-
-@inlined
-def _both(torque_and_change: Any, none: Any) -> Any:
-    return alike(torque_and_change[0]), torque_and_change[1], none
+def _stays(rate: Any, x: Any) -> Any:  # noqa: ARG001 - as any that jumps
+    return x[0]
 
 
 # The kind of a term is its index in ``rovid.effects.TERMS``.
-_term = _any_of(
-    "at, p, x, none",
-    {kind: _GIVES[term.states].format(f"term_{kind}") for kind, term in enumerate(TERMS)},
-    {f"term_{kind}": taking_lanes(term.torque, term.states) for kind, term in enumerate(TERMS)}
-    | {"alike": alike, "both": _both},
-    "none, none, none",
+_term = one_of({kind: _whole(term) for kind, term in enumerate(TERMS)}, _nothing)
+_water_of = one_of(
+    {kind: taking_lanes(term.water) for kind, term in enumerate(TERMS) if term.water is not None}, _still
 )
-_MOVING = {kind: term.water for kind, term in enumerate(TERMS) if term.water is not None}
-_water_of = _any_of(
-    "p, x",
-    {kind: f"water_{kind}(p, x)" for kind in _MOVING},
-    {f"water_{kind}": water for kind, water in _MOVING.items()},
-    "0.0",
-)
-_JUMPING = {kind: term.jumps for kind, term in enumerate(TERMS) if term.jumps is not None}
-_jumped = _any_of(
-    "rate, x",
-    {kind: f"jumps_{kind}(rate, x)" for kind in _JUMPING},
-    {f"jumps_{kind}": jumps for kind, jumps in _JUMPING.items()},
-    "x[0]",
-)
+_jumped = one_of({kind: taking_lanes(term.jumps) for kind, term in enumerate(TERMS) if term.jumps is not None}, _stays)
 
 
-@_part
+@inlined
 def torque_of(rate: Any, angle: Any, push: Any, beside: Any, equation: Any, state: Any, change: Any) -> Any:
     """Torque in N m of all terms of ``equation``; fills in the rates of ``change`` of their states.
 
@@ -148,12 +86,10 @@ def torque_of(rate: Any, angle: Any, push: Any, beside: Any, equation: Any, stat
     state, change
         (m * TERM_STATES, LANES); ``change`` has `ROOM` rows more.
     """
-    terms, total, none = equation.terms, alike(0.0), alike(0.0)
+    terms, total = equation.terms, alike(0.0)
     kinds, parameters, water = terms.kinds, terms.parameters, alike(0.0)
     for j in range(terms.moving):
-        for i in range(LANES):
-            moved = _water_of(kinds[j], _four(_parameters(parameters, j), i), _two(_states(state, j), i))
-            water = with_lane(water, i, lane(water, i) + moved)
+        water = water + _water_of(kinds[j], _parameters(parameters, j), _states(state, j))
     # Through memory: else what every term makes of these would be worked out beforehand, for terms that are not there.
     seen = TERM_STATES * len(kinds)
     write(change, seen, rate)
@@ -162,7 +98,7 @@ def torque_of(rate: Any, angle: Any, push: Any, beside: Any, equation: Any, stat
     for j in range(len(kinds)):
         moving, slip, there = read(change, seen), read(change, seen + 1), read(change, seen + 2)
         at = Instant(moving, slip, there, equation.start, push, beside[0], beside[1], beside[2], equation.body)
-        torque, first, second = _term(kinds[j], at, _parameters(parameters, j), _states(state, j), none)
+        torque, first, second = _term(kinds[j], at, _parameters(parameters, j), _states(state, j))
         total = total + torque
         write(change, TERM_STATES * j, first)
         write(change, TERM_STATES * j + 1, second)
@@ -175,14 +111,14 @@ def torque_at(rate: Any, angle: Any, push: Any, beside: Any, equation: Any, stat
     return torque_of(rate, angle, push, beside, equation, state, change)
 
 
-@inlined
+@straight
 def _parameters(rows: Any, j: int) -> Any:
     """Of term ``j``."""
     at = TERM_PARAMETERS * j
     return read(rows, at), read(rows, at + 1), read(rows, at + 2), read(rows, at + 3)
 
 
-@inlined
+@straight
 def _states(rows: Any, j: int) -> Any:
     """Of term ``j``."""
     return read(rows, TERM_STATES * j), read(rows, TERM_STATES * j + 1)
@@ -193,6 +129,4 @@ def jump(rate: Any, equation: Any, state: Any) -> None:
     """Let the states jump that do so at such a ``rate`` in rad/s."""
     terms = equation.terms
     for j in range(terms.remembering if terms.jumping else 0):
-        for i in range(LANES):
-            at = TERM_STATES * j
-            state[at, i] = _jumped(terms.kinds[j], lane(rate, i), (state[at, i], state[at + 1, i]))
+        write(state, TERM_STATES * j, _jumped(terms.kinds[j], rate, _states(state, j)))

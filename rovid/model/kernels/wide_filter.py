@@ -9,17 +9,16 @@ import numpy as np
 
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
-from rovid.ground.compiled import compiled, inlined, lean
+from rovid.ground.compiled import inlined, lean
 from rovid.ground.lanes import LANES, alike, exponential, lane, read, root, smaller, write
 from rovid.model.equation import Equation
-from rovid.model.kernels.batch import beside_of, body_of, each, put
-from rovid.model.kernels.covariance import SIZE, Swing, add_noise, clear, congruence, transition, upper
+from rovid.model.kernels.batch import beside_of, body_of, clear, each, put
+from rovid.model.kernels.covariance import SIZE, Swing, add_noise, congruence, take, transition
 from rovid.model.kernels.filter import FILTER_STEP_SHARE, SAME, filter_steps, pace_of
 from rovid.model.kernels.step import brakes, step
 from rovid.model.kernels.torque import ROOM, torque_at
 
 
-@compiled
 def innovations_wide(logged: Any, driven: Any, models: Any) -> tuple[FloatArray, FloatArray]:
     """As ``innovations``, with two states more: a narrow-band torque of random phase, or those of an effect that rings.
 
@@ -28,18 +27,15 @@ def innovations_wide(logged: Any, driven: Any, models: Any) -> tuple[FloatArray,
     variance of their own.
     """
     rows, count = TERM_STATES * len(models.terms.kinds), logged.row.max() + 1
-    innovation, variance = np.empty((LANES, count)), np.empty((LANES, count))
+    innovation, variance = np.empty((2, LANES, count))
     state, work = np.zeros((rows, LANES)), np.zeros((3, rows + ROOM, LANES))
     matrices = np.zeros((4, SIZE * SIZE, LANES))
-    for run in range(len(logged.begins) - 1):
-        state[:] = 0.0
-        _filter(run, logged, driven, models, state, work, matrices, innovation, variance)
+    _filter(logged, driven, models, state, work, matrices, innovation, variance)
     return innovation, variance
 
 
 @lean
 def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
-    run: int,
     logged: Any,
     driven: Any,
     models: Any,
@@ -49,7 +45,7 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
     innovation: Any,
     variance: Any,
 ) -> None:
-    """Through one run; fills in its part of what ``innovations`` gives."""
+    """Through one run after the other; fills in what ``innovations`` gives."""
     time, terms, body, waves = logged.time, models.terms, body_of(models.body), len(models.wave) > 0
     ringing, p, f, q, room = TERM_STATES * terms.ringing, matrices[0], matrices[1], matrices[2], matrices[3]
     sigma, tau = read(models.noise, 0), read(models.noise, 1)
@@ -67,97 +63,96 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
     else:
         rate_fourth, rate_fifth, fifth_rate, fifth_fourth, fifth_fifth = _ring(body, terms, inverse, state, work[0])
     pace, pull = pace_of(body, b + frequency), -body.stiffness * inverse
-    begin, end = logged.begins[run], logged.begins[run + 1]
-    equation = Equation(body, terms, alike(logged.start[run]))
-    # Angle, rate, disturbance, and the two.
-    origin, damping = each(driven.angles, driven.angle, begin), brake[1]
-    a, r, d, w, v = origin, alike(logged.first[run, 0]), zero, zero, zero
-    clear(p)
-    write(p, 0, read(models.noise, 2) * read(models.noise, 2))
-    write(p, SIZE + 1, alike(logged.first[run, 1] ** 2))
-    write(p, 2 * SIZE + 2, sigma * sigma)
-    if waves:
-        write(p, 3 * SIZE + 3, power)
-        write(p, 4 * SIZE + 4, power * frequency * frequency)
-    h, fade, mean = 0.0, zero, zero
-    for k in range(begin, end):
-        if k > begin:
-            push, beside = each(driven.torque, driven.drive, k - 1), beside_of(driven, k - 1)
-            interval = time[k] - time[k - 1]
-            steps = filter_steps(interval, r, push, damping, pace, brake)
-            if abs(interval / steps - h) > SAME * h:
-                h = interval / steps
-                fade = exponential(-h * b)
-                mean = (1.0 - fade) * tau / h
-            shares = max(math.ceil(h * terms.fastest / FILTER_STEP_SHARE), 1)
-            for _ in range(steps):
-                faded, swung, slope, other = d * fade, zero, zero, d * mean
-                if waves:
-                    bend = fifth_fourth * w + fifth_fifth * v
-                    jerk = fifth_fourth * v + fifth_fifth * bend
-                    jolt = fifth_fourth * bend + fifth_fifth * jerk
-                    swung = w + h * (v + (h / 2.0) * (bend + (h / 3.0) * (jerk + (h / 4.0) * jolt)))
-                    slope = v + h * (bend + (h / 2.0) * (jerk + (h / 3.0) * jolt))
-                    # Its mean over the step.
-                    late = bend + (h / 4.0) * (jerk + (h / 5.0) * jolt)
-                    other = other + w + (h / 2.0) * (v + (h / 3.0) * late)
-                a = a - origin
-                for _ in range(shares):
-                    r, a, damping = step(r, a, push, other, beside, equation, state, work, alike(h / shares))
-                # What of it comes late in the step turns the vehicle less.
-                late = (swung - w + faded - d) * inverse * (-(h**2) / 12.0)
-                a = a + origin + late
+    for run in range(len(logged.begins) - 1):
+        clear(state)
+        begin, end = logged.begins[run], logged.begins[run + 1]
+        equation = Equation(body, terms, alike(logged.start[run]))
+        # Angle, rate, disturbance, and the two.
+        origin, damping = each(driven.angles, driven.angle, begin), brake[1]
+        a, r, d, w, v = origin, alike(logged.first[run, 0]), zero, zero, zero
+        clear(p)
+        write(p, 0, read(models.noise, 2) * read(models.noise, 2))
+        write(p, SIZE + 1, alike(logged.first[run, 1] * logged.first[run, 1]))
+        write(p, 2 * SIZE + 2, sigma * sigma)
+        if waves:
+            write(p, 3 * SIZE + 3, power)
+            write(p, 4 * SIZE + 4, power * frequency * frequency)
+        h, fade, mean = 0.0, zero, zero
+        for k in range(begin, end):
+            if k > begin:
+                push, beside = each(driven.torque, driven.drive, k - 1), beside_of(driven, k - 1)
+                interval = time[k] - time[k - 1]
+                steps = filter_steps(interval, r, push, damping, pace, brake)
+                if abs(interval / steps - h) > SAME * h:
+                    h = interval / steps
+                    fade = exponential(-h * b)
+                    mean = (1.0 - fade) * tau / h
+                shares = max(math.ceil(h * terms.fastest / FILTER_STEP_SHARE), 1)
+                for _ in range(steps):
+                    faded, swung, slope, other = d * fade, zero, zero, d * mean
+                    if waves:
+                        bend = fifth_fourth * w + fifth_fifth * v
+                        jerk = fifth_fourth * v + fifth_fifth * bend
+                        jolt = fifth_fourth * bend + fifth_fifth * jerk
+                        swung = w + h * (v + (h / 2.0) * (bend + (h / 3.0) * (jerk + (h / 4.0) * jolt)))
+                        slope = v + h * (bend + (h / 2.0) * (jerk + (h / 3.0) * jolt))
+                        # Its mean over the step.
+                        late = bend + (h / 4.0) * (jerk + (h / 5.0) * jolt)
+                        other = other + w + (h / 2.0) * (v + (h / 3.0) * late)
+                    a = a - origin
+                    for _ in range(shares):
+                        r, a, damping = step(r, a, push, other, beside, equation, state, work, alike(h / shares))
+                    # What of it comes late in the step turns the vehicle less.
+                    late = (swung - w + faded - d) * inverse * (-h * h / 12.0)
+                    a = a + origin + late
+                    r = r - damping * late
+                    d, w, v = faded, swung, slope
+                    # As in the other filter, no more than the series bear.
+                    swing = Swing(
+                        pull,
+                        -smaller(damping, 1.0 / h),
+                        inverse,
+                        rate_fourth,
+                        rate_fifth,
+                        -b,
+                        fifth_rate,
+                        fifth_fourth,
+                        fifth_fifth,
+                    )
+                    transition(swing, h, fade, f)
+                    clear(q)
+                    for source in range(2 if waves else 1):
+                        third, fifth = (drive, zero) if source == 0 else (zero, kicks)
+                        add_noise(swing, (zero, zero, third, zero, fifth), h, q)
+                    congruence(f, p, q, room)
+                late = each(driven.moment, driven.drive, k - 1) * inverse
+                a = a + late
                 r = r - damping * late
-                d, w, v = faded, swung, slope
-                # As in the other filter, no more than the series bear.
-                swing = Swing(
-                    pull,
-                    -smaller(damping, 1.0 / h),
-                    inverse,
-                    rate_fourth,
-                    rate_fifth,
-                    -b,
-                    fifth_rate,
-                    fifth_fourth,
-                    fifth_fifth,
-                )
-                transition(swing, h, fade, f)
-                clear(q)
-                add_noise(swing, 2, drive, h, q)
+                kick = each(driven.scatter, driven.drive, k - 1) * inverse * inverse
+                write(p, 0, read(p, 0) + kick * (interval * interval / 3.0))
+                write(p, 1, read(p, 1) + kick * (interval / 2.0))
+                write(p, SIZE + 1, read(p, SIZE + 1) + kick)
+            for m in range(2):
+                reading, known = (each(driven.angles, driven.angle, k), a) if m == 0 else (alike(logged.rate[k]), r)
+                if math.isnan(lane(reading, 0)):
+                    continue
+                noise = read(models.noise, 2 + m)
+                s = read(p, (SIZE + 1) * m) + noise * noise
+                e = reading - known
+                put(innovation, logged.row[k, m], e)
+                put(variance, logged.row[k, m], s)
+                one = 1.0 / s
+                by = e * one
+                # The column of the angle or of the rate, above the diagonal first.
+                at = SIZE * m
+                p0, p1, p2, p3, p4 = read(p, m), read(p, at + 1), read(p, at + 2), read(p, at + 3), read(p, at + 4)
+                a, r, d = a + p0 * by, r + p1 * by, d + p2 * by
                 if waves:
-                    add_noise(swing, 4, kicks, h, q)
-                congruence(f, p, q, room)
-            late = each(driven.moment, driven.drive, k - 1) * inverse
-            a = a + late
-            r = r - damping * late
-            kick = each(driven.scatter, driven.drive, k - 1) * inverse * inverse
-            write(p, 0, read(p, 0) + kick * (interval**2 / 3.0))
-            write(p, 1, read(p, 1) + kick * (interval / 2.0))
-            write(p, SIZE + 1, read(p, SIZE + 1) + kick)
-        for m in range(2):
-            reading, known = (each(driven.angles, driven.angle, k), a) if m == 0 else (alike(logged.rate[k]), r)
-            if math.isnan(lane(reading, 0)):
-                continue
-            noise = read(models.noise, 2 + m)
-            s = upper(p, m, m) + noise * noise
-            e = reading - known
-            put(innovation, logged.row[k, m], e)
-            put(variance, logged.row[k, m], s)
-            one = 1.0 / s
-            by = e * one
-            p0, p1, p2, p3, p4 = upper(p, m, 0), upper(p, m, 1), upper(p, m, 2), upper(p, m, 3), upper(p, m, 4)
-            a, r, d = a + p0 * by, r + p1 * by, d + p2 * by
-            if waves:
-                w, v = w + p3 * by, v + p4 * by
-            else:
-                write(state, ringing, read(state, ringing) + p3 * by)
-                write(state, ringing + 1, read(state, ringing + 1) + p4 * by)
-            own = (p0, p1, p2, p3, p4)
-            for i in range(SIZE):
-                write(room, i, upper(p, m, i) * one)
-            for i in range(SIZE):
-                for j in range(i, SIZE):
-                    write(p, SIZE * i + j, read(p, SIZE * i + j) - read(room, i) * own[j])
+                    w, v = w + p3 * by, v + p4 * by
+                else:
+                    write(state, ringing, read(state, ringing) + p3 * by)
+                    write(state, ringing + 1, read(state, ringing + 1) + p4 * by)
+                take(p, (p0, p1, p2, p3, p4), one)
 
 
 @inlined
