@@ -20,9 +20,26 @@ SIDES: Mapping[str, frozenset[str]] = {
     "starboard": frozenset(
         {"starboard", "stbd", "right", "rechts", "stb", "steuerbord", "tribord", "droite", "estribor", "styrbord"}
     ),
-    "bow": frozenset({"bow", "fore", "fwd", "forward", "front", "bug", "vorn", "avant", "proue", "proa", "baug"}),
+    "bow": frozenset(
+        {
+            "bow",
+            "fore",
+            "fwd",
+            "forward",
+            "front",
+            "bug",
+            "vorn",
+            "avant",
+            "proue",
+            "proa",
+            "baug",
+            "etrave",
+            "étrave",
+            "forre",
+        }
+    ),
     "stern": frozenset(
-        {"stern", "aft", "rear", "heck", "achtern", "arriere", "arrière", "poupe", "popa", "hekk", "akter"}
+        {"stern", "aft", "rear", "heck", "achtern", "arriere", "arrière", "poupe", "popa", "hekk", "akter", "aktre"}
     ),
 }
 

@@ -8,6 +8,7 @@ from rovid.commands.manual import Page
 from rovid.commands.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
 from rovid.commands.session import (
     claim_of,
+    compile_beside,
     console,
     opened,
     print_json,
@@ -48,6 +49,7 @@ def diagnose(
     json: Json = False,
 ) -> None:
     """Say what the simulation gets wrong, and why."""
+    compile_beside()
     from rovid.parameters.agreement import disagreement
     from rovid.show.account import show_diagnosis
     from rovid.show.diagnosis_documents import diagnosis_document

@@ -14,6 +14,7 @@ from rovid.commands.session import (
     busy,
     claim_of,
     compared,
+    compile_beside,
     console,
     opened,
     print_json,
@@ -68,6 +69,7 @@ def fit(
     json: Json = False,
 ) -> None:
     """Fit all parameters by maximum likelihood."""
+    compile_beside()
     from rovid.effects import effect_named
     from rovid.show.fit_documents import likelihood_document
     from rovid.show.terminal import show_fit, show_likelihood

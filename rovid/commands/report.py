@@ -9,7 +9,16 @@ import typer
 
 from rovid.commands.manual import Page
 from rovid.commands.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
-from rovid.commands.session import console, drafted, opened, print_json, remembered, stored_at, working
+from rovid.commands.session import (
+    compile_beside,
+    console,
+    drafted,
+    opened,
+    print_json,
+    remembered,
+    stored_at,
+    working,
+)
 
 PAGE = Page(
     text="""
@@ -65,6 +74,7 @@ def report(
     json: Json = False,
 ) -> None:
     """Write everything on one page."""
+    compile_beside()
     from rovid.campaign.axis import YAW
     from rovid.report.build import build_report, printed_page
     from rovid.show.fit_documents import axis_document, cautions, guess_document

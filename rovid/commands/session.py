@@ -88,9 +88,10 @@ def put(stored: Parameters, claim: Claim, study: Study, estimate: Estimate, *opt
 
 def opened(paths: Sequence[Path], cutoff: float | None, axis: Axis) -> Study:
     """What the logs at ``paths`` hold, made ready."""
+    compile_beside()
+    announce_compilation()
     from rovid.study import open_study
 
-    announce_compilation()
     return open_study(paths, cutoff=cutoff, axis=axis)
 
 
@@ -128,6 +129,13 @@ def _draft(paths: Sequence[Path]) -> list[str]:
         )
     known = "" if surveyed.profile is None else f" The vehicle was taken for a {surveyed.profile.name}."
     return [f"There was no rovid.toml: {config} was written from the logs. Read it.{known}", *surveyed.lacking]
+
+
+def compile_beside() -> None:
+    """Have a second process compile what is not compiled yet: at once, for imports alone take a second."""
+    from rovid.model.kernels import begin
+
+    begin()
 
 
 def announce_compilation() -> None:

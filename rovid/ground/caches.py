@@ -25,7 +25,7 @@ def keeps_compiled() -> bool:
     if _numba_keeps() or _keeps_privately():
         return True
     sys.stderr.write(
-        "Note: compiled code cannot be kept anywhere, so that each run compiles anew, which takes half a minute. "
+        "Note: compiled code cannot be kept anywhere, so that each run compiles anew, which takes some ten seconds. "
         "Set NUMBA_CACHE_DIR to a folder that can be written.\n"
     )
     return False

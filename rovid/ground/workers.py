@@ -22,7 +22,7 @@ def spread(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Re
     """``function`` of each of ``items``; one after the other where this thread is itself one of many."""
     if threading.current_thread().name.startswith(_NAME):
         return [function(item) for item in items]
-    with _handing_over(), ThreadPoolExecutor(_cores(), thread_name_prefix=_NAME) as pool:
+    with _handing_over(), ThreadPoolExecutor(cores(), thread_name_prefix=_NAME) as pool:
         return list(pool.map(function, items))
 
 
@@ -37,5 +37,6 @@ def _handing_over() -> Iterator[None]:
         sys.setswitchinterval(before)
 
 
-def _cores() -> int:
+def cores() -> int:
+    """How many this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

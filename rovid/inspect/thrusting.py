@@ -47,7 +47,20 @@ _ANSWER |= {"mesurée", "speed", "tacho", "telemetry", "status", "retour"}
 # Where no output is logged, what a pilot asks for may stand in.
 _PILOT = {"rcin", "rci", "joystick", "stick", "manette"}
 # What is logged of a thruster or a side, and is no command.
-_NOT_COMMAND = {"temp", "temperature", "curr", "current", "amps", "amp", "strom", "courant", "power", "watt"}
+_NOT_COMMAND = {
+    "temp",
+    "temperature",
+    "curr",
+    "current",
+    "amps",
+    "amp",
+    "strom",
+    "courant",
+    "power",
+    "watt",
+    "corriente",
+    "strøm",
+}
 _NOT_COMMAND |= {"depth", "roll", "pitch", "leak", "pressure", "lat", "lon", "north", "east", "flow", "fault", "status"}
 _NOT_COMMAND |= {"error", "err", "load", "drop", "errors", "pos", "position", "vel", "velocity", "acc"}
 _CLOCK = CLOCK - {"t"}

@@ -1,7 +1,7 @@
 """Compiled loops over samples. Nothing here knows of files, units or effects' names."""
 
-from rovid.model.kernels.caches import forget_stale, is_compiled
 from rovid.model.kernels.filter import innovations
+from rovid.model.kernels.first_use import begin, is_compiled
 from rovid.model.kernels.free_run import advance, simulate, simulate_effects
 from rovid.model.kernels.prediction import effects_along, predict
 from rovid.model.kernels.torque import ROOM
@@ -10,6 +10,7 @@ from rovid.model.kernels.wide_filter import innovations_wide
 __all__ = [
     "ROOM",
     "advance",
+    "begin",
     "effects_along",
     "innovations",
     "innovations_wide",
@@ -18,5 +19,3 @@ __all__ = [
     "simulate",
     "simulate_effects",
 ]
-
-forget_stale()

@@ -14,6 +14,7 @@ from rovid.ground.lanes import LANES, alike, exponential, lane, larger, largest,
 from rovid.ground.straight import straight
 from rovid.model.equation import Equation
 from rovid.model.kernels.batch import beside_of, body_of, clear, each, put
+from rovid.model.kernels.first_use import long
 from rovid.model.kernels.step import MAX_GAP_SUBSTEPS, bare_step, brakes, damping_of, step
 from rovid.model.kernels.torque import ROOM
 
@@ -71,6 +72,7 @@ def innovations(logged: Any, driven: Any, models: Any) -> tuple[FloatArray, Floa
     return innovation, variance
 
 
+@long
 @lean
 def _filter(  # noqa: PLR0915 - one filter, from top to bottom
     logged: Any,

@@ -14,6 +14,7 @@ from rovid.ground.lanes import LANES, alike, lane, larger, largest, with_lane, w
 from rovid.ground.straight import straight
 from rovid.model.equation import Equation
 from rovid.model.kernels.batch import clear, in_lanes
+from rovid.model.kernels.first_use import long
 from rovid.model.kernels.step import (
     EFFECTS_STEP_SHARE,
     REACH,
@@ -76,6 +77,7 @@ def predict(
     return turned
 
 
+@long
 @lean
 def _predict(
     begun: Any,
@@ -159,6 +161,7 @@ def effects_along(
     return torque, states
 
 
+@long
 @lean
 def _follow(runs: Any, measured: Any, equation: Any, at: Any, room: Any, torque: Any, states: Any) -> None:
     """The courses of all runs, one in each lane; fills in ``torque`` and ``states``."""

@@ -15,6 +15,7 @@ from rovid.model.equation import Equation
 from rovid.model.kernels.batch import beside_of, body_of, clear, each, put
 from rovid.model.kernels.covariance import SIZE, Swing, add_noise, congruence, take, transition
 from rovid.model.kernels.filter import FILTER_STEP_SHARE, SAME, filter_steps, pace_of
+from rovid.model.kernels.first_use import long
 from rovid.model.kernels.step import brakes, step
 from rovid.model.kernels.torque import ROOM, torque_at
 
@@ -34,6 +35,7 @@ def innovations_wide(logged: Any, driven: Any, models: Any) -> tuple[FloatArray,
     return innovation, variance
 
 
+@long
 @lean
 def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
     logged: Any,
