@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -205,6 +205,6 @@ class Scales:
 
     def of(self, parameter: EffectParameter) -> float:
         """Size of one unit of ``parameter``."""
-        sizes = {"one": 1.0, **asdict(self), "command": 0.01 * self.command}
+        sizes = {"one": 1.0, **vars(self), "command": 0.01 * self.command}
         first, *others = parameter.scale.split("/")
         return float(sizes[first] / math.prod(sizes[name] for name in others))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -38,6 +39,12 @@ def fit_free_run(runs: Sequence[Run], *, certainty: float = CERTAINTY) -> Model:
     DataError
         The vehicle was not excited enough to start from.
     """
+    return _fitted(tuple(runs), certainty)
+
+
+# A diagnosis asks of all trials, and of the parts of them, more than once.
+@functools.lru_cache(maxsize=2)
+def _fitted(runs: tuple[Run, ...], certainty: float) -> Model:
     axis = runs[0].trial.axis
     driven = runs[0].trial.driven
     start = _start(runs, certainty) if driven else fit_released(runs).values
