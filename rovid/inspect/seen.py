@@ -13,7 +13,7 @@ from rovid.ground.arrays import FloatArray
 TURN = {"deg": 360.0, "rad": 2.0 * np.pi}
 # Readings without which nothing is guessed.
 FEWEST = 30
-_WINDOW = 0.5  # s over which a rate is a mean
+WINDOW = 0.5  # s over which a rate is a mean
 _LONGEST = 3e6  # s from the middle of a log
 _MOST = 500_000  # windows of one log
 
@@ -55,13 +55,13 @@ def _radians(heading: Guess, seen: Seen) -> tuple[FloatArray, FloatArray]:
     return seen.time[known], np.unwrap(seen.values[known] * scale)
 
 
-def rates(heading: Guess, seen: Seen) -> tuple[FloatArray, FloatArray]:
-    """(m + 1,) s, a window apart, and the (m,) mean rates in rad/s between them."""
+def rates(heading: Guess, seen: Seen, window: float = WINDOW) -> tuple[FloatArray, FloatArray]:
+    """(m + 1,) s, a ``window`` of so many apart, and the (m,) mean rates in rad/s between them."""
     time, angle = _radians(heading, seen)
     if len(time) < FEWEST:
         return np.empty(0), np.empty(0)
     # A single stamp weeks away would else make millions of windows.
-    window = max(_WINDOW, 2.0 * float(np.median(np.diff(time))), float(np.ptp(time)) / _MOST)
+    window = max(window, 2.0 * float(np.median(np.diff(time))), float(np.ptp(time)) / _MOST)
     grid = np.arange(time[0], time[-1], window)
     return grid, np.diff(np.interp(grid, time, angle)) / window
 

@@ -80,10 +80,12 @@ _DEMAND = "RATE.YOut"
 _MIXED, _PART = 0.9, 0.1
 # A pulse width in us is between these, 1500 for no thrust; who never comes near that is no thruster.
 _PULSE, REST, _NEAR = (800.0, 2200.0), 1500.0, 25.0
+# Windows over which rates are means, s; in one that is too short errors go against the one before by more than this.
+_WINDOWS, _OPPOSITE = (0.5, 1.0, 2.0, 4.0, 8.0), -0.25
 # Standard errors from which a sense is told.
 _SURE = 4.0
 # Of commands that go together to so little, that part of them tells nothing.
-_ALIKE = 1e-3
+_ALIKE = 0.01
 # A command that never comes nearer to its rest than this share of its largest is none.
 _AWAY = 0.5
 
@@ -306,13 +308,31 @@ def senses(
     """Sense in which each command turns the heading, and in standard errors how surely; 0 where that is little.
 
     The mean rate over each window goes with that of the one before and the mean commands of both: so it does on a slow
-    vehicle as on a fast one.
+    vehicle as on a fast one. In windows that are too short the heading's noise makes each rate the next one's opposite.
     """
-    rows, turns = [], []
+    sure = np.zeros(len(neutral))
+    for window in _WINDOWS:
+        rows, turns = _in_windows(neutral, logs, heading, window)
+        if len(turns) < FEWEST:
+            break
+        _, found, _, alike = _regressed(rows, turns)
+        # Before the commands stand the constant and the rate of the window before.
+        sure = found[2:]
+        if alike > _OPPOSITE:
+            break
+    known = zip(neutral, sure.tolist(), strict=True)
+    return {source: (int(np.sign(one)) if abs(one) > _SURE else 0, abs(one)) for source, one in known}
+
+
+def _in_windows(
+    neutral: Mapping[str, float], logs: Sequence[Mapping[str, Seen]], heading: Guess, window: float
+) -> tuple[FloatArray, FloatArray]:
+    """(n, 2 + k) a constant, the rate of the window before and the mean commands; (n,) the rates."""
+    rows, turns = [np.empty((0, 2 + len(neutral)))], [np.empty(0)]
     for log in logs:
         if heading.source not in log or not set(neutral) <= set(log):
             continue
-        time, rate = rates(heading, log[heading.source])
+        time, rate = rates(heading, log[heading.source], window)
         if len(rate) < 3:
             continue
         means = []
@@ -321,15 +341,7 @@ def senses(
             means.append(0.5 * (command[1:] + command[:-1]))
         rows.append(np.column_stack((np.ones(len(rate) - 1), rate[:-1], *means)))
         turns.append(rate[1:])
-    if sum(map(len, turns)) < FEWEST:
-        return {}
-    _, sure, _ = _regressed(np.nan_to_num(np.concatenate(rows)), np.concatenate(turns))
-    ways = {}
-    # Before the commands stand the constant and the rate of the window before.
-    for source, one in zip(neutral, sure[2:], strict=True):
-        sense = int(np.sign(one)) if abs(one) > _SURE else 0
-        ways[source] = (sense, abs(float(one)))
-    return ways
+    return np.nan_to_num(np.concatenate(rows)), np.concatenate(turns)
 
 
 def _mixed(neutral: Mapping[str, float], logs: Sequence[Mapping[str, Seen]]) -> dict[str, int]:
@@ -344,7 +356,7 @@ def _mixed(neutral: Mapping[str, float], logs: Sequence[Mapping[str, Seen]]) -> 
         demands.append(demand.values)
     if not neutral or sum(map(len, demands)) < FEWEST:
         return {}
-    values, _, told = _regressed(np.nan_to_num(np.concatenate(rows)), np.nan_to_num(np.concatenate(demands)))
+    values, _, told, _ = _regressed(np.nan_to_num(np.concatenate(rows)), np.nan_to_num(np.concatenate(demands)))
     shares = values[1:]
     if not told >= _MIXED:
         return {}
@@ -355,10 +367,10 @@ def _mixed(neutral: Mapping[str, float], logs: Sequence[Mapping[str, Seen]]) -> 
     }
 
 
-def _regressed(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Coefficients of a regression of ``y`` on the columns of ``x``, each in its standard errors too, and R^2.
+def _regressed(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, float, float]:
+    """Coefficients of a regression of ``y`` on the columns of ``x``, of which the first is constant.
 
-    The first of the columns is constant.
+    Each in its standard errors too; R^2; and how the error of a row goes with that of the one before, -1 to 1.
     """
     x[:, 1:] -= x[:, 1:].mean(axis=0)
     scale = np.linalg.norm(x, axis=0)
@@ -370,14 +382,15 @@ def _regressed(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, fl
     values = inverse @ (x.T @ y)
     left = y - x @ values
     # Errors that are alike from one row to the next count as fewer.
-    alike = min(max(float(left[1:] @ left[:-1]) / max(float(left @ left), 1e-300), 0.0), 0.98)
-    fewer = (1.0 + alike) / (1.0 - alike)
+    alike = float(left[1:] @ left[:-1]) / max(float(left @ left), 1e-300)
+    positive = min(max(alike, 0.0), 0.98)
+    fewer = (1.0 + positive) / (1.0 - positive)
     spread = np.sqrt(np.diag(inverse) * fewer * float(left @ left) / max(len(y) - len(values), 1))
     # A column of zeros has no spread, and tells nothing.
     known = spread > 0.0
     varied = y - y.mean()
     told = 1.0 - float(left @ left) / max(float(varied @ varied), 1e-300)
-    return values / scale, np.where(known, values / np.where(known, spread, 1.0), 0.0), told
+    return values / scale, np.where(known, values / np.where(known, spread, 1.0), 0.0), told, alike
 
 
 def _thruster(source: str, taken: Sequence[str]) -> str:
