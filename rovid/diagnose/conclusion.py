@@ -230,7 +230,7 @@ def _finding(work: Work, cause: Cause, estimate: Estimate) -> Finding:
         gain=cause.gain,
         worth=cause.worth,
         held_out_gain=held_out_gain,
-        confidence=calibrated(work.confidence(cause, held_out_gain)),
+        confidence=calibrated(work.confidence(cause, held_out_gain), white=work.final.is_white),
         rivals=cause.rivals,
         undecided=(*undecided(cause, work.margin(cause.worth)), *_untried(work, effect)),
     )

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from rovid.diagnose.heldout import cross_validate, log_likelihood
-from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, calibrated, confidence, surest
+from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence, surest
 from rovid.diagnose.parts import Piece
 from rovid.diagnose.rivals import is_plausible, quickly_climbed, worth
 from rovid.effects import Effect
@@ -60,11 +60,11 @@ class Waves:
             return 0.0
         name = self.fitted.effects[-1].id
         # Holding out takes long, and makes nothing surer.
-        sure = calibrated(confidence({name: self.worth}, (name,), 1))
+        sure = confidence({name: self.worth}, (name,), 1)
         if sure < POSSIBLE:
             return sure
         borne_out = min(self.worth, self.held_out_gain)
-        return calibrated(confidence({name: borne_out}, (name,), 1, most=surest(self.held_out_gain, white=True)))
+        return confidence({name: borne_out}, (name,), 1, most=surest(self.held_out_gain, white=True))
 
     @property
     def likelier(self) -> Fitted:

@@ -291,7 +291,7 @@ class Work:
         for rival in left.copy():
             least = max(rival.worth - _TOLD, 0.0)
             near = [] if suspects else [other for other in left if other is not rival and other.worth > least]
-            if calibrated(odds([rival, *near])) < POSSIBLE:
+            if calibrated(odds([rival, *near]), white=white) < POSSIBLE:
                 break
             if not acts(rival):
                 left.remove(rival)
@@ -301,7 +301,7 @@ class Work:
             sure = odds([rival, *alike], max(rival.worth - gain, 0.0), surest(gain - doubt, white=white))
             if not white:
                 sure = min(sure, stands_out(rival.fitted, rival.effect))
-            if (said := calibrated(sure)) >= POSSIBLE:
+            if (said := calibrated(sure, white=white)) >= POSSIBLE:
                 suspects.append(Suspected(rival, said, gain, tuple(alike)))
         return sorted(suspects, key=lambda one: -one.confidence)
 

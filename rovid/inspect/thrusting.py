@@ -82,6 +82,7 @@ _MIXED, _PART = 0.9, 0.1
 _PULSE, REST, _NEAR = (800.0, 2200.0), 1500.0, 25.0
 # Windows over which rates are means, s; in one that is too short errors go against the one before by more than this.
 _WINDOWS, _OPPOSITE = (0.5, 1.0, 2.0, 4.0, 8.0), -0.25
+_BEYOND = 1e12
 # Standard errors from which a sense is told.
 _SURE = 4.0
 # Of commands that go together to so little, that part of them tells nothing.
@@ -372,6 +373,9 @@ def _regressed(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, fl
 
     Each in its standard errors too; R^2; and how the error of a row goes with that of the one before, -1 to 1.
     """
+    # What is beyond all measure, as a damaged number, tells nothing.
+    x = np.where(np.abs(x) < _BEYOND, x, 0.0)
+    y = np.where(np.abs(y) < _BEYOND, y, 0.0)
     x[:, 1:] -= x[:, 1:].mean(axis=0)
     scale = np.linalg.norm(x, axis=0)
     # Columns of one length: else a command in us would drown one in volts.

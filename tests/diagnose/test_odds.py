@@ -36,10 +36,16 @@ def test_what_gains_little_is_no_surer_than_its_stand_ins_are_rare(white: bool, 
     assert confidence({"a": least}, ("a",), 1, most=surest(least, white=white)) == surest(least, white=white)
 
 
-def test_odds_that_are_said_keep_their_order_and_what_is_established() -> None:
-    said = [calibrated(sure) for sure in (0.0, 1e-3, 0.05, 0.3, 0.5, 0.8, ESTABLISHED, 0.97, 1.0)]
+@pytest.mark.parametrize("white", [True, False])
+def test_odds_that_are_said_keep_their_order_and_what_is_established(white: bool) -> None:
+    said = [calibrated(sure, white=white) for sure in (0.0, 1e-3, 0.05, 0.3, 0.5, 0.8, ESTABLISHED, 0.97, 1.0)]
     assert said == sorted(said)
     assert (said[0], said[-1]) == (0.0, 1.0)
-    assert calibrated(ESTABLISHED) >= ESTABLISHED
-    assert calibrated(0.93) < ESTABLISHED
-    assert calibrated(1e-3) < POSSIBLE
+    assert calibrated(ESTABLISHED, white=white) >= ESTABLISHED
+    assert calibrated(0.93, white=white) < ESTABLISHED
+    assert calibrated(1e-3, white=white) < POSSIBLE
+
+
+def test_a_likelihood_is_taken_at_its_word_where_innovations_are_white() -> None:
+    assert calibrated(0.15, white=True) == 0.15
+    assert calibrated(0.15, white=False) > 0.3
