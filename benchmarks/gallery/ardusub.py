@@ -68,11 +68,11 @@ TLOG = RealSet(
     pictures=(
         Picture(
             name="real_ardusub_tlog.png",
-            caption="Heading, the outputs to the four thrusters that can turn the vehicle, and those to its lights.",
+            caption="Heading and the outputs to the four thrusters that can turn the vehicle.",
             draw=lambda room, _: pictures.outputs(
                 room / "log.csv",
-                {f"thruster {k}": f"command_servo_output_raw_servo{k}_raw" for k in range(1, 5)},
-                {f"light {k}": f"command_servo_output_raw_servo{k}_raw" for k in (12, 13)},
+                {f"motor {k}": f"command_motor_{k}" for k in range(1, 5)},
+                {},
             ),
         ),
     ),
@@ -109,7 +109,7 @@ FLASH = RealSet(
             name="real_ardusub_bin.png",
             caption="Heading and the outputs to four thrusters.",
             draw=lambda room, _: pictures.outputs(
-                room / "log.csv", {f"thruster {k}": f"command_rcou_c{k}" for k in range(1, 5)}, {}
+                room / "log.csv", {f"motor {k}": f"command_motor_{k}" for k in range(1, 5)}, {}
             ),
         ),
     ),
