@@ -329,7 +329,7 @@ def _clock(rising: Sequence[str], numbers: Mapping[str, FloatArray], layout: Lay
     texts = [name for name in rising if name not in numbers]
     dated = [name for name in texts if all(map(_ISO.match, _cells(layout, name)))]
     unnamed = [name for name in rising if name in numbers]
-    lasting = [name for name in unnamed if not np.all(np.diff(numbers[name]) == 1.0)]
+    lasting = [name for name in unnamed if not _counts(numbers[name])]
     plain = [name for name in likely or called if name in numbers or name in dated]
     return next(iter(plain or dated or likely or called or lasting or unnamed), "")
 
@@ -356,6 +356,11 @@ def _numbers(cells: Sequence[str], layout: Layout) -> FloatArray | None:
     if not np.isfinite(values).any():
         return None
     return values
+
+
+def _counts(values: FloatArray) -> bool:
+    """Whether they are the numbers of rows."""
+    return bool(np.all(np.diff(values[np.isfinite(values)]) == 1.0))
 
 
 def _rises(values: FloatArray) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rovid.ground.errors import ConfigError, LogError
-from rovid.readers import read_log
+from rovid.readers import csv_reader, read_log
 from tests.readers.logs import campaign, csv_text, kinds, read_csv, standard, toml, turning
 
 TIME, HEADING = turning()
@@ -207,3 +207,18 @@ def test_the_time_column_may_be_an_extra_too(tmp_path: Path) -> None:
     config = campaign(tmp_path, toml('clock = { csv = "time_s" }'))
     trial = read_csv(tmp_path, csv_text(standard(time_s=[f"{t}Z" for t in DATES])), config)
     np.testing.assert_allclose(trial.extras["clock"], TIME, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("header", "rows", "clock"),
+    [
+        ("Frame,Horodatage,cap", "{k},2026-01-05T08:00:{k:02d}.000Z,{k}.5", "Horodatage"),
+        ("n,stamp_a,cap", "{k},2026-01-05 08:00:{k:02d},{k}.5", "stamp_a"),
+        ("Frame,x_s,cap", "{k},{k}.25,1.5", "x_s"),
+        ("Frame,cap", "{k},1.5", "Frame"),
+    ],
+)
+def test_the_clock_is_told_by_what_stands_there(header: str, rows: str, clock: str, tmp_path: Path) -> None:
+    text = "\n".join([header, *(rows.format(k=k) for k in range(12))])
+    (tmp_path / "log.csv").write_text(text + "\n")
+    assert csv_reader.sources(tmp_path / "log.csv").clock == clock
