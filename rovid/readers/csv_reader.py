@@ -360,7 +360,8 @@ def _numbers(cells: Sequence[str], layout: Layout) -> FloatArray | None:
 
 def _counts(values: FloatArray) -> bool:
     """Whether they are the numbers of rows."""
-    return bool(np.all(np.diff(values[np.isfinite(values)]) == 1.0))
+    known = values[np.isfinite(values)]
+    return bool(np.all(np.diff(known) == 1.0) and np.all(known == np.round(known)))
 
 
 def _rises(values: FloatArray) -> bool:
