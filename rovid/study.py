@@ -78,6 +78,9 @@ class Study:
     def _sources(self) -> tuple[Source, ...]:
         trials = () if self.campaign is None else self.campaign.trials
         logs = [source_of(trial.name, trial.path, int(trial.measured.sum())) for trial in trials]
+        # Parts of one log were read from the same files.
+        beside = {path: f"{path.name} of {trial.whole or trial.name}" for trial in trials for path in trial.beside}
+        logs += [source_of(name, path, 0) for path, name in beside.items()]
         tables = [table for table in (self.steady, self.sine) if table is not None]
         return (*logs, *(source_of(table.name, table, len(read_table(table).rows)) for table in dict.fromkeys(tables)))
 

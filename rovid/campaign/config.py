@@ -149,7 +149,7 @@ class Config:
         signals = {name: str(signal) for name, signal in self.signals.items() if name in UNITS}
         commands = {signal.name.replace(".", " of ", 1): str(signal) for signal in self.commands}
         if self.join is not None:
-            signals |= {f"offset of {part}": f"{value:g} s" for part, value in self.join.offset.items()}
+            signals["joined files"] = str(self.join)
         for stretch in self.left_out:
             known = signals.get(f"left out of {stretch.log}")
             signals[f"left out of {stretch.log}"] = f"{known}, {stretch}" if known else str(stretch)

@@ -31,6 +31,12 @@ class Join:
     offset: Mapping[str, float] = field(default_factory=dict)
     time: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
+    def __str__(self) -> str:
+        """All of it that results rest on."""
+        offsets = [f"{part} {value:g} s late" for part, value in self.offset.items()]
+        clocks = [f"{part} by {column} {unit}" for part, (column, unit) in self.time.items()]
+        return ", ".join([" and ".join(self.parts), *offsets, *clocks])
+
     def part(self, name: str) -> str:
         """The part that a file of that name is; empty if it is none."""
         words = {word.lower() for word in _WORD.findall(str(PurePath(name).with_suffix("")))}

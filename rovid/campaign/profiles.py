@@ -13,7 +13,7 @@ from rovid.ground.toml import read_toml
 
 _FOLDER = Path(__file__).parent / "vehicles"
 _NUMBERS = ("mass", "length", "width", "supply")
-_KEYS = ("name", *_NUMBERS, "curve", "sources", "arms")
+_KEYS = ("name", *_NUMBERS, "curve", "sources", "arms", "senses_alone")
 # What the thrusters of a vehicle are called -> the words for that side in the columns of logs.
 SIDES: Mapping[str, frozenset[str]] = {
     "port": frozenset({"port", "left", "links", "bb", "backbord", "babord", "bâbord", "gauche", "babor"}),
@@ -56,6 +56,8 @@ class Profile:
         kg, m, m; None where nothing is published.
     arms
         Thruster -> yaw arm in m; the thruster is the number of the motor, or the side that it stands on.
+    senses_alone
+        Whether of the arms nothing is known but their signs.
     curve
         A thrust curve, command in us; None where there is none.
     supply
@@ -67,6 +69,7 @@ class Profile:
     id: str
     name: str
     arms: Mapping[str, float]
+    senses_alone: bool = False
     mass: float | None = None
     length: float | None = None
     width: float | None = None
@@ -131,6 +134,7 @@ def _read(path: Path, name: str) -> Profile:
         id=name,
         name=str(document.get("name", name)),
         arms={label: float(arm) for label, arm in arms.items()},
+        senses_alone=document.get("senses_alone") is True,
         curve=None if curve is None else path.parent / curve,
         sources=tuple(sources),
         **{key: float(document[key]) for key in _NUMBERS if key in document},

@@ -76,6 +76,8 @@ class Trial:
         s from the beginning of the campaign's first trial to that of this one.
     whole
         Name of the trial that this one is a part of; empty where it is none.
+    beside
+        Further files that it was read from.
     """
 
     name: str
@@ -94,6 +96,7 @@ class Trial:
     began: float | None = None
     since: float = 0.0
     whole: str = ""
+    beside: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         for item in fields(self):

@@ -40,7 +40,7 @@ class Kept(FunctionCache):
     def __init__(self, function: Any) -> None:
         super().__init__(function)
         # A later numba might look elsewhere, and find what is no longer good.
-        if not hasattr(self._cache_file, "_source_stamp"):
+        if not hasattr(getattr(self, "_cache_file", None), "_source_stamp"):
             self.disable()
 
     def is_there(self) -> bool:

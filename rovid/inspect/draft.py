@@ -67,11 +67,10 @@ def _head(survey: Survey) -> Iterator[str]:
         yield from (f"# {shown(source, LINE_LENGTH)}" for source in known.sources)
     for name, unit in (("mass", "kg"), ("length", "m"), ("width", "m")):
         value = getattr(known, name, None)
-        yield (
-            f"# {name} =       # {unit}"
-            if value is None
-            else f"{name} = {value:g}    # {unit}; published, not measured here"
-        )
+        if value is None:
+            yield f"# {name} =       # {unit}"
+        else:
+            yield f"{name} = {value:g}    # {unit}; published, not measured here"
 
 
 def _how_known(survey: Survey) -> str:
@@ -114,7 +113,7 @@ def _arm(survey: Survey, ones: Mapping[str, Thrusting]) -> Iterator[str]:
             if survey.recognised and size
             else "the sense is that of the logs, the distance is not in them"
         )
-        arm = f"{way * (size or 1.0):.4g}" if size and size != 1.0 else f"{way:.1f}"
+        arm = f"{way * size:.4g}" if size else f"{way:.1f}"
         yield f"yaw_arm = {arm}            # m: {told}"
         yield f"yaw_arm_guessed = {arm}    # as long as both are the same; put the distance into yaw_arm"
     else:
@@ -125,7 +124,7 @@ def _arm(survey: Survey, ones: Mapping[str, Thrusting]) -> Iterator[str]:
 def _arm_guessed(survey: Survey, ones: Mapping[str, Thrusting]) -> bool:
     """Whether nobody said how long the arm of a thruster is."""
     size = next((one.arm for one in ones.values() if one.arm), 0.0)
-    return survey.recognised or size in {0.0, 1.0}
+    return survey.recognised or not size
 
 
 def guess_of(survey: Survey) -> Guesswork:

@@ -14,38 +14,27 @@ from rovid.readers.words import words
 
 _UNITS = {"deg": "deg", "degrees": "deg", "grad": "deg", "rad": "rad", "radians": "rad", "dps": "deg/s", "rps": "rad/s"}
 _NOT_MEASURED = {"set", "setpoint", "desired", "target", "ref", "reference", "wanted", "error", "err", "std", "sigma"}
+_NOT_MEASURED |= {"sp", "soll", "sollkurs", "sollwert", "consigne", "consigna", "settpunkt", "ønsket", "deseado"}
 _NOT_MEASURED |= {
-    "sp",
-    "soll",
-    "sollkurs",
-    "sollwert",
-    "consigne",
-    "consigna",
-    "settpunkt",
-    "ønsket",
-    "deseado",
     "deseada",
+    "objetivo",
+    "cible",
+    "cmd",
+    "demand",
+    "erreur",
+    "fehler",
+    "feil",
+    "avvik",
+    "ecart",
+    "écart",
+    "desvio",
 }
-_NOT_MEASURED |= {"objetivo", "cible", "cmd", "demand", "erreur", "fehler", "feil", "avvik", "ecart", "écart", "desvio"}
 _NOT_MEASURED |= {"joystick", "stick", "manette", "pilot", "rcin", "input", "trim"}
 # Ends of words of one piece that are no headings.
 _ASTRAY = ("fehler", "feil", "avvik", "abweichung", "settpunkt")
 # Where it goes, which is not where it points.
-_NOT_MEASURED |= {
-    "over",
-    "über",
-    "ueber",
-    "ground",
-    "grund",
-    "grunn",
-    "fond",
-    "fondo",
-    "sobre",
-    "cog",
-    "sog",
-    "gps",
-    "track",
-}
+_NOT_MEASURED |= {"over", "über", "ueber", "ground", "grund", "grunn", "fond", "fondo", "sobre", "cog", "sog"}
+_NOT_MEASURED |= {"gps", "track"}
 _RATES = {"rate", "gyro", "angular", "velocity", "speed", "acc", "accel", "acceleration", "dps", "omega"}
 _RATES |= {"geschwindigkeit", "vitesse", "taux"}
 _HEADING = {"heading", "hdg", "yaw", "psi", "compass", "kurs", "steuerkurs", "kompass", "gier", "gierwinkel"}

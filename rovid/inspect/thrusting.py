@@ -29,38 +29,14 @@ _LETTERS = {"t", "m", "u"}
 _SIDED = frozenset().union(*SIDES.values())
 _TURNS_PER_MINUTE = {"rpm", "drehzahl", "upm", "trmin", "turtall", "omdr"}
 # What a thruster answered.
-_ANSWER = {
-    "fb",
-    "feedback",
-    "actual",
-    "ist",
-    "målt",
-    "maalt",
-    "measured",
-    "meas",
-    "medida",
-    "medido",
-    "mesure",
-    "mesuré",
-}
+_ANSWER = {"fb", "feedback", "actual", "ist", "målt", "maalt", "measured", "meas", "medida", "medido", "mesure"}
+_ANSWER |= {"mesuré"}
 _ANSWER |= {"mesurée", "speed", "tacho", "telemetry", "status", "retour"}
 # Where no output is logged, what a pilot asks for may stand in.
 _PILOT = {"rcin", "rci", "joystick", "stick", "manette"}
 # What is logged of a thruster or a side, and is no command.
-_NOT_COMMAND = {
-    "temp",
-    "temperature",
-    "curr",
-    "current",
-    "amps",
-    "amp",
-    "strom",
-    "courant",
-    "power",
-    "watt",
-    "corriente",
-    "strøm",
-}
+_NOT_COMMAND = {"temp", "temperature", "curr", "current", "amps", "amp", "strom", "courant", "power", "watt"}
+_NOT_COMMAND |= {"corriente", "strøm"}
 _NOT_COMMAND |= {"depth", "roll", "pitch", "leak", "pressure", "lat", "lon", "north", "east", "flow", "fault", "status"}
 _NOT_COMMAND |= {"error", "err", "load", "drop", "errors", "pos", "position", "vel", "velocity", "acc"}
 _CLOCK = CLOCK - {"t"}
@@ -70,6 +46,7 @@ _OTHER_UNIT = re.compile(r"[^A-Za-z](A|W|C|K|bar|degC)\W*$")
 _OF_MOTION = {"heading", "hdg", "yaw", "psi", "kurs", "cap", "rumbo", "gir", "surge", "sway", "heave", "rate"}
 SUPPLY = {"supply", "battery", "batt", "bat", "bus", "akku", "batterie", "versorgung", "batteri", "bateria", "batería"}
 SUPPLY |= {"batteriespannung", "batterispenning", "bordspannung", "voltaje", "alimentation"}
+_NEVER = _CLOCK | LIGHTS | _NOT_COMMAND | _OF_MOTION | _PILOT | SUPPLY | _ANSWER
 _NOT_VOLTAGES = {"m", "s", "kn", "vel", "velocity", "speed", "dvl", "gps"}
 _SAYS_LITTLE = (VOLTS - {"tension"}) | {"cmd", "command", "data", "thruster", "thrusters", "us", "norm", "pct", "raw"}
 _SAYS_LITTLE |= {"percent", "prozent", "pourcent", "rpm", "pwm", "servo", "output", "rcou"}
@@ -82,7 +59,6 @@ _MIXED, _PART = 0.9, 0.1
 _PULSE, REST, _NEAR = (800.0, 2200.0), 1500.0, 25.0
 # Windows over which rates are means, s; in one that is too short errors go against the one before by more than this.
 _WINDOWS, _OPPOSITE = (0.5, 1.0, 2.0, 4.0, 8.0), -0.25
-_BEYOND = 1e12
 # Standard errors from which a sense is told.
 _SURE = 4.0
 # Of commands that go together to so little, that part of them tells nothing.
@@ -121,8 +97,6 @@ class Thrusting:
         m; 0 where nobody knows.
     told
         Whether it is known which way it turns the vehicle, or that it does not.
-    label
-        The thruster in the words of an autopilot or of a type of vehicle; empty where that is not told.
     percent
         Whether the command is named a share of a hundred.
     """
@@ -136,7 +110,6 @@ class Thrusting:
     why: str
     arm: float = 0.0
     told: bool = True
-    label: str = ""
     percent: bool = False
 
 
@@ -168,7 +141,6 @@ def thrusting(
                 why=f"{said}; {values.min():.4g} to {values.max():.4g}, no thrust at {rest:g}; {told}",
                 arm=arm,
                 told=bool(way or output or mixed or label),
-                label=label,
                 percent=bool(words(source) & _PERCENT) or "%" in source,
             )
         )
@@ -197,7 +169,8 @@ def _turned(
     if output is None and label and not mixed and seen and seen != way:
         # Nobody but the motion knows which way round a propeller runs.
         way, reason = seen, f"these logs ({sure:.0f} standard errors), against its type of vehicle"
-    arm = (output.arm if output else 0.0) or abs(published)
+    known = 0.0 if wanted.profile is None or wanted.profile.senses_alone else abs(published)
+    arm = (output.arm if output else 0.0) or known
     if not way:
         return 0, arm, f"by {reason} it does not turn the vehicle"
     agrees = f"; so do these logs ({sure:.0f} standard errors)" if seen == way else ""
@@ -213,9 +186,6 @@ def _by_motion(way: int, sure: float) -> str:
 
 def _sense(way: int) -> str:
     return "up" if way > 0 else "down"
-
-
-_NEVER = _CLOCK | LIGHTS | _NOT_COMMAND | _OF_MOTION | _PILOT | SUPPLY | _ANSWER
 
 
 def _chosen(every: Mapping[str, Sequence[Seen]], wanted: Wanted) -> dict[str, FloatArray]:
@@ -373,9 +343,6 @@ def _regressed(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, fl
 
     Each in its standard errors too; R^2; and how the error of a row goes with that of the one before, -1 to 1.
     """
-    # What is beyond all measure, as a damaged number, tells nothing.
-    x = np.where(np.abs(x) < _BEYOND, x, 0.0)
-    y = np.where(np.abs(y) < _BEYOND, y, 0.0)
     x[:, 1:] -= x[:, 1:].mean(axis=0)
     scale = np.linalg.norm(x, axis=0)
     # Columns of one length: else a command in us would drown one in volts.

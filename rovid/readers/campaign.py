@@ -136,13 +136,16 @@ def _without_companions(files: Sequence[_File]) -> list[_File]:
 
 def _first_of_each(files: Sequence[_File], config: Config) -> list[_File]:
     """Without the files that are read with another one of their trial."""
-    if config.join is None:
-        return list(files)
     firsts: dict[Path, _File] = {}
+    read: set[Path] = set()
     for one in files:
+        if one.path.resolve() in read:
+            continue
         beside = joined_with(one.path, config) or [one.path]
-        firsts.setdefault(beside[0], one if beside[0] == one.path else replace(one, path=beside[0]))
-    return list(firsts.values())
+        read |= {path.resolve() for path in beside}
+        firsts[beside[0]] = replace(one, path=beside[0])
+    by_path = {one.path: one for one in files}
+    return [by_path.get(path, one) for path, one in firsts.items()]
 
 
 def files_in(paths: Sequence[Path]) -> list[Path]:

@@ -21,11 +21,13 @@ def companions(path: Path, config: Config) -> list[Path]:
     if join is None or not here.is_relative_to(root) or not join.part(here.relative_to(root).as_posix()):
         return []
     # The part stands in the file's own name, or in that of its folder.
-    folder = path.parent
-    if not join.part(here.name) and here.parent != root:
-        folder = path.parent.parent if path.parent.name else here.parent.parent
-    near = [file for file in folder.rglob("*") if file.suffix.lower() in READERS and file.is_file()]
-    names = {file.resolve().relative_to(root).as_posix(): file for file in near}
+    if join.part(here.name) or here.parent == root:
+        near = path.parent.glob("*")
+    else:
+        near = (path.parent.parent if path.parent.name else here.parent.parent).glob("*/*")
+    # Names are compared before any file is looked at: a folder may hold many.
+    logs = [file for file in near if file.suffix.lower() in READERS and join.part(f"{file.parent.name}/{file.name}")]
+    names = {file.resolve().relative_to(root).as_posix(): file for file in logs if file.is_file()}
     return [names[name] for name in join.of_trial(here.relative_to(root).as_posix(), names)]
 
 
@@ -68,6 +70,7 @@ def read_joined(path: Path, config: Config) -> RawLog:
         remarks=tuple(remarks),
         sortable=all(raw.sortable for _, raw in read),
         epoch=first.epoch if first else None,
+        beside=tuple(file for file, _ in read if file != path),
     )
 
 

@@ -86,7 +86,8 @@ def read(path: Path, config: Config) -> RawLog:
             return log.place(name, index)
         return f"sentence {index + 1} of {everything[name].clock}"
 
-    return RawLog(channels=everything, place=place, remarks=(*text.remarks, *log.remarks), sortable=log.sortable)
+    remarks = (*text.remarks, *log.remarks)
+    return RawLog(channels=everything, place=place, remarks=remarks, sortable=log.sortable, beside=(beside,))
 
 
 def sources(path: Path) -> Contents:

@@ -64,6 +64,8 @@ class RawLog:
         (signal, index of a sample) -> "line 17" or "message 16", for messages.
     epoch
         s since 1970 of the channels' time zero; None where nobody knows.
+    beside
+        Further files that channels come from.
     """
 
     channels: Mapping[str, Channel]
@@ -71,6 +73,7 @@ class RawLog:
     remarks: tuple[Remark, ...] = ()
     sortable: bool = False
     epoch: float | None = None
+    beside: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

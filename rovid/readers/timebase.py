@@ -116,6 +116,7 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
         axis=axis,
         integrated=integrated,
         began=None if raw.epoch is None else raw.epoch + float(base.time[0]),
+        beside=raw.beside,
     )
     if not fixes:
         return trial

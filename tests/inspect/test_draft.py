@@ -64,3 +64,16 @@ def test_a_logged_torque_takes_the_place_of_thrusters(tmp_path: Path) -> None:
     assert tomllib.loads(text)["signals"]["torque"] == {"csv": "torque_Nm", "unit": "N m"}
     assert not guessed
     assert load_config(tmp_path / "rovid.toml").commands
+
+
+@pytest.mark.parametrize(("size", "guessed"), [("1.0", False), ("0.4", False), ("1.0\nsenses_alone = true", True)])
+def test_an_arm_that_is_published_is_no_guess_however_long(size: str, guessed: bool, tmp_path: Path) -> None:
+    size, _, alone = size.partition("\n")
+    (tmp_path / "mine.toml").write_text(f"{alone}\n[arms]\nport = {size}\nstarboard = -{size}\n")
+    folder = tmp_path / "day"
+    folder.mkdir()
+    asked = Asked(vehicle=str(tmp_path / "mine.toml"))
+    written(folder, asked, heading_deg=heading(), port_cmd=np.sin(TIME), stbd_cmd=np.cos(TIME))
+    thrusters = load_config(folder / "rovid.toml").vehicle.thrusters
+    assert [thruster.arm_guessed for thruster in thrusters] == [guessed, guessed]
+    assert [thruster.arm for thruster in thrusters] == pytest.approx([float(size), -float(size)])

@@ -91,3 +91,16 @@ def test_init_sees_that_files_belong_together(split: str, tmp_path: Path, rovid:
     assert {command["name"]: command["turns"] for command in document["commands"]["csv"]} == {"fore": 1, "aft": 1}
     checked = rovid("check", "day", "--json")
     assert not checked.document["unreadable"]
+
+
+@pytest.mark.parametrize("what", ["hold_03/thr.csv", "rovid.toml"])
+def test_a_fit_rests_on_every_file_of_a_trial_and_on_how_they_are_joined(
+    what: str, tmp_path: Path, rovid: Rovid
+) -> None:
+    folder = day(tmp_path / "day", split="{run}/{part}.csv")
+    assert rovid("fit", "day").code == 0
+    assert rovid("simulate").code == 0
+    text = (folder / what).read_text(encoding="utf-8")
+    text = text.replace('["ins", "thr"]', '["ins", "thr", "gps"]') if what == "rovid.toml" else f"{text}900.0,0.0,0.0\n"
+    (folder / what).write_text(text, encoding="utf-8")
+    assert "no longer holds" in rovid("simulate").err
