@@ -21,15 +21,18 @@ _RESEMBLES, _RESEMBLES_LESS = (6.0, 4.7), (6.0, 2.35)
 _MORE_ACTS, _TEMPER = 0.85, 0.75
 
 
-def surest(gain: float, *, white: bool) -> float:
-    """Probability that what gains a log-likelihood of ``gain`` on trials not fitted is no stand-in for something else.
+def surest(held_out_gain: float, worth: float, *, white: bool) -> float:
+    """Probability that what gains such a log-likelihood on trials not fitted is no stand-in for something else.
 
     Parameters
     ----------
+    worth
+        What it gains in the fit, less the price of its parameters.
     white
-        Whether the data are explained down to white innovations.
+        Whether the data are explained down to white innovations. There both gains mean what they say, and the lesser
+        counts: of all that was tried, one gains on a few trials by chance.
     """
-    even, step = _RESEMBLES_LESS if white else _RESEMBLES
+    gain, (even, step) = (min(held_out_gain, worth), _RESEMBLES_LESS) if white else (held_out_gain, _RESEMBLES)
     return min(float(special.expit((gain - even) / step)), _SUREST)
 
 

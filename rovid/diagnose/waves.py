@@ -64,7 +64,7 @@ class Waves:
         if sure < POSSIBLE:
             return sure
         borne_out = min(self.worth, self.held_out_gain)
-        return confidence({name: borne_out}, (name,), 1, most=surest(self.held_out_gain, white=True))
+        return confidence({name: borne_out}, (name,), 1, most=surest(self.held_out_gain, self.worth, white=True))
 
     @property
     def likelier(self) -> Fitted:

@@ -254,7 +254,8 @@ class Work:
         less = max(cause.worth - held_out_gain, 0.0) + doubt
         for name in worths:
             worths[name] -= less
-        sure = confidence(worths, alike, self.search.tried, most=surest(held_out_gain - doubt, white=white))
+        most = surest(held_out_gain - doubt, cause.worth - doubt, white=white)
+        sure = confidence(worths, alike, self.search.tried, most=most)
         return sure if white else min(sure, stands_out(self.final, cause.effect))
 
     def margin(self, worth: float) -> float:
@@ -298,7 +299,8 @@ class Work:
                 continue
             alike = [other for other in near if acts(other)]
             gain = log_likelihood(self.folds(rival.fitted)) - log_likelihood(self.folds(self.final))
-            sure = odds([rival, *alike], max(rival.worth - gain, 0.0), surest(gain - doubt, white=white))
+            most = surest(gain - doubt, rival.worth - doubt, white=white)
+            sure = odds([rival, *alike], max(rival.worth - gain, 0.0), most)
             if not white:
                 sure = min(sure, stands_out(rival.fitted, rival.effect))
             if (said := calibrated(sure, white=white)) >= POSSIBLE:

@@ -29,11 +29,19 @@ def test_odds(worths: dict[str, float], alike: tuple[str, ...], least: float, mo
 
 @pytest.mark.parametrize(("white", "least", "enough"), [(False, 19.0, 21.0), (True, 12.0, 14.0)])
 def test_what_gains_little_is_no_surer_than_its_stand_ins_are_rare(white: bool, least: float, enough: float) -> None:
-    assert surest(6.0, white=white) == pytest.approx(0.5)
-    assert surest(least, white=white) < ESTABLISHED <= surest(enough, white=white)
-    assert surest(-1e6, white=white) < 1e-6
-    assert surest(1e6, white=white) == surest(2e6, white=white) < 0.98
-    assert confidence({"a": least}, ("a",), 1, most=surest(least, white=white)) == surest(least, white=white)
+    def sure(gain: float) -> float:
+        return surest(gain, gain, white=white)
+
+    assert sure(6.0) == pytest.approx(0.5)
+    assert sure(least) < ESTABLISHED <= sure(enough)
+    assert sure(-1e6) < 1e-6
+    assert sure(1e6) == sure(2e6) < 0.98
+    assert confidence({"a": least}, ("a",), 1, most=sure(least)) == sure(least)
+
+
+def test_where_innovations_are_white_the_lesser_gain_counts() -> None:
+    assert surest(30.0, 6.0, white=True) == surest(6.0, 30.0, white=True) == pytest.approx(0.5)
+    assert surest(30.0, 6.0, white=False) > ESTABLISHED
 
 
 @pytest.mark.parametrize("white", [True, False])
