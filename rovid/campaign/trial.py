@@ -174,6 +174,33 @@ class Trial:
         return float(self.position[int(np.argmax(self.measured))])
 
     @cached_property
+    def body_position(self) -> FloatArray:
+        """(n,) the integral of the body's rate along the axis: of the position itself, but in yaw where tilt is logged.
+
+        There d(angle) = cos(phi) cos(theta) dpsi - sin(phi) dtheta (Fossen 2011, eq. 2.28 solved for r). NaN where
+        nothing was measured.
+        """
+        if self.axis is not YAW or self.roll is None or self.pitch is None:
+            return self.position
+        known = self.measured
+        roll, pitch = self._bridged(self.roll)[known], self._bridged(self.pitch)[known]
+        level = np.cos(roll) * np.cos(pitch)
+        position = self.position[known]
+        steps = 0.5 * (level[1:] + level[:-1]) * np.diff(position)
+        steps -= 0.5 * (np.sin(roll[1:]) + np.sin(roll[:-1])) * np.diff(pitch)
+        angle = np.full(len(self.time), np.nan)
+        angle[known] = position[0] + np.concatenate(([0.0], np.cumsum(steps)))
+        angle.flags.writeable = False
+        return angle
+
+    def _bridged(self, values: FloatArray) -> FloatArray:
+        """(n,) ``values`` with straight lines where they are not known; zero where none is."""
+        finite = np.isfinite(values)
+        if not finite.any():
+            return np.zeros(len(values))
+        return np.interp(self.time, self.time[finite], values[finite])
+
+    @cached_property
     def period(self) -> float:
         """Median interval between measured positions in s."""
         return float(np.median(np.diff(self.time[self.measured])))

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import special
 
 from rovid.campaign.tables import Table
 from rovid.campaign.trial import Trial
@@ -20,6 +21,9 @@ from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.inertia_table import row_names, table_drag
 from rovid.model.model import Model
+
+if TYPE_CHECKING:
+    from scipy import optimize
 
 # Periods of a simulated sine, the last of which is looked at, and samples in each.
 _PERIODS, _SAMPLES = 6, 80
@@ -168,7 +172,7 @@ class _Rows:
         # The solver's cost is half the sum of squares.
         misfit = 2.0 * float(fit.cost)
         spare = len(self.rates) - len(problem.low)
-        chance = float(stats.chi2.sf(misfit, spare)) if spare > 0 else math.nan
+        chance = float(special.chdtrc(spare, misfit)) if spare > 0 else math.nan
         return Explanation(model=problem.model(fit.x), misfit=misfit, chance=chance)
 
 
@@ -223,6 +227,8 @@ class _Problem:
 
     def fitted(self, x: FloatArray, evaluations: int) -> optimize.OptimizeResult:
         """Least squares from ``x``."""
+        from scipy import optimize
+
         return optimize.least_squares(
             self.misfits,
             x,

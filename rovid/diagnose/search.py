@@ -68,7 +68,7 @@ class Search:
 
     candidates: Sequence[Effect]
     report: Report = field(default=lambda _: None)
-    hopeless: Callable[[Fitted, Sequence[Promise]], bool] | None = None
+    hopeless: Callable[[Fitted, Callable[[], Sequence[Promise]]], bool] | None = None
     thorough: Callable[[Fitted], bool] = field(default=lambda _: False)
     margin: float = MARGIN
     least: float = _NEGLIGIBLE
@@ -160,7 +160,7 @@ class Search:
 
     def _may_give_up(self, current: Fitted) -> None:
         if self.hopeless is not None and not self.given_up:
-            self.given_up = self.hopeless(current, self._promised(current))
+            self.given_up = self.hopeless(current, lambda: self._promised(current))
 
     def _best_pair(self, current: Fitted) -> Fitted:
         """With two effects that gain little alone and much together, as where each hides the other.

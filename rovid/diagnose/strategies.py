@@ -129,7 +129,7 @@ def _is_hopeless_over(records: Readings, candidates: Sequence[Effect], ahead: Wo
     begun = _begun(_base_of(records), ahead)
     taken = {effect.id for effect in begun.effects}
     more = [effect for effect in _beside(begun, candidates) if effect.id not in taken]
-    return _is_hopeless(begun, screen(begun, more))
+    return _is_hopeless(begun, lambda: screen(begun, more))
 
 
 def _begun(base: Fitted, ahead: Work) -> Fitted:
@@ -145,7 +145,7 @@ def _begun(base: Fitted, ahead: Work) -> Fitted:
     return loosened(climbed(base.misfit.like(of_effects.effects), x))
 
 
-def _is_hopeless(current: Fitted, promises: Sequence[Promise]) -> bool:
+def _is_hopeless(current: Fitted, promises: Callable[[], Sequence[Promise]]) -> bool:
     """Whether no causes more can leave white innovations and a disturbance within its limit.
 
     They would have to gain what whitening the innovations does, and what a larger disturbance does, or some share of
@@ -159,7 +159,9 @@ def _is_hopeless(current: Fitted, promises: Sequence[Promise]) -> bool:
             return True
     if not unlimited.is_white:
         lacking += unlimited.colour
-    best = [forms[0].gain for forms in by_cause(promises)]
+    if lacking <= 0.0:
+        return False  # and nothing has to be screened to know
+    best = [forms[0].gain for forms in by_cause(promises())]
     return sum(best[:_TOGETHER]) < _SHARE * lacking
 
 

@@ -7,7 +7,7 @@ import json
 import re
 from collections.abc import Collection, Sequence
 from csv import writer
-from xml.sax.saxutils import escape, quoteattr
+from html import escape
 
 from rovid.ground.errors import is_visible, visible
 
@@ -42,12 +42,12 @@ def _json_sign(sign: str) -> str:
 
 def xml_attribute(text: str) -> str:
     """An attribute's value with its quotes."""
-    return quoteattr(_xml_signs(text))
+    return f'"{escape(_xml_signs(text))}"'
 
 
 def xml_comment(text: str) -> str:
     """Text for a comment, which may hold no two hyphens in a row."""
-    return re.sub("-(?=-)", "- ", escape(_xml_signs(text)))
+    return re.sub("-(?=-)", "- ", escape(_xml_signs(text), quote=False))
 
 
 def _xml_signs(text: str) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from rovid.effects.actuation import bridged
 from rovid.ground.arrays import FloatArray, IntArray
 from rovid.identify.means import Means
-from rovid.motion.rates import body_position, on_grid
+from rovid.motion.rates import on_grid
 from rovid.motion.runs import Run
 
 # How far ahead, in time constants of the vehicle.
@@ -190,7 +190,7 @@ def course_of(run: Run, constant: float, between: float) -> Course:
     rates, trial = run.rates, run.trial
     every = max(round(GRID * constant / rates.kernel.period), 1)
     time = rates.time[::every]
-    angle = on_grid(trial, body_position(trial), rates.time)[::every]
+    angle = on_grid(trial, trial.body_position, rates.time)[::every]
     rate = rates.rate[::every]
     period = every * rates.kernel.period
     start, end, horizon = _predictions(angle, rate, period, constant, between)

@@ -14,7 +14,6 @@ from rovid.identify.records import Records
 from rovid.model.batch import Logged
 from rovid.model.integration import initial_rate
 from rovid.model.model import Model
-from rovid.motion.rates import body_position
 from rovid.motion.runs import Run
 
 _RATE_NOISE_FLOOR = 1e-5  # rad/s; no gyro is better
@@ -54,7 +53,7 @@ class RunReadings:
     @classmethod
     def of(cls, run: Run, at: IntArray, *, gyro: bool) -> Self:
         """Of the instants ``at`` of a run; logged rates too where ``gyro`` says so, or nothing else was measured."""
-        angle = body_position(run.trial)[at]
+        angle = run.trial.body_position[at]
         if run.trial.integrated:
             angle[1:] = np.nan
         gyro_rate = np.full(len(at), np.nan)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
 import numpy as np
-from scipy import optimize
 
 from rovid.campaign.axis import Axis
 from rovid.effects import restoring_of
@@ -168,6 +167,8 @@ def _between(balance: TorqueBalance, within: FloatArray) -> float:
     most = float(np.mean(balance.torque**2))
     if not excess(most) < 0.0:
         return most
+    from scipy import optimize
+
     return float(optimize.brentq(excess, 0.0, most))
 
 

@@ -13,7 +13,7 @@ from rovid.ground.arrays import FloatArray, IntArray
 from rovid.ground.lanes import LANES
 from rovid.model.drive import Drive
 from rovid.model.equation import Equation
-from rovid.motion.rates import body_position, on_grid, uniform_grid
+from rovid.motion.rates import on_grid, uniform_grid
 
 _START_SECONDS = 2.0
 _START_SAMPLES = 5
@@ -68,7 +68,7 @@ def initial_rate(trial: Trial, swing: float = 0.0) -> float:
         if swing > 0.0 and read.sum() > 1:
             return float(np.polynomial.polynomial.polyfit(time[read], trial.rate[early][read], 1)[0])
         return float(np.mean(trial.rate[early][read][:_START_SAMPLES]))
-    angle = body_position(trial)[early]
+    angle = trial.body_position[early]
     if len(time) < _START_SAMPLES:
         return 0.0
     bent = len(time) > _START_SAMPLES or swing > 0.0

@@ -111,8 +111,7 @@ class Model:
             the first one measured. In yaw, where roll and pitch are logged, the body rate turns into the heading's by
             psidot = (r + thetadot sin(phi)) / (cos(phi) cos(theta)) (Fossen 2011, eq. 2.28).
         """
-        begin = initial_rate(trial, self.swing), 0.0
-        rate, angle = integrated(self.equation_in(trial), trial.time, drive, begin)
+        rate, angle = self._integrated(trial, drive)
         if self.axis is YAW and trial.roll is not None and trial.pitch is not None:
             angle = euler_heading(trial, rate)
         first = int(np.argmax(trial.measured))
@@ -121,6 +120,17 @@ class Model:
         true, _ = self.instrument.true_angle(trial, trial.position, np.arange(len(trial.time)))
         heading, rate = self.instrument.as_measured(true[first] + angle - angle[first], rate)
         return rate, heading
+
+    def simulate_rate(self, trial: Trial, drive: Drive) -> FloatArray:
+        """(n,) rate as `simulate` has it; most often nobody has to turn it into a position."""
+        if self.instrument.deviates:
+            return self.simulate(trial, drive)[0]
+        return self._integrated(trial, drive)[0]
+
+    def _integrated(self, trial: Trial, drive: Drive) -> tuple[FloatArray, FloatArray]:
+        """(n,) rate of the body, and the angle that it turned."""
+        begin = initial_rate(trial, self.swing), 0.0
+        return integrated(self.equation_in(trial), trial.time, drive, begin)
 
     @property
     def slow_inertia(self) -> float:

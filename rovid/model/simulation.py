@@ -12,7 +12,7 @@ from rovid.ground.arrays import FloatArray
 from rovid.model.drive import Drive
 from rovid.model.integration import along, integrated
 from rovid.model.model import Model
-from rovid.motion.rates import body_position, on_grid
+from rovid.motion.rates import on_grid
 from rovid.motion.runs import Run
 
 HORIZONS = (10.0, 60.0)
@@ -71,7 +71,7 @@ def simulate_runs(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[T
 
 def simulated_rate(run: Run, model: Model, drive: Drive) -> FloatArray:
     """(m,) rate of the free-running ``model``, behind the filter that the measured one went through."""
-    return run.rates.smooth_samples(run.trial, model.simulate(run.trial, drive)[0])
+    return run.rates.smooth_samples(run.trial, model.simulate_rate(run.trial, drive))
 
 
 def overall(simulations: Sequence[TrialSimulation]) -> Fit:
@@ -114,7 +114,7 @@ def _simulate(run: Run, model: Model, drive: Drive) -> TrialSimulation:
 def _position_errors(run: Run, model: Model, drive: Drive) -> dict[float, float | None]:
     rates, trial = run.rates, run.trial
     # About the body's own axis: the position itself, but for what a logged tilt and the heading's deviation add to it.
-    true, gain = model.instrument.true_angle(trial, body_position(trial), np.arange(len(trial.time)))
+    true, gain = model.instrument.true_angle(trial, trial.body_position, np.arange(len(trial.time)))
     angle, gain = (on_grid(trial, values, rates.time) for values in (true, gain))
     at_grid = np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1
     torque, beside = drive.torque[at_grid], drive.beside[at_grid]

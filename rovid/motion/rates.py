@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, signal
+from scipy import fft
 
-from rovid.campaign.axis import YAW
 from rovid.campaign.trial import Trial
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
 
+# Convolution and spectrum stand below: to import scipy.signal for them takes a third of a second.
 # A sinc under a Hann window: flat to a third of the cut-off, 44 dB down beyond twice the cut-off.
 _HALF_WIDTH = 1.25  # of 1/cutoff
 _MAX_CUTOFF = 0.2  # of the sampling rate: up to it the differences below are derivatives to one percent
@@ -144,7 +144,7 @@ class Rates:
 def rates_of(trial: Trial, *, cutoff: float) -> Rates:
     """Rate and acceleration of one trial along its axis.
 
-    In yaw, where roll and pitch are logged, they are those of the body, see ``body_position``.
+    In yaw, where roll and pitch are logged, they are those of the body, see ``Trial.body_position``.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def rates_of(trial: Trial, *, cutoff: float) -> Rates:
             where=trial.name,
             mend="Raise --cutoff or leave the log out.",
         )
-    angle = on_grid(trial, body_position(trial), grid)
+    angle = on_grid(trial, trial.body_position, grid)
     noise = white_noise(angle)
     rate, acceleration = kernel.rate(angle), kernel.acceleration(angle)
     rate_noise, acceleration_noise = kernel.noise(noise)
@@ -209,32 +209,6 @@ def _against_position(gyro: FloatArray, rate: FloatArray) -> tuple[float, float]
 def highest_cutoff(trials: Sequence[Trial]) -> float:
     """Cut-off in Hz up to which the differences are derivatives at the sampling rate of ``trials``."""
     return _MAX_CUTOFF / float(np.median([trial.period for trial in trials]))
-
-
-def body_position(trial: Trial) -> FloatArray:
-    """(n,) the integral of the body's rate along the axis; what was measured itself, but in yaw where tilt is logged.
-
-    There d(angle) = cos(phi) cos(theta) dpsi - sin(phi) dtheta (Fossen 2011, eq. 2.28 solved for r). NaN where
-    nothing was measured.
-    """
-    if trial.axis is not YAW or trial.roll is None or trial.pitch is None:
-        return trial.position
-    known = trial.measured
-    roll, pitch = _filled(trial, trial.roll)[known], _filled(trial, trial.pitch)[known]
-    level = np.cos(roll) * np.cos(pitch)
-    position = trial.position[known]
-    steps = 0.5 * (level[1:] + level[:-1]) * np.diff(position)
-    steps -= 0.5 * (np.sin(roll[1:]) + np.sin(roll[:-1])) * np.diff(pitch)
-    angle = np.full(len(trial.time), np.nan)
-    angle[known] = position[0] + np.concatenate(([0.0], np.cumsum(steps)))
-    return angle
-
-
-def _filled(trial: Trial, values: FloatArray) -> FloatArray:
-    finite = np.isfinite(values)
-    if not finite.any():
-        return np.zeros(len(values))
-    return np.interp(trial.time, trial.time[finite], values[finite])
 
 
 def uniform_grid(trial: Trial) -> FloatArray:
@@ -317,13 +291,21 @@ def _acceleration_spectrum(trials: Sequence[Trial], period: float) -> tuple[Floa
             part = second[start:stop]
             if len(part) < _FEWEST_BENDS:
                 continue
-            size = min(length, len(part))
-            _, density = signal.welch(part, fs=1.0 / period, nperseg=size, nfft=length, detrend=False)
-            total += np.asarray(density) * len(part)
+            total += _density(part, length, period) * len(part)
             weight += len(part)
     if not weight:
         raise _too_short(trials)
     return frequency, total / weight
+
+
+def _density(part: FloatArray, length: int, period: float) -> FloatArray:
+    """(length/2 + 1,) one-sided power spectral density of (n,) ``part``, which is cut into pieces (Welch 1967)."""
+    size = min(length, len(part))
+    window = np.hanning(size + 1)[:-1]
+    pieces = np.lib.stride_tricks.sliding_window_view(part, size)[:: size - size // 2]
+    power = np.mean(np.abs(fft.rfft(pieces * window, length)) ** 2, axis=0)
+    power[1:-1] *= 2.0
+    return np.asarray(power * period / np.sum(window**2))
 
 
 def _too_short(trials: Sequence[Trial]) -> DataError:
@@ -362,6 +344,11 @@ def _convolve(values: FloatArray, kernel: FloatArray) -> FloatArray:
     # A running sum over a filled array would smear the position's large offset; take it off first.
     offset = float(values[known][0]) if known.any() else 0.0
     filled = np.where(known, values - offset, 0.0)
-    out = signal.oaconvolve(filled, kernel, mode="same")
-    complete = ndimage.minimum_filter1d(known.astype(np.int8), len(kernel), mode="constant", cval=0)
-    return np.where(complete == 1, out + offset * kernel.sum(), np.nan)
+    size = fft.next_fast_len(len(filled) + len(kernel) - 1, real=True)
+    spectrum = fft.rfft(filled, size) * fft.rfft(kernel, size)
+    out = fft.irfft(spectrum, size)[len(kernel) // 2 :][: len(filled)]
+    complete = np.zeros(len(known), dtype=bool)
+    unknown = np.cumsum(np.concatenate(([0], ~known)))
+    half = len(kernel) // 2
+    complete[half : len(known) - half] = unknown[len(kernel) :] == unknown[: -len(kernel)]
+    return np.where(complete, out + offset * kernel.sum(), np.nan)

@@ -15,7 +15,7 @@ from rovid.model.drive import Drive
 from rovid.model.kernels import simulate
 from rovid.model.model import Model
 from rovid.model.simulation import compare, overall, simulate_runs
-from rovid.motion.rates import body_position, rates_of
+from rovid.motion.rates import rates_of
 from rovid.motion.runs import Run
 from tests.synthetic import LOGGED, ROSUB, clock, run, trial
 
@@ -124,7 +124,7 @@ def test_a_tilted_vehicle_is_simulated_about_its_own_axis(tilt: float) -> None:
 
 def test_body_position_is_the_heading_where_the_vehicle_is_level() -> None:
     log = swaying(tilt=0.0).trial
-    assert body_position(log) == pytest.approx(log.position, abs=1e-12)
+    assert log.body_position == pytest.approx(log.position, abs=1e-12)
 
 
 def test_heading_errors_need_their_horizon_without_a_gap() -> None:
