@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,11 +21,17 @@ _PROMISE = 0.1
 _FITTED = 7
 _FORMS_FITTED = 3
 ITERATIONS = 25
+# Innovations, of all starts together, that are held at once: some 300 MB with their slopes.
+_INNOVATIONS = 5_000_000
 # Sizes to begin with, as shares of what the slopes ask for: where they mislead, that may be far too much.
 _SHARES = (1.0, 0.3, 0.1)
 _FIRST_ITERATIONS = 4
 # Then those go on, for so many steps, that have this share of the best one's worth.
 _STAGES = ((0.2, 8), (0.4, ITERATIONS))
+
+
+# A form beside what is known already, and where to start from with it.
+_Begun = tuple[Misfit, list[FloatArray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,16 +63,27 @@ def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
     here, (centre, _) = current.misfit.slopes(current.x, known), known
     past = _Complement(here)
     misfits = [current.misfit.like((*current.effects, form)) for form in forms]
-    begins = [misfit.coordinates.starts() for misfit in misfits]
-    pairs = [
-        (misfit, np.concatenate((current.x, begin)))
-        for misfit, starts in zip(misfits, begins, strict=True)
-        for begin in starts
-    ]
-    found = iter(current.misfit.of_each(pairs))
-    sides = [[next(found) for _ in starts] for starts in begins]
-    items = list(zip(misfits, begins, sides, strict=True))
-    return spread(lambda item: _promise(*item, centre, here, past), items)
+    begun = [(misfit, misfit.coordinates.starts()) for misfit in misfits]
+    promises = []
+    for few in _at_once(begun, len(centre.error)):
+        pairs = [(misfit, np.concatenate((current.x, begin))) for misfit, starts in few for begin in starts]
+        found = iter(current.misfit.of_each(pairs))
+        items = [(misfit, starts, [next(found) for _ in starts]) for misfit, starts in few]
+        promises += spread(lambda item: _promise(*item, centre, here, past), items)
+    return promises
+
+
+def _at_once(begun: Sequence[_Begun], innovations: int) -> Iterator[list[_Begun]]:
+    """Forms with their starts, some after the other, so that memory hardly grows with the logs."""
+    few, count = list[_Begun](), 0
+    for one in begun:
+        count += innovations * len(one[1])
+        if few and count > _INNOVATIONS:
+            yield few
+            few, count = [], innovations * len(one[1])
+        few.append(one)
+    if few:
+        yield few
 
 
 def fit_all(current: Fitted, promises: Sequence[Promise]) -> tuple[list[Fitted], list[Fitted]]:

@@ -105,7 +105,13 @@ class HorizonMisfit(Misfit):
     @classmethod
     def of_each(cls, pairs: Sequence[tuple[Self, FloatArray]]) -> list[Innovations]:
         """As `innovations_of`, of misfits of the same records, each at a point of its own; on all cores at once."""
-        return spread(lambda pair: pair[0].innovations(pair[1]), pairs)
+        return spread(lambda pair: pair[0].once(pair[1]), pairs)
+
+    def once(self, x: FloatArray) -> Innovations:
+        """As `innovations`, and nothing is kept for the next time."""
+        found = self._innovations(x)
+        self.forget()
+        return found
 
     def _innovations(self, x: FloatArray) -> Innovations:
         model = self.coordinates.model(x)

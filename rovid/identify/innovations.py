@@ -89,7 +89,7 @@ class InnovationMisfit(Misfit):
             alike.setdefault((misfit.is_wide, len(model.wave), *model.terms.kinds.tolist()), []).append(at)
         groups = [few for places in alike.values() for few in _by(LANES, places)]
         found: dict[int, Innovations] = {}
-        every = spread(lambda few: _side_by_side([pairs[at] for at in few]), groups)
+        every = spread(lambda few: _once([pairs[at] for at in few]), groups)
         for few, series in zip(groups, every, strict=True):
             found.update(zip(few, series, strict=True))
         return [found[at] for at in range(len(pairs))]
@@ -137,6 +137,14 @@ class InnovationMisfit(Misfit):
 def _by(count: int, every: Sequence[One]) -> list[Sequence[One]]:
     """Cut into so many each."""
     return [every[first : first + count] for first in range(0, len(every), count)]
+
+
+def _once(pairs: Sequence[tuple[InnovationMisfit, FloatArray]]) -> list[Innovations]:
+    """As `_side_by_side`, and nothing is kept for the next time."""
+    found = _side_by_side(pairs)
+    for misfit, _ in pairs:
+        misfit.forget()
+    return found
 
 
 def _side_by_side(pairs: Sequence[tuple[InnovationMisfit, FloatArray]]) -> list[Innovations]:
