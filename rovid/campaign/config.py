@@ -60,7 +60,7 @@ _OLD_GUESSES = b"# Written by `rovid init`, which looked at "
 _MARKS = tuple(f"{key}{_GUESSED}" for key in (*_ARMS, "curve"))
 _THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside", *_MARKS)
 _NOT_SOURCES = ("unit", "sign")
-_JOIN_KEYS = ("parts", "offset", "time")
+_JOIN_KEYS = ("parts", "offset", "drift", "time")
 _STRETCH_KEYS = ("log", "from", "to", "reason")
 
 _ATTITUDE = {"heading": "yaw", "roll": "roll", "pitch": "pitch"}
@@ -296,14 +296,20 @@ class _Reader:
             raise self.complain(
                 "[join]", "has no parts: two words or more were expected.", 'Add parts = ["ins", "thr"].'
             )
-        offset, time = self.table(table, "offset"), self.table(table, "time")
-        for key, entries in (("offset", offset), ("time", time)):
-            self.known(entries, parts, f"[join] {key}")
+        time = self.table(table, "time")
+        self.known(time, parts, "[join] time")
         return Join(
             parts=tuple(parts),
-            offset={part: self.number(value, f"[join] offset {part}") for part, value in offset.items()},
+            offset=self.of_clocks(table, "offset", parts),
+            drift=self.of_clocks(table, "drift", parts),
             time={part: self.clock(value, f"[join] time {part}") for part, value in time.items()},
         )
+
+    def of_clocks(self, table: Mapping[str, Any], key: str, parts: Sequence[str]) -> dict[str, float]:
+        """Numbers by part, or by the name of a file, which has a dot or a star in it."""
+        entries = self.table(table, key)
+        self.known([name for name in entries if not {".", "*", "/"} & set(name)], parts, f"[join] {key}")
+        return {name: self.number(value, f"[join] {key} {name}") for name, value in entries.items()}
 
     def clock(self, value: Any, place: str) -> tuple[str, str]:
         signal = self.signal("time", value, place)
@@ -380,7 +386,7 @@ class _Reader:
             raise self.complain(name, f"is {value!r}; a table [{name}] was expected.")
         return value
 
-    def known(self, table: Mapping[str, Any], keys: Sequence[str], place: str) -> None:
+    def known(self, table: Iterable[str], keys: Sequence[str], place: str) -> None:
         for key in table:
             if key not in keys:
                 raise self.complain(place, f"{key!r} is not known here.", nearest(key, keys))

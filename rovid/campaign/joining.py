@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from pathlib import PurePath
 
 # Words of a file's name: letters, or a number.
@@ -21,21 +22,38 @@ class Join:
     parts
         The words in which the names of one trial's files differ, as "ins" and "thr" in run1_ins.csv and run1_thr.csv,
         or in run1/ins.csv and run1/thr.csv. The first is the one that the trial is called by.
-    offset
-        Part -> s to be added to its clock.
+    offset, drift
+        Part, or name of a file or pattern of such -> s to be added to that clock; and s more for each million s from
+        the beginning of the file on (ppm).
     time
         Part -> its column of time and the unit of that, where those are others.
     """
 
     parts: tuple[str, ...]
     offset: Mapping[str, float] = field(default_factory=dict)
+    drift: Mapping[str, float] = field(default_factory=dict)
     time: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     def __str__(self) -> str:
         """All of it that results rest on."""
         offsets = [f"{part} {value:g} s late" for part, value in self.offset.items()]
+        drifts = [f"{part} slow by {value:g} ppm" for part, value in self.drift.items()]
         clocks = [f"{part} by {column} {unit}" for part, (column, unit) in self.time.items()]
-        return ", ".join([" and ".join(self.parts), *offsets, *clocks])
+        return ", ".join([" and ".join(self.parts), *offsets, *drifts, *clocks])
+
+    def clock(self, name: str) -> tuple[float, float]:
+        """S to be added to the clock of the file of that name, and ppm; zeros where nothing is said of it."""
+        return self._of(name, self.offset), self._of(name, self.drift)
+
+    def is_of_part(self, name: str) -> bool:
+        """Whether what is given of that file's clock is given of its part alone, in all trials alike."""
+        own = {key for key in (*self.offset, *self.drift) if key not in self.parts}
+        return not any(is_called(name, key) for key in own)
+
+    def _of(self, name: str, given: Mapping[str, float]) -> float:
+        """What is given of that file, or else of its part."""
+        own = (value for key, value in given.items() if key not in self.parts and is_called(name, key))
+        return next(own, given.get(self.part(name), 0.0))
 
     def part(self, name: str) -> str:
         """The part that a file of that name is; empty if it is none."""
@@ -52,6 +70,11 @@ class Join:
         """Of ``others`` the names of the files of the same trial as ``name``, in the order of the parts."""
         mine = [other for other in others if self.part(other) and self.trial(other) == self.trial(name)]
         return sorted(mine, key=lambda other: self.parts.index(self.part(other)))
+
+
+def is_called(name: str, pattern: str) -> bool:
+    """Whether a log of that ``name``, which may stand in a subfolder, is one that ``pattern`` means."""
+    return fnmatchcase(name, pattern) or fnmatchcase(name.rpartition("/")[2], pattern)
 
 
 def parts_among(names: Sequence[str]) -> tuple[str, ...]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 
 import numpy as np
 
+from rovid.campaign.joining import is_called
 from rovid.campaign.trial import Remark, Trial
 
 # Readings without which a part of a log says nothing.
@@ -41,7 +41,7 @@ class Stretch:
 
     def is_of(self, name: str) -> bool:
         """Whether it is of the log called ``name``, which may stand in a subfolder."""
-        return fnmatchcase(name, self.log) or fnmatchcase(name.rpartition("/")[2], self.log)
+        return is_called(name, self.log)
 
 
 def kept(trial: Trial, stretches: Sequence[Stretch]) -> list[Trial]:

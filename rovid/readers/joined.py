@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from rovid.campaign.config import Config
+import numpy as np
+
+from rovid.campaign.config import Config, Signal
 from rovid.campaign.joining import Join
 from rovid.campaign.trial import Remark
 from rovid.ground.errors import LogError
@@ -54,15 +56,13 @@ def read_joined(path: Path, config: Config) -> RawLog:
             remarks.append(Remark(kind="skipped", count=1, text=f"{file.name} holds nothing that is mapped."))
             continue
         raw = READERS[file.suffix.lower()].read(file, own)
-        shift = _shift(file, raw, read) + join.offset.get(join.part(_name(file, config)), 0.0)
-        moved = {id(channel.time): channel.time + shift for channel in raw.channels.values()}
-        for name, channel in raw.channels.items():
+        for name, channel in _together(file, raw, read, config).items():
             if name not in channels:
-                channels[name] = replace(channel, time=moved[id(channel.time)])
+                channels[name] = channel
                 owners[name] = raw
         read.append((file, raw))
         remarks += [replace(remark, text=f"{file.name}: {remark.text}") for remark in raw.remarks]
-    remarks += _said(read, join)
+    remarks += _said(read, config)
     first = read[0][1] if read else None
     return RawLog(
         channels=channels,
@@ -74,7 +74,48 @@ def read_joined(path: Path, config: Config) -> RawLog:
     )
 
 
-def _name(file: Path, config: Config) -> str:
+def every_channel(path: Path, config: Config) -> dict[Path, dict[str, Channel]]:
+    """All that the files of a trial hold, by source, mapped or not, on the clocks that `read_joined` gives them.
+
+    Raises
+    ------
+    LogError
+        As `read_joined`.
+    """
+    join = config.join
+    if join is None:
+        return {}
+    read: list[tuple[Path, RawLog]] = []
+    found: dict[Path, dict[str, Channel]] = {}
+    for file in companions(path, config):
+        form = READERS[file.suffix.lower()]
+        own = _own(file, config, join)
+        every = {
+            name: Signal(name=name, sources={form.kind: name}, optional=True) for name in form.sources(file).sources
+        }
+        if not every:
+            continue
+        raw = form.read(file, replace(own, signals=every))
+        found[file] = _together(file, raw, read, config)
+        read.append((file, raw))
+    return found
+
+
+def _together(file: Path, raw: RawLog, before: list[tuple[Path, RawLog]], config: Config) -> dict[str, Channel]:
+    """Channels of ``file`` in the time of the first, its clock put right as [join] says."""
+    shift = _shift(file, raw, before)
+    offset, drift = config.join.clock(name_of(file, config)) if config.join else (0.0, 0.0)
+    starts = [float(channel.time[np.isfinite(channel.time)].min(initial=np.inf)) for channel in raw.channels.values()]
+    begin = min(starts, default=0.0)
+    moved = {}
+    for channel in raw.channels.values():
+        since = channel.time - begin if np.isfinite(begin) else 0.0
+        moved[id(channel.time)] = channel.time + (shift + offset + 1e-6 * drift * since)
+    return {name: replace(channel, time=moved[id(channel.time)]) for name, channel in raw.channels.items()}
+
+
+def name_of(file: Path, config: Config) -> str:
+    """What a file is called in [join]: its way from rovid.toml on."""
     return file.resolve().relative_to(config.path.parent.resolve()).as_posix()
 
 
@@ -82,7 +123,7 @@ def _own(file: Path, config: Config, join: Join) -> Config:
     """What of ``config`` is mapped to ``file``."""
     form = READERS[file.suffix.lower()]
     config = config.of(form.kind)
-    part = join.part(_name(file, config))
+    part = join.part(name_of(file, config))
     time = config.time
     if part in join.time:
         column, unit = join.time[part]
@@ -119,12 +160,25 @@ def _shift(file: Path, raw: RawLog, before: list[tuple[Path, RawLog]]) -> float:
     return raw.epoch - log.epoch
 
 
-def _said(read: list[tuple[Path, RawLog]], join: Join) -> Iterator[Remark]:
-    """What is taken for granted of the clocks."""
-    if len(read) > 1 and not join.offset:
-        names = ", ".join(file.name for file, _ in read)
+def _said(read: list[tuple[Path, RawLog]], config: Config) -> Iterator[Remark]:
+    """How the clocks were put together, and what is taken for granted of them."""
+    join = config.join
+    if len(read) < 2 or join is None:
+        return
+    given = False
+    for file, _ in read:
+        name = name_of(file, config)
+        offset, drift = join.clock(name)
+        if offset or drift:
+            given = True
+            # What is said of a part is the same in all trials, and then said once.
+            clock = join.part(name) if join.is_of_part(name) else file.name
+            more = f" and {drift:g} ppm more as it goes" if drift else ""
+            text = f"The clock of {clock} was put {offset:+g} s on{more}, as [join] in rovid.toml says."
+            yield Remark(kind="clock", count=1, text=text)
+    if not given:
         text = (
-            f"{names} make one trial, and their clocks are taken for one. How far they are apart cannot be told from a "
-            "delay of the thrusters: a command_delay that is found may be theirs. Give what is known in [join] offset."
+            "Read from files whose clocks are taken for one. How far they are apart cannot be told from a delay of the "
+            "thrusters: a command_delay that is found may be theirs. Give what is known in [join] offset."
         )
         yield Remark(kind="joined", count=len(read), text=text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -10,10 +11,12 @@ import pandas as pd
 import pytest
 
 from rovid.campaign.config import load_config
-from rovid.ground.errors import LogError
+from rovid.campaign.trial import Trial
+from rovid.ground.errors import ConfigError, LogError
 from rovid.readers import read_campaign
 from tests.conftest import SAMPLES, Rovid
 
+JOIN = 'parts = ["ins", "thr"]\n'
 INS, THR = ["time_s", "heading_deg"], ["time_s", "fore_V", "aft_V"]
 
 
@@ -39,6 +42,10 @@ def day(folder: Path, *, split: str, late: float = 0.0, block: str = 'parts = ["
     return folder
 
 
+def trials(folder: Path) -> tuple[Trial, ...]:
+    return read_campaign([folder], load_config(folder / "rovid.toml")).trials
+
+
 @pytest.mark.parametrize("split", ["{run}_{part}.csv", "{run}/{part}.csv"])
 def test_files_of_one_trial_are_read_as_one(split: str, tmp_path: Path) -> None:
     folder = day(tmp_path / "day", split=split)
@@ -58,6 +65,39 @@ def test_an_offset_that_is_given_brings_clocks_together(tmp_path: Path, rovid: R
     lag = "thruster_lag.time_constant"
     assert told[lag]["value"] == pytest.approx(plain["parameters"][lag]["value"], abs=0.1)
     assert asis[lag]["value"] < told[lag]["value"] - 0.3
+
+
+def test_a_clock_that_drifts_is_put_right(tmp_path: Path) -> None:
+    block = JOIN + 'offset = { thr = -0.5, "steps_thr.csv" = 2.0 }\ndrift = { thr = -2000.0 }\n'
+    plain = {trial.name: trial for trial in trials(day(tmp_path / "plain", split="{run}_{part}.csv"))}
+    for trial in trials(day(tmp_path / "day", split="{run}_{part}.csv", block=block)):
+        other = plain[trial.name]
+        offset = 2.0 if trial.name == "steps_ins.csv" else -0.5
+        since = other.time[1:][np.any(np.diff(other.commands, axis=0) != 0.0, axis=1)]
+        moved = trial.time[1:][np.any(np.diff(trial.commands, axis=0) != 0.0, axis=1)]
+        wanted = since * (1.0 - 2e-3) + offset
+        # A trial begins when it is commanded; what fell out of it is not compared.
+        begin = max(offset, 0.0)
+        kept = wanted[(wanted > begin) & (wanted < begin + trial.duration)]
+        assert len(kept) > 1
+        assert np.abs(np.subtract.outer(kept - begin, moved)).min(axis=1).max() < 0.01
+        (said,) = [remark.text for remark in trial.remarks if remark.kind == "clock"]
+        assert f"{offset:+g} s" in said
+        assert "-2000 ppm" in said
+
+
+@pytest.mark.parametrize(
+    ("block", "said"),
+    [
+        ("offset = { thruster = 0.5 }", "'thruster' is not known here"),
+        ('offset = { "thr_1.csv" = "late" }', "[join] offset thr_1.csv"),
+        ("drift = 3.0", "a table [drift] was expected"),
+    ],
+)
+def test_a_clock_that_is_none_is_refused(block: str, said: str, tmp_path: Path) -> None:
+    folder = day(tmp_path / "day", split="{run}_{part}.csv", block=f"{JOIN}{block}\n")
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        load_config(folder / "rovid.toml")
 
 
 def test_another_column_of_time_may_be_named(tmp_path: Path) -> None:
