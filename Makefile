@@ -65,6 +65,8 @@ bench: $(VENV)/compared  ## timings, as ratios measured in one run, and whether 
 	$(BIN)/python -m benchmarks.uncertainty
 	$(BIN)/python -m benchmarks.decisions
 	$(BIN)/python -m benchmarks.folders
+	$(BIN)/python -m benchmarks.folders --axes
+	$(BIN)/python -m benchmarks.clocks
 
 sweep: $(VENV)/installed  ## hours: what the diagnosis names of hidden effects; SWEEP="--seed 1 --vehicle small"
 	$(BIN)/python -m benchmarks.sweep $(SWEEP)

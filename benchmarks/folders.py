@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from tools.axis_folders import AxisFolder, write_axis_folder
 from tools.folders import Folder, write_folder
 
 Verdict = Literal["right", "open", "wrong"]
@@ -55,9 +56,9 @@ class Score:
     aside: tuple[str, ...] = ()
 
 
-def init(folder: Path) -> subprocess.CompletedProcess[str]:
+def init(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     """Run `rovid init`."""
-    command = [sys.executable, "-m", "rovid", "init", str(folder), "--json", "--force"]
+    command = [sys.executable, "-m", "rovid", "init", str(folder), "--json", "--force", *options]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
@@ -80,6 +81,33 @@ def scored(folder: Path, truth: Folder) -> Score:
     verdict: Verdict = "wrong" if silent else "open" if faults else "right"
     texts = tuple(f"{fault.text}{' (not said)' if fault in silent else ''}" for fault in faults)
     return Score(verdict=verdict, faults=texts, aside=tuple(_aside(config, truth, folder)))
+
+
+def scored_along(folder: Path, truth: AxisFolder) -> Score:
+    """As `scored`, of a folder along another axis."""
+    done = init(folder, "--axis", truth.axis)
+    if done.returncode:
+        return Score(verdict="open", faults=(f"exit {done.returncode}: {done.stderr.strip()}",))
+    document = json.loads(done.stdout)
+    config = tomllib.loads((folder / "rovid.toml").read_text(encoding="utf-8"))
+    messages = [str(message) for message in (*document["open"], *document["warnings"])]
+    faults = []
+    found = {_source(entry, "csv"): entry for name, entry in config["signals"].items() if name != "time"}
+    entry = found.get(truth.measured, {})
+    if entry.get("unit") != truth.unit:
+        faults.append(Fault("heading", truth.measured, f"{truth.measured} is in {truth.unit}, taken: {found}"))
+    if _source(config["signals"].get("time"), "csv") != truth.time:
+        faults.append(Fault("time", truth.time, f"time is {truth.time}"))
+    key = {"roll": "roll_arm"}.get(truth.axis, truth.axis)
+    blocks = config.get("thrusters", ())
+    active = {_source(block["command"], "csv"): (block[key] > 0) - (block[key] < 0) for block in blocks}
+    for name in {*active, *truth.thrusters}:
+        way, got = truth.thrusters.get(name, 0), active.get(name, 0)
+        if way != got * int(entry.get("sign", 1)):
+            faults.append(Fault("thruster", name, f"{name} moves it {way:+d}, taken: {got:+d}"))
+    silent = [fault for fault in faults if not fault.said(messages)]
+    texts = tuple(f"{fault.text}{' (not said)' if fault in silent else ''}" for fault in faults)
+    return Score(verdict="wrong" if silent else "open" if faults else "right", faults=texts)
 
 
 def _speaks(text: str, part: str) -> bool:
@@ -158,22 +186,26 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=secrets.randbelow(10**6))
     parser.add_argument("--count", type=int, default=40)
     parser.add_argument("--only", type=int, action="append", help="index of a folder; may be given again")
+    parser.add_argument("--axes", action="store_true", help="folders along surge, heave and roll")
     parser.add_argument("--keep", type=Path, help="folder for the logs; it is left there")
     options = parser.parse_args()
     print(f"seed {options.seed}")
     counts: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(os.cpu_count()) as pool:
 
-        def tried(index: int) -> tuple[Folder, Score]:
+        def tried(index: int) -> tuple[str, Score]:
             folder = (options.keep or Path(name)) / f"{index:02d}"
+            if options.axes:
+                along = write_axis_folder(folder, seed=options.seed, index=index)
+                return along.about, scored_along(folder, along)
             truth = write_folder(folder, seed=options.seed, index=index)
-            return truth, scored(folder, truth)
+            marks = f"{', one file a sensor' if truth.split else ''}{', no heading' if truth.lacking else ''}"
+            return truth.about + marks, scored(folder, truth)
 
         indices = options.only or range(options.count)
-        for index, (truth, score) in zip(indices, pool.map(tried, indices), strict=True):
+        for index, (about, score) in zip(indices, pool.map(tried, indices), strict=True):
             counts[score.verdict] += 1
-            marks = f"{', one file a sensor' if truth.split else ''}{', no heading' if truth.lacking else ''}"
-            print(f"{index:02d}  {score.verdict:5}  {truth.about}{marks}", flush=True)
+            print(f"{index:02d}  {score.verdict:5}  {about}", flush=True)
             for line in (*score.faults, *(f"aside: {text}" for text in score.aside)):
                 print(f"           {line}")
     print(", ".join(f"{counts[verdict]} {verdict}" for verdict in ("right", "open", "wrong")))

@@ -37,6 +37,8 @@ ENGLISH: Mapping[str, tuple[str, ...]] = {
     "speed": ("sog", "speed over ground", "surge velocity"),
     "water": ("water temp",),
     "counter": ("sample", "frame", "seq"),
+    "surge": ("surge velocity", "dvl vx", "surge", "stw"),
+    "heel": ("roll", "heel"),
 }
 GERMAN: Mapping[str, tuple[str, ...]] = {
     "heading": ("kurs", "steuerkurs", "gierwinkel", "kompass"),
@@ -70,6 +72,8 @@ GERMAN: Mapping[str, tuple[str, ...]] = {
     "speed": ("fahrt über grund", "geschwindigkeit"),
     "water": ("wassertemperatur",),
     "counter": ("nr", "zähler"),
+    "surge": ("surge geschwindigkeit", "dvl vx"),
+    "heel": ("rollwinkel", "krängung"),
 }
 FRENCH: Mapping[str, tuple[str, ...]] = {
     "heading": ("cap", "lacet", "cap vrai"),
@@ -103,6 +107,8 @@ FRENCH: Mapping[str, tuple[str, ...]] = {
     "speed": ("vitesse fond",),
     "water": ("température eau",),
     "counter": ("numero", "indice"),
+    "surge": ("vitesse avance", "dvl vx"),
+    "heel": ("roulis", "gite"),
 }
 NORWEGIAN: Mapping[str, tuple[str, ...]] = {
     "heading": ("kurs", "heading", "gir"),
@@ -136,6 +142,8 @@ NORWEGIAN: Mapping[str, tuple[str, ...]] = {
     "speed": ("fart over grunn",),
     "water": ("vanntemperatur",),
     "counter": ("teller", "nr"),
+    "surge": ("surge hastighet", "dvl vx"),
+    "heel": ("rull",),
 }
 SPANISH: Mapping[str, tuple[str, ...]] = {
     "heading": ("rumbo", "guiñada"),
@@ -169,6 +177,8 @@ SPANISH: Mapping[str, tuple[str, ...]] = {
     "speed": ("velocidad fondo",),
     "water": ("temperatura agua",),
     "counter": ("muestra", "contador"),
+    "surge": ("velocidad avance", "dvl vx"),
+    "heel": ("balanceo", "escora"),
 }
 LANGUAGES = {"en": ENGLISH, "de": GERMAN, "fr": FRENCH, "no": NORWEGIAN, "es": SPANISH}
 

@@ -22,7 +22,7 @@ from tools.folder_words import LANGUAGES, STYLES, unit_words
 from tools.truth import FloatArray
 
 _DAY = 1_767_600_000.0  # s since the epoch: 5 January 2026, 08:00 UTC
-_BETWEEN_CLOCKS = 0.5  # s, between two loggers of one folder
+_TWICE = ("", "heading", "rate")  # what the thrusters' logger may hold of the motion too
 _WIRED_ROUND = 0.25  # share of the thrusters that push back at a positive command
 _SUBSTEPS = 4
 _MOST = 100  # columns of a table
@@ -117,6 +117,32 @@ _TIMES = ("s", "s", "s since start-up", "ms", "epoch s", "epoch ms", "iso8601", 
 
 
 @dataclass(frozen=True, kw_only=True)
+class Clocks:
+    """How the thrusters' logger, where it is another one, keeps time.
+
+    Attributes
+    ----------
+    apart
+        s that its clock is ahead of the other one at the day's beginning; in logs that begin at 0 by themselves it
+        began to log so much earlier, or later, each time by up to as much.
+    drift
+        s that come to that each s.
+    twice
+        What of the motion it logs too, by a sensor of its own: a heading or a yaw rate.
+    """
+
+    apart: float = 0.5
+    drift: float = 0.0
+    twice: str = ""
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> Clocks:
+        """Up to 2 s apart, drifting by up to 200 ppm."""
+        apart, drift = float(rng.uniform(-2.0, 2.0)), float(rng.uniform(-2e-4, 2e-4))
+        return cls(apart=apart, drift=drift, twice=str(rng.choice(_TWICE)))
+
+
+@dataclass(frozen=True, kw_only=True)
 class Folder:
     """What a reader of the folder should find. Names are as in the logs.
 
@@ -137,7 +163,11 @@ class Folder:
     kind, neutral
         Of the commands; a key of `KINDS`.
     split
-        One file a sensor, on clocks that differ by `_BETWEEN_CLOCKS`.
+        One file a sensor, on clocks that differ.
+    ahead, drift
+        Log of the thrusters -> s that its clock is ahead of the other one where it begins; s more each s.
+    middle
+        Log of the thrusters -> s from there to its middle.
     lacking
         What no log of the folder holds though it is needed: the answer is then to say so.
     about
@@ -157,6 +187,9 @@ class Folder:
     kind: str
     neutral: float
     split: bool = False
+    ahead: Mapping[str, float] = field(default_factory=dict)
+    drift: float = 0.0
+    middle: Mapping[str, float] = field(default_factory=dict)
     lacking: str = ""
     about: str = ""
 
@@ -177,7 +210,7 @@ class _Ride:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Column:
+class Column:
     """A column to be written: its values, decimals, and the group (nav, thr, sys) that goes into one file."""
 
     name: str
@@ -185,13 +218,13 @@ class _Column:
     decimals: int
     group: str
 
-    def thinned(self, every: int) -> _Column:
-        """One of ``every`` values."""
-        return replace(self, values=self.values[::every])
+    def of(self, rows: slice) -> Column:
+        """These rows alone."""
+        return replace(self, values=self.values[rows])
 
 
 @dataclass(kw_only=True)
-class _Namer:
+class Namer:
     """Names of one folder, none twice: ``words`` of a language, joined in a ``style``."""
 
     rng: np.random.Generator
@@ -225,22 +258,24 @@ class _Namer:
         return self.joined(group, " ".join(words.split()), unit)
 
 
-def write_folder(folder: Path, *, seed: int, index: int) -> Folder:
+def write_folder(folder: Path, *, seed: int, index: int, clocks: Clocks | None = None) -> Folder:
     """Write the logs of the draw's folder ``index`` into ``folder`` and return what they hold.
 
-    Vehicle, language, format and one file a sensor go by ``index``, so that 40 in a row have their share of each.
+    Vehicle, language, format and one file a sensor go by ``index``, so that 40 in a row have their share of each; where
+    ``clocks`` are given, it is one file a sensor in any case.
     """
     rng = np.random.default_rng([seed, index])
     folder.mkdir(parents=True, exist_ok=True)
     craft = _TORQUE if index % 20 == 11 else CRAFTS[index % len(CRAFTS)]
-    mcap = index % 8 == 3
-    split = not mcap and index % 10 == 7
+    mcap = index % 8 == 3 and clocks is None
+    split = not mcap and (index % 10 == 7 or clocks is not None)
+    clocks = clocks or Clocks()
     style = "topic" if mcap else str(rng.choice([style for style in STYLES if style != "topic"]))
-    namer = _Namer(rng=rng, language=("en", "de", "en", "fr", "en", "no", "es")[index % 7], style=style)
-    clock = _Clock.drawn(rng, namer, mcap=mcap)
+    namer = Namer(rng=rng, language=("en", "de", "en", "fr", "en", "no", "es")[index % 7], style=style)
+    clock = Stamps.drawn(rng, namer, mcap=mcap)
     kind = "N m" if craft is _TORQUE else str(rng.choice([kind for kind in KINDS if kind != "N m"]))
     names = _commands(namer, craft, kind)
-    lacking = "heading" if index % 40 == 29 else ""
+    lacking = "heading" if index % 40 == 29 and not clocks.twice else ""
     draw = _Draw(
         rng=rng,
         craft=craft,
@@ -254,8 +289,10 @@ def write_folder(folder: Path, *, seed: int, index: int) -> Folder:
         extra=_Extra.drawn(rng, craft, namer, names, kind=kind, unit="deg" if lacking else unit),
     )
     drivers = [str(driver) for driver in rng.choice(DRIVERS, size=int(rng.integers(2, 5)), replace=False)]
-    layout = _Layout.drawn(rng, namer.language, style)
+    layout = Layout.drawn(rng, namer.language, style)
     sparse = not mcap and not split and rng.random() < 0.1
+    ahead: dict[str, float] = {}
+    middle: dict[str, float] = {}
     for number, driver in enumerate(drivers):
         ride, columns = draw.run(driver, later=number > 0)
         start = clock.start(rng, number)
@@ -264,13 +301,20 @@ def write_folder(folder: Path, *, seed: int, index: int) -> Folder:
             continue
         if sparse:
             columns[0].values[1::2] = np.nan
-        parts: dict[str, tuple[str, ...]] = {f"{driver}_{number + 1:02d}.csv": ("nav", "thr", "sys")}
-        if split:
-            parts = {f"ins_{number + 1:02d}.csv": ("nav", "sys"), f"thrusters_{number + 1:02d}.csv": ("thr",)}
-        for place, (file, groups) in enumerate(parts.items()):
-            kept = [column.thinned(1 + place) for column in columns if column.group in groups]
-            instants = clock.cells(ride.time[:: 1 + place], start + place * _BETWEEN_CLOCKS)
-            layout.write(folder / file, clock.name, instants, [kept[k] for k in layout.order if k < len(kept)])
+        if not split:
+            cells = clock.cells(ride.time, start)
+            layout.write(folder / f"{driver}_{number + 1:02d}.csv", clock.name, cells, layout.ordered(columns))
+            continue
+        columns += draw.twice(clocks.twice, ride, namer)
+        loggers = _Loggers.of(clocks, clock, rng, start, number)
+        for every, (part, groups) in enumerate((("ins", ("nav", "sys")), ("thrusters", ("thr",)))):
+            rows, instants = loggers.rows(ride.time, every)
+            kept = [column.of(rows) for column in columns if column.group in groups]
+            layout.write(
+                folder / f"{part}_{number + 1:02d}.csv", clock.name, clock.cells(instants, 0.0), layout.ordered(kept)
+            )
+        ahead[f"thrusters_{number + 1:02d}.csv"] = loggers.ahead
+        middle[f"thrusters_{number + 1:02d}.csv"] = 0.5 * float(instants[-1] - instants[0])
     extra = draw.extra
     return Folder(
         format="mcap" if mcap else "csv",
@@ -286,20 +330,23 @@ def write_folder(folder: Path, *, seed: int, index: int) -> Folder:
         kind=kind,
         neutral=KINDS[kind][1],
         split=split,
+        ahead=ahead,
+        drift=clocks.drift,
+        middle=middle,
         lacking=lacking,
         about=f"{craft.name}, {namer.language}, {style}, {kind}, {'+'.join(drivers)}",
     )
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Clock:
+class Stamps:
     """The time of a folder's logs: ``name`` of its column, ``kind`` of `_TIMES`."""
 
     name: str
     kind: str
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator, namer: _Namer, *, mcap: bool) -> _Clock:
+    def drawn(cls, rng: np.random.Generator, namer: Namer, *, mcap: bool) -> Stamps:
         """Draw one; MCAP tells the time by itself."""
         kind = "epoch s" if mcap else str(rng.choice(_TIMES))
         if mcap:
@@ -332,7 +379,36 @@ class _Clock:
         return [f"{instant:.3f}" for instant in instants]
 
 
-def _commands(namer: _Namer, craft: Craft, kind: str) -> list[str]:
+@dataclass(frozen=True, kw_only=True)
+class _Loggers:
+    """Two loggers of one run: when each begins, in s of the run, and how the second one's clock goes."""
+
+    begins: tuple[float, float]
+    start: float
+    ahead: float
+    drift: float
+
+    @classmethod
+    def of(cls, clocks: Clocks, clock: Stamps, rng: np.random.Generator, start: float, number: int) -> _Loggers:
+        """Of the day's run ``number``, which begins at ``start``."""
+        if clock.kind in {"s", "ms"}:  # each begins at 0
+            apart = clocks.apart * float(rng.uniform(0.3, 1.0)) if number else clocks.apart
+            return cls(begins=(max(apart, 0.0), max(-apart, 0.0)), start=0.0, ahead=apart, drift=clocks.drift)
+        ahead = clocks.apart + 900.0 * number * clocks.drift
+        return cls(begins=(0.0, 0.0), start=start, ahead=ahead, drift=clocks.drift)
+
+    def rows(self, time: FloatArray, which: int) -> tuple[slice, FloatArray]:
+        """Rows of the first, or of the second, which takes every other one; and their times by its clock."""
+        first = int(np.searchsorted(time, self.begins[which]))
+        rows = slice(first, None, 1 + which)
+        since = time[rows]
+        if self.start == 0.0:  # both count from their own beginning
+            zero = self.begins[which]
+            return rows, since - zero if not which else (since - zero) * (1.0 + self.drift)
+        return rows, self.start + since + (self.ahead + self.drift * since if which else 0.0)
+
+
+def _commands(namer: Namer, craft: Craft, kind: str) -> list[str]:
     """Names of the commands: by the thruster's place, or by number."""
     rng = namer.rng
     if craft is _TORQUE:
@@ -364,6 +440,7 @@ class _Draw:
     idle: Sequence[int]
     noise: float
     extra: _Extra
+    second: str | None = None
 
     def ways(self) -> dict[str, int]:
         """Thruster -> whether a greater command turns the logged heading up, down or not."""
@@ -371,12 +448,12 @@ class _Draw:
         turns = [compass * mount.yaw * sense for mount, sense in zip(self.craft.mounts, self.sense, strict=True)]
         return {name: int(np.sign(turn)) for name, turn in zip(self.names, turns, strict=True)}
 
-    def run(self, driver: str, *, later: bool) -> tuple[_Ride, list[_Column]]:
+    def run(self, driver: str, *, later: bool) -> tuple[_Ride, list[Column]]:
         """A run of ``driver``'s and what is logged of it; a later log may lack a column that matters little."""
         ride, extra = self._ride(driver), self.extra
         _, neutral, decimals = KINDS[self.kind]
         columns = [
-            _Column(name=name, values=neutral + self.full * values, decimals=decimals, group="thr")
+            Column(name=name, values=neutral + self.full * values, decimals=decimals, group="thr")
             for name, values in zip(self.names, ride.commands, strict=True)
         ]
         if self.heading:
@@ -387,26 +464,40 @@ class _Draw:
             del columns[-1]
         return ride, columns
 
+    def twice(self, what: str, ride: _Ride, namer: Namer) -> list[Column]:
+        """What the thrusters' logger holds of the motion, by a sensor of its own."""
+        if not what:
+            return []
+        count, extra = len(ride.time), self.extra
+        if self.second is None:
+            key, unit = ("heading", extra.unit) if what == "heading" else ("yaw_rate", "deg/s")
+            self.second = namer.name("thr", key, unit)
+        if what == "rate":
+            rate = extra.compass * np.degrees(ride.rate + self.rng.normal(0.0, 0.004, count))
+            return [Column(name=self.second, values=rate, decimals=2, group="thr")]
+        measured = extra.compass * ride.heading + 0.03 + self.rng.normal(0.0, 0.005, count)
+        return [replace(_angle(self.second, measured, extra.unit, signed=extra.signed), group="thr")]
+
     def _ride(self, driver: str) -> _Ride:
         """For some tens of time constants."""
         rng, craft = self.rng, self.craft
         step = float(rng.choice([0.05, 0.1])) if craft.tau > 0.7 else 0.05
         count = int(np.clip(craft.tau * rng.uniform(60.0, 120.0), 100.0, 240.0) / step)
         yaw = _demand(driver, rng, count, step, craft.tau)
-        ahead = _levels(rng, count, step, 6.0 * craft.tau, (0.0, 0.0, 0.25, 0.4, -0.2))
-        across = _levels(rng, count, step, 6.0 * craft.tau, (0.0, 0.0, 0.3, -0.3))
+        ahead = levels(rng, count, step, 6.0 * craft.tau, (0.0, 0.0, 0.25, 0.4, -0.2))
+        across = levels(rng, count, step, 6.0 * craft.tau, (0.0, 0.0, 0.3, -0.3))
         up = _stick(rng, count, step, 3.0)
         mix = np.array([[np.sign(mount.yaw), mount.surge, mount.sway, mount.heave] for mount in craft.mounts])
         others = mix[:, 1:] @ np.stack([ahead, across, up])
         if driver == "held":
             _alone(rng, others, yaw, craft, step)
         others[list(self.idle)] = 0.0
-        team = _levels(rng, count, step, 10.0 * craft.tau, range(len(craft.teams))).astype(int)
+        team = levels(rng, count, step, 10.0 * craft.tau, range(len(craft.teams))).astype(int)
         shares = mix[:, :1] * np.array(craft.teams, dtype=np.float64).T[:, team]
         return _integrate(rng, craft, driver, step, self.sense, yaw, ahead, others, shares)
 
 
-def _levels(rng: np.random.Generator, count: int, step: float, seconds: float, values: Sequence[float]) -> FloatArray:
+def levels(rng: np.random.Generator, count: int, step: float, seconds: float, values: Sequence[float]) -> FloatArray:
     """Levels one after the other, each held for about ``seconds``."""
     parts: list[FloatArray] = []
     while sum(map(len, parts)) < count:
@@ -418,7 +509,7 @@ def _stick(rng: np.random.Generator, count: int, step: float, seconds: float) ->
     """A hand at the stick: slow, with rests at neutral."""
     wave = _smooth(rng, count, step, seconds)
     wave[np.abs(wave) < 0.15] = 0.0
-    rests = _levels(rng, count, step, 4.0 * seconds, (1.0, 1.0, 0.0))
+    rests = levels(rng, count, step, 4.0 * seconds, (1.0, 1.0, 0.0))
     return np.asarray(np.clip(0.6 * wave * rests, -0.9, 0.9))
 
 
@@ -436,18 +527,16 @@ def _smooth(rng: np.random.Generator, count: int, step: float, seconds: float) -
 def _demand(driver: str, rng: np.random.Generator, count: int, step: float, tau: float) -> FloatArray:
     """Demand of yaw, -1 to 1; of an autopilot the desired heading in rad."""
     if driver == "held":
-        return _levels(rng, count, step, 8.0 * tau + 4.0, (0.3, 0.5, 0.7, -0.3, -0.5, -0.7, 0.0))
+        return levels(rng, count, step, 8.0 * tau + 4.0, (0.3, 0.5, 0.7, -0.3, -0.5, -0.7, 0.0))
     if driver == "steps":
         size = float(rng.uniform(0.3, 0.7))
-        return _levels(rng, count, step, 4.0 * tau + 2.0, (size, -size, 0.0))
+        return levels(rng, count, step, 4.0 * tau + 2.0, (size, -size, 0.0))
     if driver == "random":
         size = float(rng.uniform(0.3, 0.7))
-        return _levels(rng, count, step, 1.5 * tau + 0.5, (size, -size))
+        return levels(rng, count, step, 1.5 * tau + 0.5, (size, -size))
     if driver == "stick":
         return _stick(rng, count, step, 1.5 * tau + 1.0)
-    return np.cumsum(
-        np.diff(_levels(rng, count, step, 5.0 * tau + 8.0, (-1.9, -1.0, -0.4, 0.5, 1.2, 2.0)), prepend=0.0)
-    )
+    return np.cumsum(np.diff(levels(rng, count, step, 5.0 * tau + 8.0, (-1.9, -1.0, -0.4, 0.5, 1.2, 2.0)), prepend=0.0))
 
 
 def _alone(rng: np.random.Generator, others: FloatArray, yaw: FloatArray, craft: Craft, step: float) -> None:
@@ -519,13 +608,13 @@ def _integrate(
     )
 
 
-def _angle(name: str, radians: FloatArray, unit: str, *, signed: bool) -> _Column:
+def _angle(name: str, radians: FloatArray, unit: str, *, signed: bool) -> Column:
     """A heading as it is logged: 0 to a turn, or half a turn either way."""
     turn = 360.0 if unit == "deg" else 2.0 * math.pi
     decimals = 2 if unit == "deg" else 4
     value = np.degrees(radians) if unit == "deg" else radians
     wrapped = (value + turn / 2.0) % turn - turn / 2.0 if signed else value % turn
-    return _Column(name=name, values=np.array(wrapped), decimals=decimals, group="nav")
+    return Column(name=name, values=np.array(wrapped), decimals=decimals, group="nav")
 
 
 _NAV = {"desired_heading", "heading_error", "course", "yaw_rate", "roll", "pitch", "depth", "speed"}
@@ -552,7 +641,7 @@ class _Extra:
 
     @classmethod
     def drawn(
-        cls, rng: np.random.Generator, craft: Craft, namer: _Namer, thrusters: Sequence[str], *, kind: str, unit: str
+        cls, rng: np.random.Generator, craft: Craft, namer: Namer, thrusters: Sequence[str], *, kind: str, unit: str
     ) -> _Extra:
         """Draw what is logged; ``unit`` is the heading's."""
         rate_unit = str(rng.choice(["deg/s", "rad/s"]))
@@ -591,12 +680,12 @@ class _Extra:
         """-1 where the logged heading grows to port."""
         return -1.0 if self.turned_round else 1.0
 
-    def columns(self, ride: _Ride) -> list[_Column]:
+    def columns(self, ride: _Ride) -> list[Column]:
         """Each of ``labels`` over ``ride``."""
         columns = []
         for key, name in self.labels.items():
             values, decimals, group = self._values(key, ride)
-            columns.append(_Column(name=name, values=values, decimals=decimals, group=group))
+            columns.append(Column(name=name, values=values, decimals=decimals, group=group))
         return columns
 
     def _values(self, key: str, ride: _Ride) -> tuple[FloatArray, int, str]:
@@ -634,10 +723,10 @@ class _Extra:
             rate = self.rate_sign * self.compass * ride.rate + rng.normal(0.0, 0.004, count)
             return (np.degrees(rate), 2, "nav") if self.rate_unit == "deg/s" else (rate, 4, "nav")
         if key == "camera":
-            tilt = np.zeros(count) if still else _levels(rng, count, step, 15.0, (-0.7, -0.3, 0.0, 0.4, 0.8))
+            tilt = np.zeros(count) if still else levels(rng, count, step, 15.0, (-0.7, -0.3, 0.0, 0.4, 0.8))
             return (1500.0 + 400.0 * tilt, 0, "sys") if self.camera_us else (45.0 * tilt, 0, "sys")
         if key == "lights":
-            return (np.zeros(count) if still else _levels(rng, count, step, 20.0, (0.0, 25.0, 50.0, 100.0))), 0, "sys"
+            return (np.zeros(count) if still else levels(rng, count, step, 20.0, (0.0, 25.0, 50.0, 100.0))), 0, "sys"
         if key == "battery":
             return (np.full(count, 87.0) if still else np.linspace(92.0, 88.0, count).round()), 0, "sys"
         load = np.abs(ride.commands).sum(axis=0)
@@ -665,7 +754,7 @@ def _barred(craft: Craft, thrusters: Sequence[str], kind: str) -> set[str]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Layout:
+class Layout:
     """How a table is written."""
 
     delimiter: str
@@ -676,7 +765,8 @@ class _Layout:
     order: tuple[int, ...]
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator, language: str, style: str) -> _Layout:
+    def drawn(cls, rng: np.random.Generator, language: str, style: str) -> Layout:
+        """Draw one."""
         comma = language != "en" and rng.random() < 0.5
         delimiter = ";" if comma else str(rng.choice([",", ",", ";", "\t"]))
         encoding = str(rng.choice(["utf-8", "utf-8-sig", "cp1252"]))
@@ -690,7 +780,11 @@ class _Layout:
             order=tuple(rng.permutation(_MOST).tolist() if rng.random() < 0.5 else range(_MOST)),
         )
 
-    def write(self, path: Path, time: str, stamps: Sequence[str], columns: Sequence[_Column]) -> None:
+    def ordered(self, columns: Sequence[Column]) -> list[Column]:
+        """As they stand in the table."""
+        return [columns[k] for k in self.order if k < len(columns)]
+
+    def write(self, path: Path, time: str, stamps: Sequence[str], columns: Sequence[Column]) -> None:
         """Write a table; a value that is not a number leaves its cell empty."""
         cells = [
             ["" if math.isnan(value) else f"{value + 0.0:.{column.decimals}f}" for value in column.values.tolist()]
@@ -704,7 +798,7 @@ class _Layout:
         path.write_bytes((self.end.join(lines) + self.end).encode(self.encoding))
 
 
-def _write_mcap(path: Path, start: float, time: FloatArray, columns: Sequence[_Column]) -> None:
+def _write_mcap(path: Path, start: float, time: FloatArray, columns: Sequence[Column]) -> None:
     """Write each column as a topic of JSON messages with the field that its name ends in."""
     with path.open("wb") as stream:
         writer = Writer(stream)
