@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -37,6 +37,9 @@ from rovid.plan.run_design import Plan, belief_of, plan, require_drive
 from rovid.plan.worth import Belief
 from rovid.readers import read_campaign
 from rovid.readers.campaign import files_in
+
+# Effects that a clock which is behind looks like.
+_LATE = ("command_delay", "thruster_lag")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -260,8 +263,21 @@ class Study:
             extended=self._guessing_side(diagnosis.extended),
             findings=tuple(map(self._guessing_finding, diagnosis.findings)),
             suspects=tuple(map(self._guessing_finding, diagnosis.suspects)),
-            warnings=(*diagnosis.warnings, *odd),
+            warnings=(*diagnosis.warnings, *odd, *self._of_clocks((*diagnosis.findings, *diagnosis.suspects))),
         )
+
+    def _of_clocks(self, findings: Sequence[Finding]) -> Iterator[str]:
+        """What else makes a command late, where commands and motion were logged by two clocks that nobody compared."""
+        named = {effect.id: effect.title for one in findings for effect in (one.effect, *one.undecided)}
+        late = [title for key, title in named.items() if key in _LATE]
+        taken = any(
+            remark.kind == "joined" for run in (self.runs.items if self.runs else ()) for remark in run.trial.remarks
+        )
+        if late and taken:
+            yield (
+                f"The {' or '.join(late)} may be the clocks of the joined files: one that is behind does the same, and "
+                "no log tells which. Give what is known of them in [join] offset."
+            )
 
     def _guessing_side(self, side: Side | None) -> Side | None:
         return None if side is None else replace(side, estimate=self._guessing(side.estimate))

@@ -16,9 +16,25 @@ _NUMBERS = ("mass", "length", "width", "supply")
 _KEYS = ("name", *_NUMBERS, "curve", "sources", "arms", "senses_alone")
 # What the thrusters of a vehicle are called -> the words for that side in the columns of logs.
 SIDES: Mapping[str, frozenset[str]] = {
-    "port": frozenset({"port", "left", "links", "bb", "backbord", "babord", "bâbord", "gauche", "babor"}),
+    "port": frozenset(
+        {"port", "left", "links", "bb", "backbord", "babord", "bâbord", "gauche", "babor", "sinistra", "sinistro"}
+    ),
     "starboard": frozenset(
-        {"starboard", "stbd", "right", "rechts", "stb", "steuerbord", "tribord", "droite", "estribor", "styrbord"}
+        {
+            "starboard",
+            "stbd",
+            "right",
+            "rechts",
+            "stb",
+            "steuerbord",
+            "tribord",
+            "droite",
+            "estribor",
+            "styrbord",
+            "dritta",
+            "destra",
+            "destro",
+        }
     ),
     "bow": frozenset(
         {
@@ -35,11 +51,33 @@ SIDES: Mapping[str, frozenset[str]] = {
             "baug",
             "etrave",
             "étrave",
+            "bugstrahl",
+            "bugstrahler",
+            "bugstrahlruder",
+            "baugthruster",
             "forre",
         }
     ),
     "stern": frozenset(
-        {"stern", "aft", "rear", "heck", "achtern", "arriere", "arrière", "poupe", "popa", "hekk", "akter", "aktre"}
+        {
+            "stern",
+            "aft",
+            "rear",
+            "heck",
+            "achtern",
+            "arriere",
+            "arrière",
+            "poupe",
+            "popa",
+            "poppa",
+            "heckstrahl",
+            "heckstrahler",
+            "heckstrahlruder",
+            "hekkthruster",
+            "hekk",
+            "akter",
+            "aktre",
+        }
     ),
 }
 

@@ -8,7 +8,7 @@ import typer
 
 from rovid.commands import completion
 from rovid.commands.manual import Page
-from rovid.commands.options import Json, Logs
+from rovid.commands.options import AxisName, Json, Logs
 from rovid.commands.session import console, print_json
 
 PAGE = Page(
@@ -50,7 +50,12 @@ def init(
     ] = None,
     heading: Annotated[
         str | None,
-        typer.Option("--heading", metavar="COLUMN", help="Column or topic of the heading.", show_default=False),
+        typer.Option(
+            "--heading",
+            metavar="COLUMN",
+            help="Column or topic of the heading, or of what is measured along --axis.",
+            show_default=False,
+        ),
     ] = None,
     command: Annotated[
         str | None,
@@ -61,26 +66,26 @@ def init(
             show_default=False,
         ),
     ] = None,
+    axis: AxisName = None,
     force: Annotated[
         bool, typer.Option("--force", help="Write over a rovid.toml that is there; without it that is an error.")
     ] = False,
     json: Json = False,
 ) -> None:
     """Write a first rovid.toml for your logs."""
+    from rovid.campaign.axis import YAW, axis_named
     from rovid.ground.files import Claim
-    from rovid.inspect.draft import files_of
+    from rovid.inspect.draft import write_draft
     from rovid.inspect.first_config import Asked, outputs_beside, survey
     from rovid.show.documents import survey_document
     from rovid.show.terminal import show_survey
 
-    # A guessed curve that is there may be a bench curve by now, but it may not be needed either.
-    config, _ = outputs_beside(logs)
-    claim = Claim([config], force=force)
+    # Asked for before the logs are read.
+    Claim([outputs_beside(logs)[0]], force=force)
     commands = tuple(part.strip() for part in (command or "").split(",") if part.strip())
-    surveyed = survey(logs, Asked(heading=heading or "", commands=commands, vehicle=vehicle or ""))
-    files = files_of(surveyed)
-    claim.write(files)
-    written = [output.path for output in files]
+    along = axis_named(axis) if axis else YAW
+    surveyed = survey(logs, Asked(axis=along, heading=heading or "", commands=commands, vehicle=vehicle or ""))
+    surveyed, written = write_draft(surveyed, logs, force=force)
     if json:
         print_json(survey_document(surveyed, written))
     else:

@@ -81,7 +81,7 @@ def report(
     from rovid.show.terminal import show_caution, show_warnings
 
     stored = stored_at(parameters, axis, force=force)
-    begun = drafted(logs) if logs else []
+    begun = drafted(logs, stored.axis) if logs else []
     study = opened(logs or remembered(stored), cutoff, stored.axis)
     folder = output or Path("report" if stored.axis is YAW else f"report_{stored.axis.name}")
     with working("Fitting drag and inertia …") as progress:

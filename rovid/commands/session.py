@@ -95,8 +95,8 @@ def opened(paths: Sequence[Path], cutoff: float | None, axis: Axis) -> Study:
     return open_study(paths, cutoff=cutoff, axis=axis)
 
 
-def drafted(paths: Sequence[Path]) -> list[str]:
-    """Write a first rovid.toml for logs that have none, as `rovid init` does; what has to be said of that.
+def drafted(paths: Sequence[Path], axis: Axis) -> list[str]:
+    """Write a first rovid.toml for logs that have none, as `rovid init --axis` does; what has to be said of that.
 
     Raises
     ------
@@ -108,19 +108,15 @@ def drafted(paths: Sequence[Path]) -> list[str]:
     try:
         find_config(paths)
     except NoConfigError:
-        return _draft(paths)
+        return _draft(paths, axis)
     return []
 
 
-def _draft(paths: Sequence[Path]) -> list[str]:
-    from rovid.ground.files import Claim
-    from rovid.inspect.draft import files_of
-    from rovid.inspect.first_config import survey
+def _draft(paths: Sequence[Path], axis: Axis) -> list[str]:
+    from rovid.inspect.draft import write_draft
+    from rovid.inspect.first_config import Asked, survey
 
-    surveyed = survey(paths)
-    files = files_of(surveyed)
-    Claim([*files], force=False).write(files)
-    config, *_ = (output.path for output in files)
+    surveyed, (config, *_) = write_draft(survey(paths, Asked(axis=axis)), paths, force=False)
     if surveyed.open:
         raise ConfigError(
             f"no column was recognised as {' and '.join(surveyed.open)}.",

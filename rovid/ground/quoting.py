@@ -60,6 +60,11 @@ def toml_text(text: str) -> str:
     return f'"{"".join(map(_toml_sign, encodable(text)))}"'
 
 
+def toml_key(text: str) -> str:
+    """``text`` as a key of TOML."""
+    return text if text.isascii() and text.isidentifier() else toml_text(text)
+
+
 def _toml_sign(sign: str) -> str:
     if sign in '"\\':
         return "\\" + sign

@@ -12,16 +12,16 @@ import numpy as np
 from rovid.campaign.axis import Axis
 from rovid.campaign.trial import Campaign, Trial
 from rovid.campaign.vehicle import ThrustCurve, Vehicle
-from rovid.effects import Effect, restoring_of
 from rovid.effects.actuation import neutral_commands
-from rovid.effects.restoring import columns
-from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import RovidError
 from rovid.ground.numbers import plus_minus, significant
 from rovid.identify.estimate import Estimate
 from rovid.identify.regression import fit_regression
+from rovid.inspect.apart import Clocks
+from rovid.inspect.clocks import answers_early
 from rovid.inspect.feedback import LEVEL, Feedback
-from rovid.motion.rates import Rates
+from rovid.inspect.pushing import Push
 from rovid.motion.runs import Run, Runs, prepare
 from rovid.motion.segments import Hold, SineRun, find_holds, find_sines
 
@@ -40,8 +40,8 @@ _SAME_LEVEL = 0.1
 _AT_END, _MUCH = 1e-3, 0.02
 # Clocks are compared over so many s, and an offset beyond this is said.
 _LONGEST_OFFSET, _OFFSET = 3.0, 0.15
-# Steps of that, and how many readings are enough to compare by.
-_STEP, _READINGS = 0.02, 20_000
+# An inertia that is so many times the rigid body's, or so small a part of it, is that of another vehicle.
+_ORDERS = 20.0
 # A parameter known worse than this share of itself, or a drag or buoyancy than of all there is, is not determined.
 _VAGUE = 0.25
 
@@ -66,7 +66,13 @@ class Advice:
 
 
 def advise(
-    trials: Sequence[Trial], vehicle: Vehicle, feedback: Sequence[Feedback] = (), *, whole: bool = True
+    trials: Sequence[Trial],
+    vehicle: Vehicle,
+    feedback: Sequence[Feedback] = (),
+    clocks: Clocks | None = None,
+    pushes: Sequence[Push] = (),
+    *,
+    whole: bool = True,
 ) -> list[Advice]:
     """What to mind, and what to run besides, the gravest first; nothing where there is all that a fit wants.
 
@@ -83,11 +89,12 @@ def advise(
         return []
     found = [
         *_guessed(vehicle),
-        *_clocks(runs),
+        *(_clocks_of_files(clocks) if clocks and clocks.every else _clocks(runs)),
+        *_pushing(pushes, vehicle.axis),
         *_saturated(runs.items, vehicle),
         *_fed_back(feedback, vehicle.axis),
         *(_missing(runs.items, vehicle) if whole else ()),
-        *(_determined(runs.items) if whole else ()),
+        *(_determined(runs.items, vehicle) if whole else ()),
     ]
     return sorted(found, key=lambda one: ("grave", "care", "aside").index(one.weight))
 
@@ -96,6 +103,13 @@ def _guessed(vehicle: Vehicle) -> Iterator[Advice]:
     if vehicle.guess:
         text = f"Measure {vehicle.guess.words}, and put that into rovid.toml: what is there is a guess of rovid init."
         yield Advice(kind="guessed", text=text)
+
+
+def _pushing(pushes: Sequence[Push], axis: Axis) -> Iterator[Advice]:
+    """Thrusters that do not do what rovid.toml says of them."""
+    for push in pushes:
+        if text := push.words(axis):
+            yield Advice(kind="thruster", text=text, weight="grave" if push.turned_round else "care")
 
 
 def _saturated(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
@@ -174,60 +188,31 @@ def _far(distance: float, axis: Axis) -> str:
     return f"{significant(axis.in_shown(distance) or 0.0, 2)} {axis.shown[0]}"
 
 
+def _clocks_of_files(clocks: Clocks) -> Iterator[Advice]:
+    """What [join] should say of the clocks of one trial's files."""
+    for alike in clocks.alike:
+        words = clocks.words(alike)
+        if not alike[0].certain:
+            yield Advice(kind="clocks", text=words, weight="care" if alike[0].shows else "aside")
+            continue
+        settings: dict[str, list[str]] = {}
+        for clock in alike:
+            for key, setting in clock.settings.items():
+                settings.setdefault(key, []).append(setting)
+        tables = " and ".join(f"{key} = {{ {', '.join(entries)} }}" for key, entries in settings.items())
+        yield Advice(kind="clock_offset", text=f"Put {tables} into [join] of rovid.toml. {words}", weight="grave")
+
+
 def _clocks(runs: Runs) -> Iterator[Advice]:
     """Whether the vehicle moves before it is told to."""
-    period = runs.items[0].rates.kernel.period
-    each = max(round(_STEP / period), 1)
-    most = round(_LONGEST_OFFSET / (each * period))
-    steps = each * np.arange(-most, most + 1)
-    misfits = np.array([_misfit(runs, int(shift)) for shift in steps])
-    if not np.isfinite(misfits).all():
-        return
-    best = int(np.argmin(misfits))
-    offset = -float(steps[best] * period)
-    # Positive shifts are lags, which vehicles have.
-    inside = 0 < best < len(steps) - 1
-    if inside and offset > max(_OFFSET, 2.0 * period):
+    offset = answers_early(runs, _LONGEST_OFFSET)
+    # Where it is late that is a lag, which vehicles have.
+    if offset is not None and offset > max(_OFFSET, 2.0 * runs.items[0].rates.kernel.period):
         text = (
             f"Put commands and {runs.axis.position_words} on one clock, or shift one of them: the vehicle moves "
             f"{offset:.2g} s before its commands change."
         )
         yield Advice(kind="clock_offset", text=text, weight="grave")
-
-
-def _misfit(runs: Runs, shift: int) -> float:
-    """Mean square that a regression leaves of a drive ``shift`` samples later."""
-    restoring = restoring_of(runs.axis)
-    readings = sum(len(run.drive) for run in runs.items)
-    each = readings // _READINGS + 1
-    rows, drives = [], []
-    for run in runs.items:
-        drive = _later(run.drive, shift)
-        known = np.flatnonzero(run.rates.valid & np.isfinite(drive))[::each]
-        rows.append(_regressors(run.rates, known, restoring))
-        drives.append(drive[known])
-    x = np.concatenate(rows)
-    y = np.concatenate(drives)
-    if len(y) < 10 * x.shape[1]:
-        return math.nan
-    values = np.linalg.lstsq(x, y, rcond=None)[0]
-    left = y - x @ values
-    return float(np.mean(left**2))
-
-
-def _regressors(rates: Rates, rows: IntArray, restoring: Effect | None) -> FloatArray:
-    """(n, k) what the drive of these rows works against: inertia, drag, a constant, and what brings back."""
-    rate = rates.rate[rows]
-    plain = (rates.acceleration[rows], np.abs(rate) * rate, rate, np.ones(len(rate)))
-    return np.column_stack((*plain, columns(restoring, rates.position[rows])))
-
-
-def _later(drive: FloatArray, shift: int) -> FloatArray:
-    """The drive ``shift`` samples later, or earlier where that is negative; NaN where it was not logged."""
-    late, early = max(shift, 0), max(-shift, 0)
-    moved = np.full(len(drive), np.nan)
-    moved[late : len(drive) - early] = drive[early : len(drive) - late]
-    return moved
 
 
 def _missing(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
@@ -306,13 +291,14 @@ def _alone(runs: Sequence[Run], vehicle: Vehicle) -> bool:
     return False
 
 
-def _determined(runs: Sequence[Run]) -> Iterator[Advice]:
+def _determined(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
     """How well a regression over everything determines each parameter."""
     try:
         estimate = fit_regression(runs).estimate
     except RovidError as error:
         yield Advice(kind="undetermined", text=str(error), weight="grave")
         return
+    yield from _scale(estimate, vehicle)
     for name, size in _sizes(runs, estimate).items():
         value = estimate.value(name)
         spread = estimate.standard_error(name)
@@ -323,6 +309,21 @@ def _determined(runs: Sequence[Run]) -> Iterator[Advice]:
                 "regression."
             )
             yield Advice(kind="undetermined", text=text)
+
+
+def _scale(estimate: Estimate, vehicle: Vehicle) -> Iterator[Advice]:
+    """Whether arms, curves and inertia can all be right; guessed ones are known to no more than their order."""
+    body = vehicle.rigid_body_inertia
+    if body is None or not estimate.value("inertia") > 0.0:
+        return
+    ratio = estimate.value("inertia") / body
+    if not 1.0 / _ORDERS < ratio < _ORDERS:
+        axis = vehicle.axis
+        text = (
+            f"Look at {axis.arm}, thrust curve, mass and size, and at the units of time and {axis.measures}: to move "
+            f"as it does the vehicle would have {significant(ratio, 2)} times the inertia that its mass and size give."
+        )
+        yield Advice(kind="scale", text=text)
 
 
 def _sizes(runs: Sequence[Run], estimate: Estimate) -> dict[str, float]:

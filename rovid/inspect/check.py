@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,7 +13,10 @@ from rovid.campaign.config import Config
 from rovid.campaign.trial import Remark, Trial
 from rovid.ground.errors import RovidError
 from rovid.inspect.advice import Advice, advise
+from rovid.inspect.apart import Clocks
+from rovid.inspect.clocks import find_clocks
 from rovid.inspect.feedback import Feedback, find_feedback
+from rovid.inspect.pushing import Push, pushes
 from rovid.motion.rates import white_noise
 from rovid.motion.segments import find_holds, find_sines
 from rovid.readers import find_logs, trials_of
@@ -24,7 +27,8 @@ from rovid.readers.twins import without_twins
 class Check:
     """A row of facts for each readable log, a problem for each other one, and what holds for the folder.
 
-    ``advice`` is what to mind before a fit, the gravest first; ``feedback`` what it says of feedback rests on.
+    ``advice`` is what to mind before a fit, the gravest first; ``feedback`` what it says of feedback rests on,
+    ``clocks`` what it says of the clocks of files that were joined, ``pushes`` of each thruster.
     """
 
     rows: tuple[tuple[Trial, dict[str, Any]], ...]
@@ -32,6 +36,8 @@ class Check:
     remarks: tuple[Remark, ...]
     advice: tuple[Advice, ...]
     feedback: tuple[Feedback, ...] = ()
+    clocks: Clocks = field(default_factory=Clocks)
+    pushes: tuple[Push, ...] = ()
 
     @property
     def verdict(self) -> Literal["go", "care", "no_go"]:
@@ -55,12 +61,16 @@ def check_logs(paths: Sequence[Path], config: Config) -> Check:
     # One recording in two formats is one run.
     trials = without_twins([trial for trial, _ in rows], remarks)
     feedback = find_feedback(trials, config.vehicle)
+    clocks = find_clocks(trials, config)
+    pushing = pushes(trials, config.vehicle)
     return Check(
         rows=tuple(rows),
         problems=problems,
         remarks=tuple(remarks),
-        advice=tuple(advise(trials, config.vehicle, feedback, whole=not problems)),
+        advice=tuple(advise(trials, config.vehicle, feedback, clocks, pushing, whole=not problems)),
         feedback=tuple(feedback),
+        clocks=clocks,
+        pushes=tuple(pushing),
     )
 
 

@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from textwrap import wrap
 
+from rovid.campaign.axis import Axis
+from rovid.campaign.config import load_config
 from rovid.campaign.guesswork import Guesswork
 from rovid.campaign.tables import curve_text
-from rovid.ground.errors import LINE_LENGTH, shown
-from rovid.ground.files import Output
+from rovid.ground.errors import LINE_LENGTH, RovidError, shown
+from rovid.ground.files import Claim, Output
 from rovid.ground.files.form import GUESSED_CURVE as GUESSED
-from rovid.ground.quoting import toml_text
+from rovid.ground.quoting import toml_key, toml_text
+from rovid.inspect.apart import Clocks
 from rovid.inspect.first_config import FULL_THRUST, GUESSED_CURVE, Survey, commands_of, outputs_beside
 from rovid.inspect.seen import Guess
 from rovid.inspect.thrusting import Thrusting
+from rovid.readers import read_campaign
 
+# Columns of a comment.
+_WIDE = 110
 # So many columns are listed that are not used.
 _LISTED = 40
 _OPEN_THRUSTER = (
@@ -35,6 +45,31 @@ def files_of(survey: Survey) -> dict[Output, str]:
     return files
 
 
+def write_draft(survey: Survey, paths: Sequence[Path], *, force: bool) -> tuple[Survey, list[Path]]:
+    """Write it; where trials are joined of several files, once more with what their clocks are off. What was written.
+
+    Raises
+    ------
+    RovidError
+        A file of that name may not be replaced.
+    """
+    # A guessed curve that is there may be a bench curve by now, but it may not be needed either.
+    config, _ = outputs_beside([survey.folder])
+    claim = Claim([config], force=force)
+    files = files_of(survey)
+    claim.write(files)
+    if survey.join is not None and not survey.open:
+        # A fit stands behind it, which other logs need not wait for.
+        from rovid.inspect.clocks import find_clocks
+
+        with suppress(RovidError):  # `rovid check` says what is wrong with the logs
+            read = load_config(config.path, survey.axis)
+            survey = replace(survey, apart=find_clocks(read_campaign(paths, read).trials, read))
+            files = files_of(survey)
+            Claim([config], force=True).write({config: files[config]})
+    return survey, [output.path for output in files]
+
+
 def toml_of(survey: Survey) -> str:
     """The text of rovid.toml; each guess with its reason."""
     return "\n".join([*_head(survey), *_thrusters(survey), *_signals(survey), *_joined(survey)]) + "\n"
@@ -51,11 +86,11 @@ def _head(survey: Survey) -> Iterator[str]:
     yield f"# Written by `rovid init` from {logs_in_words(survey)}. Each guess says why: correct what is wrong. A line"
     yield "# *_guessed marks what no log can tell, and every number that hangs on it."
     for what in survey.open:
-        option = f"--{what} NAME"
+        option = f"--{'command' if what == 'command' else 'heading'} NAME"
         yield f"# OPEN: no column was recognised as {what}. Put it in below, or run `rovid init LOGS {option} --force`."
     if survey.untold:
         names = ", ".join(shown(source, LINE_LENGTH) for source in survey.untold)
-        yield f"# OPEN: which way these turn the vehicle, if at all, no log tells: {names}."
+        yield f"# OPEN: which way these {_move(survey.axis)} the vehicle, if at all, no log tells: {names}."
     yield ""
     yield "[vehicle]"
     known = survey.profile
@@ -65,12 +100,23 @@ def _head(survey: Survey) -> Iterator[str]:
     else:
         yield f"# {_how_known(survey)}"
         yield from (f"# {shown(source, LINE_LENGTH)}" for source in known.sources)
-    for name, unit in (("mass", "kg"), ("length", "m"), ("width", "m")):
+    sizes = [(name, "m") for name in ("length", "width", *["height"] * survey.axis.rights)]
+    for name, unit in (("mass", "kg"), *sizes):
         value = getattr(known, name, None)
         if value is None:
             yield f"# {name} =       # {unit}"
         else:
             yield f"{name} = {value:g}    # {unit}; published, not measured here"
+
+
+def _move(axis: Axis) -> str:
+    """What thrusters do along it."""
+    return axis.moves.removesuffix("s")
+
+
+def _example(axis: Axis) -> str:
+    """A line with a thruster's arm."""
+    return f"{axis.arm} = 1.0    # {'m' if axis.angular else 'share of the thrust along the axis'}"
 
 
 def _how_known(survey: Survey) -> str:
@@ -100,7 +146,10 @@ def _thrusters(survey: Survey) -> Iterator[str]:
         yield f"{mark}command = {_sources(sources)}"
     if "command" in survey.open:
         yield ""
-        yield from _OPEN_THRUSTER
+        yield from (line.replace("yaw_arm = 1.0    # m", _example(survey.axis)) for line in _OPEN_THRUSTER)
+    elif not any(one.commands for one in survey.guesses.values()) and survey.axis.rights:
+        yield ""
+        yield f"# Nothing was seen to drive it in {survey.axis.name}: each log is taken for one of a vehicle let go of."
 
 
 def _arm(survey: Survey, ones: Mapping[str, Thrusting]) -> Iterator[str]:
@@ -114,8 +163,11 @@ def _arm(survey: Survey, ones: Mapping[str, Thrusting]) -> Iterator[str]:
             else "the sense is that of the logs, the distance is not in them"
         )
         arm = f"{way * size:.4g}" if size else f"{way:.1f}"
-        yield f"yaw_arm = {arm}            # m: {told}"
-        yield f"yaw_arm_guessed = {arm}    # as long as both are the same; put the distance into yaw_arm"
+        key = survey.axis.arm
+        if not survey.axis.angular:
+            told = "the sense is that of the logs; share of the thrust along the axis, 1 if straight along it"
+        yield f"{key} = {arm}            # {'m: ' * survey.axis.angular}{told}"
+        yield f"{key}_guessed = {arm}    # as long as both are the same; put what was measured into {key}"
     else:
         told = "published for this type" if survey.profile else "by the autopilot's parameters"
         yield f"yaw_arm = {way * size:.4g}    # m: {told}"
@@ -133,7 +185,9 @@ def guess_of(survey: Survey) -> Guesswork:
     thrusters = {name: ones for name, ones in _by_name(survey).items() if not turning or name in turning}
     items: list[str] = []
     for name, ones in thrusters.items():
-        items += [f"yaw_arm of {name}"] * _arm_guessed(survey, ones) + [f"curve of {name}"] * survey.curve_guessed
+        items += [f"{survey.axis.arm} of {name}"] * _arm_guessed(survey, ones) + [
+            f"curve of {name}"
+        ] * survey.curve_guessed
     return Guesswork(items=tuple(items), thrusters=len(thrusters))
 
 
@@ -170,8 +224,9 @@ def _signals(survey: Survey) -> Iterator[str]:
     for name, ones in named.items():
         yield from _why(ones)
         yield f"{name} = {_signal(ones)}"
-    if "heading" in survey.open:
-        yield f'# heading = {{ {next(iter(survey.guesses))} = "COLUMN", unit = "deg" }}'
+    if survey.axis.position in survey.open:
+        unit = "deg" if survey.axis.angular else "m"
+        yield f'# {survey.axis.position} = {{ {next(iter(survey.guesses))} = "COLUMN", unit = "{unit}" }}'
     for kind, guesses in survey.guesses.items():
         if guesses.unused:
             names = [shown(source, LINE_LENGTH) for source in guesses.unused]
@@ -184,18 +239,32 @@ def _joined(survey: Survey) -> Iterator[str]:
         return
     yield ""
     yield "[join]"
-    yield "# No file holds both heading and commands: files whose names differ in one of these words are one trial."
+    yield f"# No file holds both {survey.axis.position_words} and commands: files whose names differ in one of these"
+    yield "# words are one trial."
     yield f"parts = [{', '.join(map(toml_text, join.parts))}]"
     if join.time:
-        columns = [f"{_key(part)} = {toml_text(column)}" for part, (column, _) in join.time.items()]
+        columns = [f"{toml_key(part)} = {toml_text(column)}" for part, (column, _) in join.time.items()]
         yield f"time = {{ {', '.join(columns)} }}"
-    yield "# Their clocks are taken for one. Where they are known to be apart, s to be added to one of them:"
-    yield f"# offset = {{ {_key(join.parts[-1])} = 0.0 }}"
+    yield from _clocks(survey.apart)
 
 
-def _key(part: str) -> str:
-    """A key of TOML."""
-    return part if part.isascii() and part.isidentifier() else toml_text(part)
+def _clocks(clocks: Clocks) -> Iterator[str]:
+    """What is to be added to each clock, where that is sure."""
+    for alike in clocks.alike:
+        yield from (f"# {line}" for line in wrap(clocks.words(alike), _WIDE))
+    sure = [clock for clock in clocks.every if clock.certain]
+    if not sure:
+        yield "# The clocks are taken for one. What is known of them goes here, for a part or for a file:"
+        yield "# [join.offset]    # s to be added to that clock"
+        return
+    yield ""
+    yield "[join.offset]    # s to be added to that clock, as estimated above"
+    yield from (clock.settings["offset"] for clock in sure)
+    drifting = [clock for clock in sure if clock.drift]
+    if drifting:
+        yield ""
+        yield "[join.drift]    # ppm: what comes to it as the log goes on"
+    yield from (clock.settings["drift"] for clock in drifting)
 
 
 def _signal(ones: Mapping[str, Guess]) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.config import FILE_NAME, Config, Signal
 from rovid.campaign.joining import Join, parts_among
 from rovid.campaign.profiles import Profile, profile
@@ -18,10 +19,12 @@ from rovid.ground.files import Output
 from rovid.ground.files.form import CONFIG
 from rovid.ground.files.form import GUESSED_CURVE as GUESSED
 from rovid.ground.places import require, search
+from rovid.inspect.alike import aligned
+from rovid.inspect.apart import Clocks
 from rovid.inspect.autopilot import outputs_of, type_of
 from rovid.inspect.seen import Seen
-from rovid.inspect.signals import Guesses, guess
-from rovid.inspect.thrusting import Thrusting, Wanted
+from rovid.inspect.signals import UNNAMED, Guesses, guess
+from rovid.inspect.thrusting import Thrusting, Wanted, answer
 from rovid.readers.csv_header import read_layout
 from rovid.readers.formats import READERS
 from rovid.readers.raw import Channel, Contents, sensible
@@ -47,6 +50,8 @@ class Survey:
 
     Attributes
     ----------
+    axis
+        The degree of freedom that was looked at.
     guesses
         Format -> what its sources are.
     clocks
@@ -63,6 +68,8 @@ class Survey:
         Whether that is a guess, from the outputs that turn the vehicle.
     join
         How the files of one trial are known, where no file holds both heading and commands.
+    apart
+        How far their clocks are apart.
     logs
         How many were looked at.
     lacking
@@ -77,14 +84,16 @@ class Survey:
     new_curve: ThrustCurve | None
     curve_guessed: bool
     logs: int
+    axis: Axis = YAW
     profile: Profile | None = None
     recognised: bool = False
     join: Join | None = None
+    apart: Clocks = field(default_factory=Clocks)
     lacking: tuple[str, ...] = ()
 
     @property
     def open(self) -> tuple[str, ...]:
-        """What was not recognised in any log: "heading", "command"; the user has to name it."""
+        """What was not recognised in any log: "heading", or what another axis wants, "command"; the user names it."""
         return tuple(dict.fromkeys(what for one in self.guesses.values() for what in one.lacking))
 
     @property
@@ -95,8 +104,9 @@ class Survey:
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """What the user told of the logs: the columns of heading and commands, the type of vehicle."""
+    """What the user told: the axis, the columns of what is measured and of commands, the type of vehicle."""
 
+    axis: Axis = YAW
     heading: str = ""
     commands: tuple[str, ...] = ()
     vehicle: str = ""
@@ -148,15 +158,17 @@ def survey(paths: Sequence[Path], asked: Asked | None = None) -> Survey:
     for path in _files(paths, looked.problems):
         looked.add(path, folder)
     _require(asked, looked, folder)
-    join = _joined(looked)
+    join = _joined(looked, asked.axis)
     told = named or _told(looked)
     guesses = _recognised(looked, folder, asked, told)
-    alike = None if told else _alike(list(commands_of(guesses)))
+    alike = None if told or asked.axis is not YAW else _alike(list(commands_of(guesses)))
     if alike:
         told, guesses = alike, _recognised(looked, folder, asked, alike)
+    headings = [one.measured for one in guesses.values() if one.signals]
     curve = _Curve.of(folder, list(commands_of(guesses)), told, looked.problems)
     return Survey(
         folder=folder,
+        axis=asked.axis,
         guesses=guesses,
         clocks=looked.clocks,
         curve=curve.name,
@@ -166,7 +178,12 @@ def survey(paths: Sequence[Path], asked: Asked | None = None) -> Survey:
         recognised=alike is not None,
         join=join,
         logs=sum(map(len, looked.logs.values())),
-        lacking=(*dict.fromkeys(looked.problems), *_lacking(looked, guesses)),
+        lacking=(
+            *dict.fromkeys(looked.problems),
+            *(f"{one.source} is taken for the heading: {one.why}." for one in headings if UNNAMED in one.why),
+            *(command.against for command in commands_of(guesses) if command.against),
+            *_lacking(looked, guesses),
+        ),
     )
 
 
@@ -177,18 +194,19 @@ def _folder(paths: Sequence[Path]) -> Path:
     return first.parent
 
 
-def _joined(looked: _Looked) -> Join | None:
+def _joined(looked: _Looked, axis: Axis) -> Join | None:
     """How files are parts of trials, where no file holds both heading and commands; they are put together."""
     for kind, logs in looked.logs.items():
-        found = guess(logs)
-        if found.lacking or any(_holds(log, found) for log in logs):
+        found = guess(logs, Wanted(axis=axis))
+        if found.lacking or not found.driven or any(_holds(log, found) for log in logs):
             continue
         names = looked.names[kind]
         join = Join(parts=parts_among(names))
-        trials: dict[str, dict[str, Seen]] = {}
+        files: dict[str, list[Mapping[str, Seen]]] = {}
         for name, log in zip(names, logs, strict=True):
             if join.part(name):
-                trials[join.trial(name)] = dict(log) | trials.get(join.trial(name), {})
+                files.setdefault(join.trial(name), []).append(log)
+        trials = {name: _one_clock(parts, found) for name, parts in files.items()}
         whole = [name for name, log in trials.items() if _holds(log, found)]
         if not whole:
             continue
@@ -197,11 +215,26 @@ def _joined(looked: _Looked) -> Join | None:
     return None
 
 
+def _one_clock(parts: Sequence[Mapping[str, Seen]], found: Guesses) -> Mapping[str, Seen]:
+    """What the files of a trial hold, on the clock of the heading as far as they tell how that stands."""
+    heading = found.measured
+    home = next((part for part in parts if heading.source in part), {})
+    whole = dict(home)
+    for part in parts:
+        if part is home:
+            continue
+        alike = aligned(home, part)
+        commands = {one.source: one.neutral for one in found.commands if one.source in part}
+        late = alike.offset if alike else answer(commands, dict(part) | dict(home), heading) if home else 0.0
+        whole = {source: replace(seen, time=seen.time + late) for source, seen in part.items()} | whole
+    return whole
+
+
 def _holds(log: Mapping[str, Seen], found: Guesses) -> bool:
     """Whether a log holds the heading and a command."""
     commands = {command.source for command in found.commands}
     commands |= {found.signals["torque"].source} if "torque" in found.signals else set()
-    return found.signals["heading"].source in log and bool(commands & log.keys())
+    return found.measured.source in log and bool(commands & log.keys())
 
 
 def _clocks(looked: _Looked, kind: str, join: Join) -> dict[str, tuple[str, str]]:
@@ -244,14 +277,17 @@ def _recognised(looked: _Looked, folder: Path, asked: Asked, told: Profile | Non
     for kind, logs in looked.logs.items():
         if logs:
             outputs = outputs_of(looked.parameters.get(kind, {}))
-            wanted = Wanted(heading=asked.heading, commands=asked.commands, outputs=outputs, profile=told)
+            wanted = Wanted(
+                axis=asked.axis, heading=asked.heading, commands=asked.commands, outputs=outputs, profile=told
+            )
             every[kind] = guess(logs, wanted)
     if not every and looked.problems:
         raise DataError(looked.problems[0], where="")
     if not every:
         raise DataError("holds no logs.", where=folder)
     guesses = {kind: sources for kind, sources in every.items() if not sources.lacking}
-    half = {kind: sources for kind, sources in every.items() if len(sources.lacking) == 1}
+    # Without a drive, what swings by itself is all that there could be.
+    half = {kind: one for kind, one in every.items() if len(one.lacking) == 1 and not asked.axis.rights}
     # What is open the user can fill in; where nothing is known this is no log of a vehicle.
     chosen = guesses or half
     unknown = {kind: sources for kind, sources in every.items() if kind not in chosen}
@@ -365,8 +401,8 @@ def _not_recognised(
     return DataError(
         f"no {missing} was recognised among {', '.join(there[:20])}.{unread}",
         where=folder,
-        mend=f"Write {FILE_NAME} by hand: `rovid help files` has an example, and `rovid help axes` those of other axes "
-        "than yaw, which alone is guessed.",
+        mend=f"Name them with --heading and --command, or write {FILE_NAME} by hand: `rovid help files` has an "
+        "example. For motion along another axis than yaw give --axis.",
     )
 
 

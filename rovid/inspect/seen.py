@@ -1,4 +1,4 @@
-"""What was read of a log before anybody knows what it is, and how fast a heading turns."""
+"""What was read of a log before anybody knows what it is, and how fast a vehicle moves."""
 
 from __future__ import annotations
 
@@ -30,12 +30,13 @@ class Seen:
 
 @dataclass(frozen=True, kw_only=True)
 class Guess:
-    """What one signal is taken from, in what unit and sense, and why."""
+    """What one signal is taken from, in what unit and sense, and why; ``rate`` where it is a velocity."""
 
     source: str
     why: str
     unit: str = ""
     sign: int = 1
+    rate: bool = False
 
 
 def finite(seen: Sequence[Seen]) -> FloatArray:
@@ -44,26 +45,37 @@ def finite(seen: Sequence[Seen]) -> FloatArray:
     return np.asarray(values[np.isfinite(values)])
 
 
-def _radians(heading: Guess, seen: Seen) -> tuple[FloatArray, FloatArray]:
-    """(n,) s and the unwrapped heading in rad."""
+def _places(measured: Guess, seen: Seen) -> tuple[FloatArray, FloatArray]:
+    """(n,) s and the place along the axis: a heading unwrapped in rad, a velocity summed up."""
     known = np.flatnonzero(np.isfinite(seen.values) & np.isfinite(seen.time))
     if known.size:
         stamps = seen.time[known]
         # A stamp of before the clock was set, or a damaged one, is years away.
         known = known[np.abs(stamps - np.median(stamps)) < _LONGEST]
-    scale = 2.0 * np.pi / TURN[heading.unit]
-    return seen.time[known], np.unwrap(seen.values[known] * scale)
+    time, values = seen.time[known], measured.sign * seen.values[known]
+    if measured.rate:
+        steps = 0.5 * (values[1:] + values[:-1]) * np.diff(time)
+        return time, np.concatenate(([0.0], np.cumsum(steps)))[: len(time)]
+    if measured.unit in TURN:
+        return time, np.unwrap(values * (2.0 * np.pi / TURN[measured.unit]))
+    return time, values
 
 
-def rates(heading: Guess, seen: Seen, window: float = WINDOW) -> tuple[FloatArray, FloatArray]:
-    """(m + 1,) s, a ``window`` of so many apart, and the (m,) mean rates in rad/s between them."""
-    time, angle = _radians(heading, seen)
+def rates(measured: Guess, seen: Seen, window: float = WINDOW) -> tuple[FloatArray, FloatArray]:
+    """(m + 1,) s, a ``window`` of so many apart, and the (m,) mean rates between them, of angles in rad/s."""
+    time, place = _places(measured, seen)
     if len(time) < FEWEST:
         return np.empty(0), np.empty(0)
     # A single stamp weeks away would else make millions of windows.
     window = max(window, 2.0 * float(np.median(np.diff(time))), float(np.ptp(time)) / _MOST)
     grid = np.arange(time[0], time[-1], window)
-    return grid, np.diff(np.interp(grid, time, angle)) / window
+    return grid, np.diff(np.interp(grid, time, place)) / window
+
+
+def place_at(measured: Guess, seen: Seen, time: FloatArray) -> FloatArray:
+    """(m,) places along the axis at ``time`` in s, of angles in rad."""
+    known, place = _places(measured, seen)
+    return np.asarray(np.interp(time, known, place))
 
 
 def held_mean(seen: Seen, time: FloatArray) -> FloatArray:

@@ -7,10 +7,23 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rovid.campaign.axis import YAW
 from rovid.ground.arrays import FloatArray
+from rovid.inspect.along import guessed_along
 from rovid.inspect.seen import FEWEST, TURN, Guess, Seen, finite, rates
-from rovid.inspect.thrusting import COMMAND, LIGHTS, SUPPLY, TORQUE, VOLTS, Thrusting, Wanted, senses, thrusting
-from rovid.readers.words import words
+from rovid.inspect.thrusting import (
+    COMMAND,
+    LIGHTS,
+    SUPPLY,
+    VOLTS,
+    Sense,
+    Thrusting,
+    Wanted,
+    is_torque,
+    senses,
+    thrusting,
+)
+from rovid.readers.words import HEADING, YAW_RATE, is_per_second, words
 
 _UNITS = {"deg": "deg", "degrees": "deg", "grad": "deg", "rad": "rad", "radians": "rad", "dps": "deg/s", "rps": "rad/s"}
 _NOT_MEASURED = {"set", "setpoint", "desired", "target", "ref", "reference", "wanted", "error", "err", "std", "sigma"}
@@ -34,19 +47,19 @@ _NOT_MEASURED |= {"joystick", "stick", "manette", "pilot", "rcin", "input", "tri
 _ASTRAY = ("fehler", "feil", "avvik", "abweichung", "settpunkt")
 # Where it goes, which is not where it points.
 _NOT_MEASURED |= {"over", "über", "ueber", "ground", "grund", "grunn", "fond", "fondo", "sobre", "cog", "sog"}
-_NOT_MEASURED |= {"gps", "track"}
+_NOT_MEASURED |= {"gps", "track", "küg", "kueg"}
+_NOT_MEASURED |= {"palanca", "manche", "spak", "steuerknüppel", "steuerknueppel", "joy", "leva"}
 _RATES = {"rate", "gyro", "angular", "velocity", "speed", "acc", "accel", "acceleration", "dps", "omega"}
-_RATES |= {"geschwindigkeit", "vitesse", "taux"}
-_HEADING = {"heading", "hdg", "yaw", "psi", "compass", "kurs", "steuerkurs", "kompass", "gier", "gierwinkel"}
-_HEADING |= {"cap", "lacet", "azimuth", "azimut", "rumbo", "guinada", "guiñada", "gir", "girvinkel", "stevning"}
+_RATES |= {"geschwindigkeit", "vitesse", "taux", "velocidad", "velocità", "velocita", "hastighet"}
 # A gyro that is said to tell a heading is a compass.
 _COMPASS = {"heading", "hdg", "kurs", "cap", "rumbo", "compass", "kompass", "azimuth"}
-_YAW_RATE = {"gierrate", "drehrate", "giergeschwindigkeit", "yawrate", "yawspeed"}
 _ROLL = {"roll", "phi", "roulis", "rollwinkel", "kraengung", "krängung"}
 _PITCH = {"pitch", "theta", "tangage", "nick", "nickwinkel", "assiette"}
 _NOT_VOLTS = {"curr", "current", "amps", "a", "temp", "temperature", "percent", "remaining", "id", "res", "resistance"}
 _NOT_VOLTS |= {"inst", "instance", "energy", "enrg", "consumed", "charge", "capacity", "type", "function", "mode"}
 _NOT_VOLTS |= {"pct", "soc", "strom", "courant", "health", "state", "fault", "h", "sh"}
+# Of a heading that is known by nothing but its values.
+UNNAMED = "no column is named a heading"
 # What drives a vehicle, in V or mV.
 _SUPPLIES = (3.0, 1e5)
 
@@ -60,6 +73,16 @@ class Guesses:
     lacking: tuple[str, ...] = field(default=())
     unused: tuple[str, ...] = field(default=())
 
+    @property
+    def measured(self) -> Guess:
+        """What tells where the vehicle is along the axis, or how fast it goes; there where nothing is lacking."""
+        return next(iter(self.signals.values()))
+
+    @property
+    def driven(self) -> bool:
+        """Whether anything drives the vehicle along the axis."""
+        return bool(self.commands) or "torque" in self.signals
+
 
 def guess(logs: Sequence[Mapping[str, Seen]], wanted: Wanted | None = None) -> Guesses:
     """What the columns of ``logs``, by source, are, beside what is known; the clock is none of them."""
@@ -70,21 +93,37 @@ def guess(logs: Sequence[Mapping[str, Seen]], wanted: Wanted | None = None) -> G
             every.setdefault(source, []).append(seen)
     # A log without a signal that is mapped cannot be read: what is not needed has to be in all of them.
     shared = {source: seen for source, seen in every.items() if len(seen) == len(logs)}
-    heading = _heading(every, wanted.heading)
-    signals = _motions(shared, logs, heading)
+    signals = _measured(every, shared, logs, wanted)
+    measured = next(iter(signals.values()), None) if wanted.axis is not YAW else signals.get("heading")
     supply = _supply(shared, {signal.source for signal in signals.values()} | {*wanted.commands})
     if supply is not None:
         signals["supply_voltage"] = Guess(source=supply, why="named so; the diagnosis tests what depends on it")
     taken = {signal.source for signal in signals.values()}
     free = {source: seen for source, seen in every.items() if source not in taken}
-    commands = thrusting(free, logs, heading, wanted)
-    if not commands and (torque := _torque(free, logs, heading)) is not None:
+    commands = thrusting(free, logs, measured, wanted)
+    if wanted.axis.rights and not any(command.way for command in commands):
+        commands = ()  # it was tilted and let go of
+    if not commands and wanted.axis is YAW and (torque := _torque(free, logs, measured)) is not None:
         signals["torque"] = torque
-    known = bool(commands) or "torque" in signals
-    lacking = [what for what, there in (("heading", heading), ("command", known)) if not there]
+    known = bool(commands) or "torque" in signals or wanted.axis.rights
+    lacking = [what for what, there in ((wanted.axis.position, measured), ("command", known)) if not there]
     taken = {signal.source for signal in signals.values()} | {command.source for command in commands}
     unused = tuple(source for source in every if source not in taken)
     return Guesses(signals=signals, commands=commands, lacking=tuple(lacking), unused=unused)
+
+
+def _measured(
+    every: Mapping[str, Sequence[Seen]],
+    shared: Mapping[str, Sequence[Seen]],
+    logs: Sequence[Mapping[str, Seen]],
+    wanted: Wanted,
+) -> dict[str, Guess]:
+    """What tells of the motion along the axis, that which places the vehicle first."""
+    if wanted.axis is YAW:
+        return _motions(shared, logs, _heading(every, wanted.heading))
+    found = guessed_along(wanted.axis, every, wanted.heading)
+    # Beside what is needed, only what all logs hold.
+    return {name: one for number, (name, one) in enumerate(found.items()) if not number or one.source in shared}
 
 
 def _motions(
@@ -122,16 +161,16 @@ def _torque(
     """A logged torque, where no command is logged; its sense is that in which it turns the heading."""
     for source, seen in free.items():
         named = words(source)
-        if not named & TORQUE or named & (_NOT_MEASURED | LIGHTS):
-            continue
         values = finite(seen)
         if len(values) < FEWEST or not np.ptp(values) > 0.0:
             continue
+        if not is_torque(source, values) or named & (_NOT_MEASURED | LIGHTS):
+            continue
         unit = "kN m" if "knm" in named else "N m"
-        way, sure = (0, 0.0) if heading is None else senses({source: 0.0}, logs, heading).get(source, (0, 0.0))
-        against = f"; more of it turns the heading down ({sure:.0f} standard errors): turned around here"
-        why = f"named so; {values.min():.4g} to {values.max():.4g}{against if way < 0 else ''}"
-        return Guess(source=source, unit=unit, sign=-1 if way < 0 else 1, why=why)
+        sense = Sense() if heading is None else senses({source: 0.0}, logs, heading)[source]
+        against = f"; more of it turns the heading down ({sense.words}): turned around here"
+        why = f"named so; {values.min():.4g} to {values.max():.4g}{against if sense.way < 0 else ''}"
+        return Guess(source=source, unit=unit, sign=-1 if sense.way < 0 else 1, why=why)
     return None
 
 
@@ -148,8 +187,8 @@ def _heading(every: Mapping[str, Sequence[Seen]], asked: str = "") -> Guess | No
     if asked:
         unit, why = _turning(asked, every[asked]) if asked in every else ("", "")
         return Guess(source=asked, unit=unit, why=f"given; {why}") if unit else None
-    measured = [source for source in every if _may_be_heading(words(source))]
-    named = [source for source in measured if words(source) & _HEADING]
+    measured = [source for source in every if _may_be_heading(words(source)) and not is_per_second(source)]
+    named = [source for source in measured if words(source) & HEADING]
     turned = [source for source, seen in every.items() if seen[0].radians]
     if turned and not named:
         return Guess(source=turned[0], unit="rad", why="an orientation, of which the heading is made")
@@ -164,15 +203,33 @@ def _heading(every: Mapping[str, Sequence[Seen]], asked: str = "") -> Guess | No
         # The one that jumps is an angle for sure; of several the finest.
         rank = (jumps, len(np.unique(finite(every[source]))))
         if best is None or rank > best_rank:
-            said = f"named so; {why}" if named else why
+            said = f"named so; {why}" if named else f"{why}; {UNNAMED}"
             best, best_rank = Guess(source=source, unit=unit, why=said), rank
     return best
+
+
+def heading_in(seen: Seen) -> float | None:
+    """What a whole turn is of a column that by its name and values is a heading; None where it is none."""
+    if seen.radians:
+        return TURN["rad"]
+    # Who logs the thrusters may put their word before all that it logs.
+    named = words(seen.source) - COMMAND
+    if not named & HEADING or not _may_be_heading(named) or is_per_second(seen.source):
+        return None
+    unit, _ = _turning(seen.source, [seen])
+    return TURN.get(unit)
+
+
+def is_yaw_rate(source: str) -> bool:
+    """Whether a column is one by its name."""
+    named = words(source)
+    return _named_yaw_rate(named) or bool(named & HEADING and is_per_second(source) and not named & _NOT_MEASURED)
 
 
 def _may_be_heading(named: set[str]) -> bool:
     rates = _RATES - {"gyro"} if named & _COMPASS else _RATES
     wished = any(word.startswith("soll") or word.endswith(_ASTRAY) for word in named)
-    return not wished and not named & (_NOT_MEASURED | rates | _YAW_RATE | COMMAND)
+    return not wished and not named & (_NOT_MEASURED | rates | YAW_RATE | COMMAND)
 
 
 def _turning(source: str, seen: Sequence[Seen]) -> tuple[str, str]:
@@ -199,7 +256,7 @@ def _angle(every: Mapping[str, Sequence[Seen]], known: set[str], heading: Guess 
     """By its name; a tilt is small in either unit, and mostly in that of the heading."""
     for source, seen in every.items():
         named = words(source)
-        if not named & known or named & (_NOT_MEASURED | _RATES | _YAW_RATE | COMMAND):
+        if not named & known or named & (_NOT_MEASURED | _RATES | YAW_RATE | COMMAND):
             continue
         values = finite(seen)
         if len(values) < FEWEST:
@@ -224,7 +281,7 @@ def _tilt_unit(source: str, values: FloatArray, heading: Guess | None) -> tuple[
 def _yaw_rate(every: Mapping[str, Sequence[Seen]], logs: Sequence[Mapping[str, Seen]], heading: Guess) -> Guess | None:
     """A gyro that goes with the heading's own rate, which tells unit and sense too."""
     for source in every:
-        if source == heading.source or not _named_yaw_rate(words(source)):
+        if source == heading.source or not is_yaw_rate(source):
             continue
         own, logged = _in_all(logs, heading, source)
         if len(own) < FEWEST or not np.std(own) > 0.0 or not np.std(logged) > 0.0:
@@ -241,9 +298,9 @@ def _yaw_rate(every: Mapping[str, Sequence[Seen]], logs: Sequence[Mapping[str, S
 
 
 def _named_yaw_rate(named: set[str]) -> bool:
-    if named & _YAW_RATE:
+    if named & YAW_RATE or {"rate", "turn"} <= named:
         return not named & _NOT_MEASURED
-    about_vertical = named & (_HEADING | {"z", "r"})
+    about_vertical = named & (HEADING | {"z", "r"})
     return bool(about_vertical and named & _RATES and not named & _NOT_MEASURED)
 
 

@@ -4,19 +4,30 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.profiles import SIDES, Profile
 from rovid.ground.arrays import FloatArray
 from rovid.inspect.autopilot import Output
-from rovid.inspect.seen import FEWEST, Guess, Seen, finite, held_mean, rates
-from rovid.readers.words import CLOCK, words
+from rovid.inspect.seen import FEWEST, Guess, Seen, finite, held_mean, place_at, rates
+from rovid.readers.words import CLOCK, HEADING, YAW_RATE, words
 
 COMMAND = {"cmd", "command", "pwm", "throttle", "thruster", "thrusters", "motor", "motors", "servo", "esc", "output"}
 COMMAND |= {"actuator", "rcout", "rcou", "propeller", "prop", "thr", "thrust", "schub", "antrieb", "propulseur"}
 COMMAND |= {"stellgroesse", "stellgröße", "moteur", "moteurs", "poussee", "poussée", "helice", "hélice", "jet"}
+COMMAND |= {
+    "strahlruder",
+    "bugstrahl",
+    "heckstrahl",
+    "bugstrahlruder",
+    "heckstrahlruder",
+    "bugstrahler",
+    "heckstrahler",
+}
+COMMAND |= {"querstrahler", "elica", "propulsore", "motore", "spinta", "baugthruster", "hekkthruster"}
 COMMAND |= {"mando", "empuje", "propulsor", "motores", "pådrag", "paadrag", "thrustere"}
 VOLTS = {"v", "volt", "volts", "voltage", "voltages", "spannung", "tension", "mv", "voltaje", "spenning"}
 VOLTS |= {"batteriespannung", "batterispenning", "bordspannung"}
@@ -24,14 +35,15 @@ VOLTS |= {"batteriespannung", "batterispenning", "bordspannung"}
 LIGHTS = {"light", "lights", "lamp", "lumen", "led", "licht", "scheinwerfer", "lumiere", "lumière", "camera", "cam"}
 LIGHTS |= {"gimbal", "tilt", "mount", "gripper", "grabber", "kamera", "sonar", "winch", "pump", "laser"}
 TORQUE = {"torque", "moment", "drehmoment", "couple", "nm", "dreiemoment", "par"}
+_NEWTON_METRES = re.compile(r"N[ ·*]?m\W*$")
 # A number behind one of these letters is a thruster's: T1, M1, u1.
-_LETTERS = {"t", "m", "u"}
-_SIDED = frozenset().union(*SIDES.values())
+_LETTERS = {"t", "m", "u", "ch"}
+SIDED = frozenset().union(*SIDES.values())
 _TURNS_PER_MINUTE = {"rpm", "drehzahl", "upm", "trmin", "turtall", "omdr"}
 # What a thruster answered.
 _ANSWER = {"fb", "feedback", "actual", "ist", "målt", "maalt", "measured", "meas", "medida", "medido", "mesure"}
 _ANSWER |= {"mesuré"}
-_ANSWER |= {"mesurée", "speed", "tacho", "telemetry", "status", "retour"}
+_ANSWER |= {"istwert", "rückmeldung", "rueckmeldung", "mesurée", "speed", "tacho", "telemetry", "status", "retour"}
 # Where no output is logged, what a pilot asks for may stand in.
 _PILOT = {"rcin", "rci", "joystick", "stick", "manette"}
 # What is logged of a thruster or a side, and is no command.
@@ -41,9 +53,11 @@ _NOT_COMMAND |= {"depth", "roll", "pitch", "leak", "pressure", "lat", "lon", "no
 _NOT_COMMAND |= {"error", "err", "load", "drop", "errors", "pos", "position", "vel", "velocity", "acc"}
 _CLOCK = CLOCK - {"t"}
 # Of a name's end: the unit of something else.
-_OTHER_UNIT = re.compile(r"[^A-Za-z](A|W|C|K|bar|degC)\W*$")
+_OTHER_UNIT = re.compile(
+    r"(?:[^A-Za-z](?:A|W|C|K|bar|degC|m|m/s|kn|deg|grad|rad)|[^A-Za-z]?(?i:dps|deg/s|rad/s|rad_s|°/s))\W*$"
+)
 # A command that asks for motion is none of one thruster.
-_OF_MOTION = {"heading", "hdg", "yaw", "psi", "kurs", "cap", "rumbo", "gir", "surge", "sway", "heave", "rate"}
+_OF_MOTION = (HEADING - {"prua"}) | YAW_RATE | {"surge", "sway", "heave", "rate"}
 SUPPLY = {"supply", "battery", "batt", "bat", "bus", "akku", "batterie", "versorgung", "batteri", "bateria", "batería"}
 SUPPLY |= {"batteriespannung", "batterispenning", "bordspannung", "voltaje", "alimentation"}
 _NEVER = _CLOCK | LIGHTS | _NOT_COMMAND | _OF_MOTION | _PILOT | SUPPLY | _ANSWER
@@ -59,8 +73,15 @@ _MIXED, _PART = 0.9, 0.1
 _PULSE, REST, _NEAR = (800.0, 2200.0), 1500.0, 25.0
 # Windows over which rates are means, s; in one that is too short errors go against the one before by more than this.
 _WINDOWS, _OPPOSITE = (0.5, 1.0, 2.0, 4.0, 8.0), -0.25
+# s by which clocks of one trial's files are tried apart.
+_APART = 3.0
+# s of windows in which a rate changes after a command did; by so many standard errors the other way is the contrary. Of
+# small vehicles, which have long done so by then, chance gives two.
+_AFTER, _CONTRARY = 4.0, 2.2
 # Standard errors from which a sense is told.
 _SURE = 4.0
+# A smaller share of the motion than this may be another one's that it goes with, unless it is beyond doubt.
+_LITTLE = 0.005
 # Of commands that go together to so little, that part of them tells nothing.
 _ALIKE = 0.01
 # A command that never comes nearer to its rest than this share of its largest is none.
@@ -73,18 +94,55 @@ class Wanted:
 
     Attributes
     ----------
+    axis
+        The degree of freedom along which they are looked for.
     heading, commands
-        Sources that were named.
+        Sources that were named; of another axis the first is what is measured along it.
     outputs
         Source -> thruster, as the autopilot's parameters have it.
     profile
         The type of vehicle that was named, or that the parameters tell.
     """
 
+    axis: Axis = YAW
     heading: str = ""
     commands: tuple[str, ...] = ()
     outputs: Mapping[str, Output] = field(default_factory=dict)
     profile: Profile | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sense:
+    """What logs tell of a command by themselves.
+
+    Attributes
+    ----------
+    sure
+        Standard errors by which it pushes up, or down where negative; errors that are alike from one window to the next
+        count as fewer.
+    share
+        Of how the rate changes, beyond what follows from the rate before, 0 to 1 over all commands together.
+    effect
+        Change of the rate over a window for each unit of the command.
+    contrary
+        Whether the rate changes the other way after the command did: then somebody steers by the motion.
+    """
+
+    sure: float = 0.0
+    share: float = 0.0
+    effect: float = 0.0
+    contrary: bool = False
+
+    @property
+    def way(self) -> int:
+        """1 up, -1 down, 0 where it is not told."""
+        little = self.share < _LITTLE and abs(self.sure) <= 2.0 * _SURE
+        return 0 if self.contrary or little or abs(self.sure) <= _SURE else int(np.sign(self.sure))
+
+    @property
+    def words(self) -> str:
+        """How strong the evidence is."""
+        return f"{abs(self.sure):.0f} standard errors, {100.0 * max(self.share, 0.0):.0f} % of how its rate changes"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,6 +157,10 @@ class Thrusting:
         Whether it is known which way it turns the vehicle, or that it does not.
     percent
         Whether the command is named a share of a hundred.
+    sense
+        What these logs tell by themselves.
+    against
+        What is to be said where that is not ``way``; empty where it is.
     """
 
     name: str
@@ -111,6 +173,8 @@ class Thrusting:
     arm: float = 0.0
     told: bool = True
     percent: bool = False
+    sense: Sense = field(default_factory=Sense)
+    against: str = ""
 
 
 def thrusting(
@@ -119,16 +183,18 @@ def thrusting(
     """The commands: those that were named, those that the autopilot knows, or those with such names."""
     moving = _chosen(every, wanted)
     neutral = {source: _neutral(values) for source, values in moving.items()}
-    ways = senses(neutral, logs, heading) if heading is not None and neutral else {}
-    mixed = _mixed(neutral, logs)
+    ways = senses(neutral, logs, heading, rights=wanted.axis.rights) if heading is not None and neutral else {}
+    yaw = wanted.axis is YAW
+    mixed = _mixed(neutral, logs) if yaw else {}
     names: list[str] = []
     commands: list[Thrusting] = []
     for source, rest in neutral.items():
         values = moving[source]
         output = wanted.outputs.get(source)
-        label = output.label if output else wanted.profile.label(words(source)) if wanted.profile else ""
+        label = output.label if output else wanted.profile.label(words(source)) if wanted.profile and yaw else ""
         names.append(_unique(output.name, names) if output else _thruster(source, names))
-        way, arm, told = _turned(source, label, wanted, ways, mixed)
+        sense = ways.get(source, Sense())
+        way, arm, told = _turned(source, label, wanted, sense, mixed)
         said = output.why if output else "given" if source in wanted.commands else "named so"
         commands.append(
             Thrusting(
@@ -140,8 +206,10 @@ def thrusting(
                 highest=float(values.max()),
                 why=f"{said}; {values.min():.4g} to {values.max():.4g}, no thrust at {rest:g}; {told}",
                 arm=arm,
-                told=bool(way or output or mixed or label),
+                told=bool(way or (yaw and (output or mixed or label))),
                 percent=bool(words(source) & _PERCENT) or "%" in source,
+                sense=sense,
+                against=f"{source}: {told}." if "against" in told else "",
             )
         )
     return tuple(commands)
@@ -151,11 +219,13 @@ def _turned(
     source: str,
     label: str,
     wanted: Wanted,
-    ways: Mapping[str, tuple[int, float]],
+    sense: Sense,
     mixed: Mapping[str, int],
 ) -> tuple[int, float, str]:
     """Sense in which a command turns the heading, its arm in m, and the reason."""
-    seen, sure = ways.get(source, (0, 0.0))
+    seen, sure = sense.way, sense.words
+    if wanted.axis is not YAW:
+        return seen, 0.0, _by_motion(sense, wanted.axis)
     published = wanted.profile.arms.get(label, 0.0) if wanted.profile else 0.0
     output = wanted.outputs.get(source)
     if output is not None:
@@ -165,27 +235,31 @@ def _turned(
     elif label:
         way, reason = int(np.sign(published)), "its type of vehicle"
     else:
-        return seen, 0.0, _by_motion(seen, sure)
+        return seen, 0.0, _by_motion(sense, YAW)
     if output is None and label and not mixed and seen and seen != way:
         # Nobody but the motion knows which way round a propeller runs.
-        way, reason = seen, f"these logs ({sure:.0f} standard errors), against its type of vehicle"
+        way, reason = seen, f"these logs ({sure}), against its type of vehicle"
     known = 0.0 if wanted.profile is None or wanted.profile.senses_alone else abs(published)
     arm = (output.arm if output else 0.0) or known
     if not way:
         return 0, arm, f"by {reason} it does not turn the vehicle"
-    agrees = f"; so do these logs ({sure:.0f} standard errors)" if seen == way else ""
-    against = f"; these logs speak against it ({sure:.0f} standard errors)" if seen == -way else ""
-    return way, arm, f"by {reason} more of it turns the heading {_sense(way)}{agrees}{against}"
+    agrees = f"; so do these logs ({sure})" if seen == way else ""
+    against = f"; these logs speak against it ({sure})" if seen == -way else ""
+    return way, arm, f"by {reason} {_answers(way, YAW)}{agrees}{against}"
 
 
-def _by_motion(way: int, sure: float) -> str:
-    if not way:
-        return "whether it turns the vehicle is not told by these logs"
-    return f"more of it turns the heading {_sense(way)} ({sure:.0f} standard errors)"
+def _by_motion(sense: Sense, axis: Axis) -> str:
+    if not sense.way:
+        steered = ", in which it answers the motion" if sense.contrary else ""
+        return f"whether it {axis.moves} the vehicle is not told by these logs{steered}"
+    return f"{_answers(sense.way, axis)} ({sense.words})"
 
 
-def _sense(way: int) -> str:
-    return "up" if way > 0 else "down"
+def _answers(way: int, axis: Axis) -> str:
+    """What more of a command does."""
+    if axis is YAW:
+        return f"more of it turns the heading {'up' if way > 0 else 'down'}"
+    return f"more of it makes the {axis.position_words} {'grow' if way > 0 else 'fall'}"
 
 
 def _chosen(every: Mapping[str, Sequence[Seen]], wanted: Wanted) -> dict[str, FloatArray]:
@@ -199,9 +273,11 @@ def _chosen(every: Mapping[str, Sequence[Seen]], wanted: Wanted) -> dict[str, Fl
         values = finite(seen)
         if len(values) and np.ptp(values) > 0.0:
             moving[source] = values
-    logged = any(words(source) & TORQUE for source in moving)
-    for named_so in (_is_command, _is_like_one, _is_answer, _is_of_motion, *([_is_pilots] * (not logged))):
+    logged = any(is_torque(source, values) for source, values in moving.items())
+    for named_so in (is_command, _is_like_one, _is_answer, *([] if logged else [_is_of_motion, _is_pilots])):
         found = {source: values for source, values in moving.items() if named_so(source)}
+        if logged:  # beside which a voltage is none of a thruster unless it is named one
+            found = {source: values for source, values in found.items() if words(source) & (COMMAND | SIDED)}
         coming = {source: values for source, values in found.items() if _neutral(values) == REST or _comes_by(values)}
         found = coming or found
         # Beside what is asked of a thruster its turns a minute are its answer.
@@ -227,9 +303,10 @@ def _comes_by(values: FloatArray) -> bool:
     return low <= 0.0 <= high or min(abs(low), abs(high)) < _AWAY * max(abs(low), abs(high))
 
 
-def _is_command(source: str) -> bool:
+def is_command(source: str) -> bool:
+    """Whether a column is one of a thruster by its name."""
     named = words(source)
-    return _may_command(source, named) and bool(named & (COMMAND | _SIDED) or _is_voltage(named))
+    return _may_command(source, named) and bool(named & (COMMAND | SIDED) or _is_voltage(named))
 
 
 def _is_like_one(source: str) -> bool:
@@ -244,7 +321,7 @@ def _is_answer(source: str) -> bool:
 
 def _is_of_one(named: set[str]) -> bool:
     numbered = named & _LETTERS and any(word.isdigit() for word in named) and len(named) <= 4
-    return bool(named & (_SIDED | _TURNS_PER_MINUTE) or numbered)
+    return bool(named & (SIDED | _TURNS_PER_MINUTE) or numbered)
 
 
 def _may_command(source: str, named: set[str]) -> bool:
@@ -256,10 +333,16 @@ def _is_voltage(named: set[str]) -> bool:
     return bool(named & VOLTS and named - VOLTS and not named & _NOT_VOLTAGES)
 
 
+def is_torque(source: str, values: FloatArray) -> bool:
+    """Whether a column is named a torque about the vertical: by a word, its unit, or its symbol (SNAME), both ways."""
+    symbol = source == "N" and values.min() < 0.0 < values.max()
+    return bool(words(source) & TORQUE or _NEWTON_METRES.search(source) or symbol)
+
+
 def _is_of_motion(source: str) -> bool:
     """A demand that is spread over the thrusters."""
     named = words(source)
-    return bool(named & COMMAND and named & _OF_MOTION and not named & LIGHTS)
+    return bool(named & COMMAND and named & _OF_MOTION and not named & LIGHTS and not _OTHER_UNIT.search(source))
 
 
 def _is_pilots(source: str) -> bool:
@@ -274,32 +357,85 @@ def _neutral(values: FloatArray) -> float:
 
 
 def senses(
-    neutral: Mapping[str, float], logs: Sequence[Mapping[str, Seen]], heading: Guess
-) -> dict[str, tuple[int, float]]:
-    """Sense in which each command turns the heading, and in standard errors how surely; 0 where that is little.
+    neutral: Mapping[str, float], logs: Sequence[Mapping[str, Seen]], heading: Guess, *, rights: bool = False
+) -> dict[str, Sense]:
+    """What each command does to the motion along the axis, and how surely.
 
     The mean rate over each window goes with that of the one before and the mean commands of both: so it does on a slow
     vehicle as on a fast one. In windows that are too short the heading's noise makes each rate the next one's opposite.
+    Who steers pushes against the motion, noise and all, within one window: so changes of commands are held against the
+    changes of the rate that follow them, too. Where these say the contrary, the logs do not tell.
     """
-    sure = np.zeros(len(neutral))
+    count, best = len(neutral), [Sense()] * len(neutral)
     for window in _WINDOWS:
-        rows, turns = _in_windows(neutral, logs, heading, window)
+        rows, turns = _in_windows(neutral, logs, heading, window, rights=rights)
         if len(turns) < FEWEST:
             break
-        _, found, _, alike = _regressed(rows, turns)
-        # Before the commands stand the constant and the rate of the window before.
-        sure = found[2:]
+        values, found, _, alike = _regressed(rows, turns)
+        pushes = rows[:, -count:] * values[-count:]
+        turning = turns - rows[:, :-count] @ values[:-count]
+        varied = turning - turning.mean()
+        shares = varied @ pushes / max(float(varied @ varied), 1e-300)
+        best = [
+            Sense(sure=sure, share=share, effect=effect)
+            for sure, share, effect in zip(
+                found[-count:].tolist(), shares.tolist(), values[-count:].tolist(), strict=True
+            )
+        ]
         if alike > _OPPOSITE:
             break
-    known = zip(neutral, sure.tolist(), strict=True)
-    return {source: (int(np.sign(one)) if abs(one) > _SURE else 0, abs(one)) for source, one in known}
+    drive = {source: one.effect for source, one in zip(neutral, best, strict=True)}
+    # What rights itself swings back by itself.
+    contrary = not rights and _after_changes(drive, logs, heading) < -_CONTRARY
+    return {source: replace(one, contrary=contrary) for source, one in zip(neutral, best, strict=True)}
+
+
+def _after_changes(drive: Mapping[str, float], logs: Sequence[Mapping[str, Seen]], heading: Guess) -> float:
+    """Standard errors with which the rate changes after the drive of all commands did; 0 where there is too little."""
+    for window in (_AFTER, 0.5 * _AFTER):
+        rows, turns = [np.empty((0, 4))], [np.empty(0)]
+        for log in logs:
+            if heading.source not in log or not set(drive) <= set(log):
+                continue
+            time, rate = rates(heading, log[heading.source], window)
+            if len(rate) < 4:
+                continue
+            change = np.diff(rate)
+            pushed = sum(effect * held_mean(log[source], time) for source, effect in drive.items())
+            rows.append(np.column_stack((np.ones(len(change) - 2), change[1:-1], change[:-2], np.diff(pushed)[1:-1])))
+            turns.append(change[2:])
+        if sum(map(len, turns)) >= FEWEST:
+            _, found, _, _ = _regressed(np.nan_to_num(np.concatenate(rows)), np.concatenate(turns))
+            return float(found[3])
+    return 0.0
+
+
+def answer(neutral: Mapping[str, float], log: Mapping[str, Seen], heading: Guess) -> float:
+    """S after which the vehicle answers commands of another clock, to a window; negative where that is ahead."""
+    if not neutral:
+        return 0.0
+    told = {0.0: 0.0}
+    for late in np.arange(-_APART, _APART + _WINDOWS[0], _WINDOWS[0]).tolist():
+        moved = {source: replace(seen, time=seen.time + late) for source, seen in log.items() if source in neutral}
+        rows, turns = _in_windows(neutral, [dict(log) | moved], heading, _WINDOWS[1])
+        if len(turns) >= FEWEST:
+            told[late] = _regressed(rows, turns)[2]
+    return max(told, key=lambda late: told[late])
 
 
 def _in_windows(
-    neutral: Mapping[str, float], logs: Sequence[Mapping[str, Seen]], heading: Guess, window: float
+    neutral: Mapping[str, float],
+    logs: Sequence[Mapping[str, Seen]],
+    heading: Guess,
+    window: float,
+    *,
+    rights: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
-    """(n, 2 + k) a constant, the rate of the window before and the mean commands; (n,) the rates."""
-    rows, turns = [np.empty((0, 2 + len(neutral)))], [np.empty(0)]
+    """(n, 2 + k) a constant, the rate of the window before and the mean commands; (n,) the rates.
+
+    Along an axis that ``rights`` itself the place in front of the commands, (n, 3 + k).
+    """
+    rows, turns = [np.empty((0, 2 + rights + len(neutral)))], [np.empty(0)]
     for log in logs:
         if heading.source not in log or not set(neutral) <= set(log):
             continue
@@ -310,7 +446,8 @@ def _in_windows(
         for source, rest in neutral.items():
             command = held_mean(log[source], time) - rest
             means.append(0.5 * (command[1:] + command[:-1]))
-        rows.append(np.column_stack((np.ones(len(rate) - 1), rate[:-1], *means)))
+        places = [place_at(heading, log[heading.source], time[1:-1])] * rights
+        rows.append(np.column_stack((np.ones(len(rate) - 1), rate[:-1], *places, *means)))
         turns.append(rate[1:])
     return np.nan_to_num(np.concatenate(rows)), np.concatenate(turns)
 

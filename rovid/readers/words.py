@@ -1,4 +1,4 @@
-"""The words of a column's or field's name, and those that speak of a clock."""
+"""The words of a column's or field's name, and those that speak of a clock or of a heading."""
 
 from __future__ import annotations
 
@@ -17,9 +17,27 @@ CLOCK |= {
     "hora",
     "tid",
     "klokkeslett",
+    "tidsstempel",
+    "tempo",
+    "orario",
+    "ora",
 }
+HEADING = {"heading", "hdg", "yaw", "psi", "compass", "kurs", "steuerkurs", "kompass", "gier", "gierwinkel"}
+HEADING |= {"cap", "lacet", "azimuth", "azimut", "rumbo", "guinada", "guiñada", "gir", "girvinkel", "stevning"}
+HEADING |= {"prua", "bussola"}
+YAW_RATE = {"gierrate", "drehrate", "giergeschwindigkeit", "wendegeschwindigkeit", "yawrate", "yawspeed", "giration"}
+YAW_RATE |= {"girrate", "svingerate", "giro", "imbardata"}
 NOT_CLOCK = {"h", "hours", "min", "minutes", "days", "left", "remaining"}
 _WORDS = re.compile(r"[A-ZÀ-Þ]?[a-zß-ÿ]+|[A-ZÀ-Þ]+(?![a-zß-ÿ])|\d+")
+
+
+# At the end of a name: a rate of turn.
+_PER_SECOND = re.compile(r"(?:dps|(?:deg|grad|grados|gradi|grader|rad|°) ?[/_] ?s)\W*$", re.IGNORECASE)
+
+
+def is_per_second(source: str) -> bool:
+    """Whether a name ends in the unit of a rate of turn."""
+    return bool(_PER_SECOND.search(source))
 
 
 def words(source: str) -> set[str]:

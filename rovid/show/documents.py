@@ -10,9 +10,11 @@ from rovid.campaign.vehicle import Vehicle
 from rovid.control.loop_design import Control, RunResult
 from rovid.export.exporting import Exported, Loss
 from rovid.export.manoeuvre import Mismatch
+from rovid.inspect.apart import Clock
 from rovid.inspect.check import Check, remark_document
 from rovid.inspect.draft import guess_of
 from rovid.inspect.first_config import Survey
+from rovid.inspect.pushing import Push
 from rovid.inspect.signals import Guesses
 from rovid.model.simulation import TrialSimulation, overall
 from rovid.parameters.parameters import Entry, Parameters
@@ -162,10 +164,12 @@ def survey_document(survey: Survey, written: Sequence[Path]) -> Document:
     return {
         "schema": "rovid-init/1",
         "written": [str(path) for path in written],
+        **axis_document(survey.axis),
         "logs": survey.logs,
         "vehicle": None if survey.profile is None else {"type": survey.profile.id, "guessed": survey.recognised},
         "curve": {"file": survey.curve or None, "guessed": survey.curve_guessed},
         "joined": None if survey.join is None else list(survey.join.parts),
+        "clocks": [clock_document(clock) for clock in survey.apart.every],
         "signals": {kind: _guessed_signals(guesses) for kind, guesses in survey.guesses.items()},
         "commands": {kind: _guessed_commands(guesses) for kind, guesses in survey.guesses.items()},
         "unused": {kind: list(guesses.unused) for kind, guesses in survey.guesses.items()},
@@ -186,6 +190,7 @@ def _guessed_commands(guesses: Guesses) -> list[Document]:
     document = []
     for one in guesses.commands:
         command = {"name": one.name, "source": one.source, "turns": one.way, "arm": one.arm or None, "why": one.why}
+        command |= {"standard_errors": one.sense.sure, "share": one.sense.share}
         document.append(command)
     return document
 
@@ -202,4 +207,23 @@ def check_document(checked: Check, vehicle: Vehicle) -> Document:
         "remarks": [remark_document(remark) for remark in checked.remarks],
         "advice": [vars(one) for one in checked.advice],
         "feedback": [vars(one) for one in checked.feedback],
+        "clocks": [clock_document(clock) for clock in checked.clocks.every],
+        "thrusters": [_pushing(push) for push in checked.pushes],
     }
+
+
+def _pushing(push: Push) -> Document:
+    """What the logs tell of a thruster by themselves."""
+    sense = push.sense
+    return {
+        "name": push.name,
+        "way": sense.way,
+        "standard_errors": sense.sure,
+        "share": sense.share,
+        "strength": {"value": push.strength, "standard_error": push.error},
+    }
+
+
+def clock_document(clock: Clock) -> Document:
+    """How far the clock of a file is off: s and ppm to be added to it."""
+    return {**vars(clock), "certain": clock.certain}

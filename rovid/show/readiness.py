@@ -29,6 +29,7 @@ def show_check(console: Console, checked: Check) -> None:
     console.print()
     if checked.rows:
         _show_logs(console, checked)
+        _show_pushes(console, checked)
     if len(reasons := _reasons(checked.problems)) > 1:
         show_warnings(console, [_problem(names, reason) for reason, names in reasons.items()])
     _show_tasks(console, tasks[_FIRST:], _FIRST + 1)
@@ -67,6 +68,19 @@ def _show_tasks(console: Console, tasks: Sequence[str], first: int) -> None:
     for number_, task in enumerate(tasks, first):
         lead = f"{number_}. "
         say(console, lead + task, len(lead))
+
+
+def _show_pushes(console: Console, checked: Check) -> None:
+    """What the logs tell of each thruster by themselves, where they tell anything of one."""
+    if not any(push.sense.way for push in checked.pushes):
+        return
+    axis = checked.rows[0][0].axis
+    ways = {1: "as rovid.toml says", -1: "the other way", 0: "not told"}
+    rows = table("Thrusters, by these logs alone", "thruster", axis.moves, "standard errors", "share %", left=2)
+    for push in checked.pushes:
+        sense = push.sense
+        rows.add_row(push.name, ways[sense.way], f"{abs(sense.sure):.0f}", f"{100.0 * max(sense.share, 0.0):.0f}")
+    console.print(rows)
 
 
 def _show_logs(console: Console, checked: Check) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from rovid.campaign.axis import YAW
 from rovid.campaign.guesswork import Guesswork
 from rovid.export.exporting import Exported
 from rovid.ground.errors import LINE_LENGTH, shown
@@ -353,16 +354,20 @@ def show_survey(console: Console, survey: Survey, written: Sequence[Path]) -> No
     """Print what each signal was taken for, and what to do next."""
     guess = guess_of(survey)
     for what in survey.open:
-        say(console, led("Open:", f"no column was recognised as {what}; name it in {written[0]}, or with --{what}."))
+        option = "command" if what == "command" else "heading"
+        say(console, led("Open:", f"no column was recognised as {what}; name it in {written[0]}, or with --{option}."))
     if survey.untold:
-        say(console, led("Open:", f"which way {', '.join(survey.untold)} turn the vehicle, if at all: no log tells."))
+        verb = survey.axis.moves.removesuffix("s")
+        say(console, led("Open:", f"which way {', '.join(survey.untold)} {verb} the vehicle, if at all: no log tells."))
     show_caution(console, guess)
     if survey.profile is not None:
         how = "a guess, from the outputs that turn it" if survey.recognised else "as published"
         say(console, led("Vehicle:", f"{survey.profile.name} ({survey.profile.id}), {how}."))
     if survey.join is not None:
         parts = " and ".join(survey.join.parts)
-        say(console, led("Joined:", f"files that differ in {parts} are one trial, their clocks taken for one."))
+        say(console, led("Joined:", f"files that differ in {parts} are one trial."))
+    for alike in survey.apart.alike:
+        say(console, led("Clocks:", survey.apart.words(alike)))
     rows = table(f"Guessed from {logs_in_words(survey)}", "signal", "taken from", "unit", "why", left=4)
     for guesses in survey.guesses.values():
         for name, one in guesses.signals.items():
@@ -375,8 +380,9 @@ def show_survey(console: Console, survey: Survey, written: Sequence[Path]) -> No
         console.print(f"written: {path}", highlight=False, soft_wrap=True)
     first = f"measure {guess.words}, put that into {written[0]}; then" if guess else f"read {written[0]}; then"
     say(console, led("Next:", first))
+    axis = "" if survey.axis is YAW else f" --axis {survey.axis.name}"
     for name in ("check", "report"):
-        console.print(f"  rovid {name} {survey.folder}", highlight=False, soft_wrap=True)
+        console.print(f"  rovid {name} {survey.folder}{axis}", highlight=False, soft_wrap=True)
 
 
 def show_fit(

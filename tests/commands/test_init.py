@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from rovid.campaign.axis import AXES
 from tests.conftest import SAMPLES, Rovid
 
 
@@ -233,3 +234,42 @@ def test_percent_ends_at_a_hundred(csv_day: Path, tmp_path: Path, rovid: Rovid) 
     assert rovid("init", "day").code == 0
     ends = pd.read_csv(tmp_path / "day" / "thrust_guess.csv")["command"]
     assert (ends.min(), ends.max()) == (-100.0, 100.0)
+
+
+@pytest.mark.parametrize(
+    ("day", "axis", "signal", "arms"),
+    [
+        ("surge_tank", "surge", "surge_velocity", {"port": 1.0, "starboard": 1.0}),
+        ("pitch_tank", "pitch", "pitch", {"fore": 1.0, "aft": 1.0}),
+        ("kvlcc2_roll_decay", "roll", "roll", {}),
+    ],
+)
+def test_the_other_axes_are_guessed_too(
+    day: str, axis: str, signal: str, arms: dict[str, float], tmp_path: Path, rovid: Rovid
+) -> None:
+    shutil.copytree(SAMPLES / day, tmp_path / "day")
+    own = tomllib.loads((tmp_path / "day" / "rovid.toml").read_text(encoding="utf-8"))
+    (tmp_path / "day" / "rovid.toml").unlink()
+    document = rovid("init", "day", "--axis", axis, "--json").document
+    assert document["axis"] == axis
+    assert not document["open"]
+    written = tomllib.loads((tmp_path / "day" / "rovid.toml").read_text(encoding="utf-8"))
+    assert {one["name"]: one[AXES[axis].arm] for one in written.get("thrusters", ())} == arms
+    assert {one["name"]: np.sign(one[AXES[axis].arm]) for one in own.get("thrusters", ())} == arms
+    mapped = written["signals"][signal]
+    assert (mapped["csv"], mapped["unit"]) == (own["signals"][signal]["csv"], own["signals"][signal]["unit"])
+    fitted = rovid("fit", "day", "--axis", axis, "--json").document
+    assert fitted["parameters"]["linear_drag"]
+
+
+def test_what_another_axis_wants_is_said_and_can_be_named(tmp_path: Path, rovid: Rovid) -> None:
+    shutil.copytree(SAMPLES / "surge_tank", tmp_path / "day")
+    (tmp_path / "day" / "rovid.toml").unlink()
+    for path in (tmp_path / "day").glob("*.csv"):
+        text = path.read_text(encoding="utf-8")
+        path.write_text(text.replace("surge_velocity_m_s", "channel_3"), encoding="utf-8")
+    found = rovid("init", "day", "--axis", "heave", "--json").document
+    assert "depth" in found["open"]
+    assert "# depth = " in (tmp_path / "day" / "rovid.toml").read_text(encoding="utf-8")
+    named = rovid("init", "day", "--axis", "surge", "--heading", "channel_3", "--force", "--json").document
+    assert "surge_position" not in named["open"]

@@ -77,3 +77,11 @@ def test_an_arm_that_is_published_is_no_guess_however_long(size: str, guessed: b
     thrusters = load_config(folder / "rovid.toml").vehicle.thrusters
     assert [thruster.arm_guessed for thruster in thrusters] == [guessed, guessed]
     assert [thruster.arm for thruster in thrusters] == pytest.approx([float(size), -float(size)])
+
+
+def test_a_heading_that_is_known_by_its_jumps_alone_is_said_to_be(tmp_path: Path) -> None:
+    pd.DataFrame({"time_s": TIME, "channel_7": (30.0 * TIME) % 360.0, "port_cmd": np.sin(TIME)}).to_csv(
+        tmp_path / "log.csv", index=False
+    )
+    surveyed = survey([tmp_path])
+    assert [text for text in surveyed.lacking if text.startswith("channel_7 is taken for the heading")]

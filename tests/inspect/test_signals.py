@@ -74,3 +74,33 @@ def test_no_two_thrusters_get_one_name() -> None:
 def test_what_is_lacking_is_said() -> None:
     found = guess([log(depth=np.sin(TIME))])
     assert found.lacking == ("heading", "command")
+
+
+@pytest.mark.parametrize(
+    ("heading", "rate"),
+    [
+        ("Kurs", "Gierrate"), ("Steuerkurs_grad", "Drehrate_grad_s"), ("kurs_deg", "Wendegeschwindigkeit"),
+        ("cap", "vitesse_de_lacet"), ("lacet_deg", "vitesse lacet dps"), ("cap (°)", "lacet (°/s)"),
+        ("rumbo_grados", "velocidad_guiñada"), ("girvinkel", "girrate_dps"), ("kurs", "svingerate"),
+        ("bussola_gradi", "velocita_imbardata"), ("HdgDeg", "RateOfTurnDps"),
+    ],
+)  # fmt: skip
+def test_headings_and_their_rates_are_known_in_other_languages(heading: str, rate: str) -> None:
+    angle = turned(COMMAND)
+    turning = np.degrees(np.gradient(np.unwrap(np.radians(angle)), TIME))
+    found = guess([log(**{rate: turning, heading: angle, "T1": COMMAND})])
+    assert found.signals["heading"].source == heading
+    assert (found.signals["yaw_rate"].source, found.signals["yaw_rate"].unit) == (rate, "deg/s")
+    assert [command.source for command in found.commands] == ["T1"]
+
+
+def test_a_torque_is_known_by_its_symbol_and_before_a_hand_at_the_stick() -> None:
+    found = guess([log(heading=turned(COMMAND), N=COMMAND, joystick_x=COMMAND)])
+    assert found.signals["torque"].source == "N"
+    assert not found.commands
+
+
+def test_beside_a_torque_a_voltage_is_that_of_the_supply() -> None:
+    found = guess([log(heading=turned(COMMAND), **{"thr.yaw_torque_Nm": COMMAND, "sys.tension_V": COMMAND - 0.5})])
+    assert found.signals["torque"].source == "thr.yaw_torque_Nm"
+    assert not found.commands

@@ -7,8 +7,8 @@ import pytest
 
 from rovid.campaign.profiles import profile
 from rovid.ground.arrays import FloatArray
-from rovid.inspect.seen import Seen
-from rovid.inspect.thrusting import Thrusting, Wanted, thrusting
+from rovid.inspect.seen import Guess, Seen
+from rovid.inspect.thrusting import Thrusting, Wanted, senses, thrusting
 
 TIME = np.arange(0.0, 60.0, 0.1)
 RNG = np.random.default_rng(5)
@@ -33,12 +33,67 @@ def of(columns: dict[str, FloatArray], wanted: Wanted | None = None) -> dict[str
     [
         ("port", "stbd"), ("T1", "T2"), ("u1", "u2"), ("M1", "M2"), ("port_rpm", "starboard_rpm"), ("thr_1", "thr_2"),
         ("Schub links", "Schub rechts"), ("moteur_bâbord", "moteur_tribord"), ("fore_V", "aft_V"), ("left", "right"),
-        ("RCIN.C1", "RCIN.C2"),
+        ("RCIN.C1", "RCIN.C2"), ("ch1_us", "ch2_us"), ("Bugstrahlruder", "Heckstrahlruder"),
+        ("Bugstrahl", "Heckstrahl"),
+        ("Drehzahl Backbord", "Drehzahl Steuerbord"), ("propulseur étrave", "propulseur poupe"),
+        ("tension_bâbord", "tension_tribord"), ("baugthruster", "hekkthruster"), ("elica_sinistra", "elica_dritta"),
+        ("hélice babor", "hélice estribor"),
     ],
 )  # fmt: skip
 def test_usual_names_are_known(names: tuple[str, str]) -> None:
-    other = {"t": TIME, "port_temp": held(), "stbd_current": held(), "port_amps_A": held(), "depth": held()}
+    rates = {"thr.taux_de_giration_dps": held(), "thr.drehrate_dps": held(), "thr.lacet (°/s)": held()}
+    other = {
+        **rates,
+        "thr.lacet_deg": held(),
+        "thr.compass_rad": held(),
+        "t": TIME,
+        "port_temp": held(),
+        "stbd_current": held(),
+        "port_amps_A": held(),
+        "depth": held(),
+    }
     assert set(of({**other, names[0]: held(), names[1]: held()})) == set(names)
+
+
+def steered(seed: int, *, hand: bool) -> dict[str, Seen]:
+    """A slow vehicle that an autopilot holds by a noisy compass, against eddies; or one that a ``hand`` steers."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 240.0, 0.1)
+    heading, command = np.empty(len(time)), np.empty(len(time))
+    asked = np.repeat(rng.uniform(-0.7, 0.7, 40), 60)
+    place = rate = thrust = eddy = 0.0
+    for k in range(len(time)):
+        heading[k] = place + np.radians(0.3) * rng.normal()
+        command[k] = asked[k] if hand else np.clip(-1.2 * heading[k] - 6.0 * rate, -0.7, 0.7)
+        for _ in range(4):
+            thrust += 0.0625 * (command[k] - thrust)
+            eddy += -0.0125 * eddy + 0.0012 * rng.normal()
+            rate += 0.025 * (0.075 * thrust + eddy - 0.58 * abs(rate) * rate - 0.075 * rate)
+            place += 0.025 * rate
+    return {
+        "heading_deg": Seen(source="heading_deg", time=time, values=np.degrees(heading)),
+        "yaw_cmd": Seen(source="yaw_cmd", time=time, values=command),
+    }
+
+
+@pytest.mark.parametrize("hand", [True, False])
+def test_who_steers_does_not_turn_a_sense_round(hand: bool) -> None:
+    heading = Guess(source="heading_deg", why="", unit="deg")
+    found = [senses({"yaw_cmd": 0.0}, [steered(seed, hand=hand)], heading)["yaw_cmd"] for seed in range(6)]
+    ways = [one.way for one in found]
+    assert ways.count(-1) <= (0 if hand else 2), found
+    assert ways.count(1) >= 5 * hand
+
+
+def test_what_tells_of_the_turning_is_shared_out() -> None:
+    logs = [steered(1, hand=True)]
+    heading = Guess(source="heading_deg", why="", unit="deg")
+    idle = Seen(source="idle", time=logs[0]["yaw_cmd"].time, values=np.repeat(RNG.uniform(-1.0, 1.0, 40), 60))
+    found = senses({"yaw_cmd": 0.0, "idle": 0.0}, [logs[0] | {"idle": idle}], heading)
+    assert found["yaw_cmd"].way == 1
+    assert found["idle"].way == 0
+    assert found["yaw_cmd"].share > 10.0 * abs(found["idle"].share)
+    assert "standard errors" in found["yaw_cmd"].words
 
 
 def test_lights_and_what_never_rests_are_no_thrusters() -> None:
