@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from rovid.campaign.config import Config
 from rovid.campaign.trial import Campaign, Trial
@@ -189,7 +189,7 @@ def _line(clocks: Sequence[Clock], time: FloatArray) -> tuple[list[float], list[
     covariance = np.linalg.inv(x.T @ x)
     values = covariance @ (x.T @ y)
     scatter, freedom = float(np.sum((y - x @ values) ** 2)), max(len(y) - len(values), 1)
-    if float(stats.chi2.sf(scatter, freedom)) < _CHANCE:
+    if float(special.chdtrc(freedom, scatter)) < _CHANCE:
         return None
     # Errors that are too small show in the scatter.
     wide = max(1.0, scatter / freedom) ** 0.5
