@@ -26,7 +26,8 @@ PAGE = Page(
     diagnose does. Writes a folder with index.html, which needs no other file and no network, and the plots as PNG and
     SVG. The first screen, and the first sheet of paper, says what is wrong, why, what it gains and what to run next;
     in the viewer below it each cause is a switch. Everything is of that one model, trials, controller and exports
-    too; the model without what was found stands beside it as the one before. Prints where the page is.
+    too; the model without what was found stands beside it as the one before. Prints the page's first sentence, and
+    where the page is.
 
     Use it last, or at once on a new folder of logs. The diagnosis takes most of the time. With --no-diagnosis the
     parameters of the file are kept where they still hold, and what it lacks is fitted.
@@ -76,6 +77,7 @@ def report(
     """Write everything on one page."""
     compile_beside()
     from rovid.campaign.axis import YAW
+    from rovid.report.answer import answer_of
     from rovid.report.build import build_report, printed_page
     from rovid.show.fit_documents import axis_document, cautions, guess_document
     from rovid.show.terminal import show_caution, show_warnings
@@ -96,15 +98,20 @@ def report(
             force=force,
             report=progress,
         )
-    guess = study.vehicle.guess
+    guess, diagnosed_as = study.vehicle.guess, evidence.diagnosis
+    answer = answer_of(evidence).headline
+    if diagnosed_as is not None and diagnosed_as.missing:
+        answer = f"{answer.removesuffix('.')}: {diagnosed_as.missing}"
     written = {"page": str(page)}
     if pdf:
         written["pdf"] = str(printed_page(folder).path)
     if json:
         paths = {**written, "parameters": str(stored.path)}
+        told = {"verdict": None if diagnosed_as is None else diagnosed_as.verdict, "answer": answer}
         said = {**guess_document(guess), "warnings": cautions(guess, [*begun, *evidence.notes])}
-        print_json({"schema": "rovid-report/1", **axis_document(stored.axis), **paths, **said})
+        print_json({"schema": "rovid-report/1", **axis_document(stored.axis), **told, **paths, **said})
         return
+    console().print(answer, highlight=False)
     show_caution(console(), guess)
     show_warnings(console(), [*begun, *evidence.notes])
     for path in written.values():

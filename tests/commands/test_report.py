@@ -43,6 +43,18 @@ def test_numbers_on_the_page_are_those_of_the_parameter_file(day_report: Path) -
     assert float(shown.group(2)) == pytest.approx(drag.standard_error, rel=0.05)  # two digits at least
 
 
+def test_the_answer_stands_before_the_place_of_the_page(rovid: Rovid) -> None:
+    shutil.copy(SAMPLES / "ardusub_small" / "small.tlog", ".")
+    done = rovid("report", "small.tlog")
+    assert done.code == 0
+    said = " ".join(done.out.split())
+    assert said.startswith("There is too little data for a diagnosis: there are too few trials")
+    assert said.endswith("report/index.html")
+    document = rovid("report", "small.tlog", "--json").document
+    assert document["verdict"] == "too_little_data"
+    assert said.startswith(document["answer"])
+
+
 def test_a_dive_without_holds_and_sines_says_so(rovid: Rovid) -> None:
     rovid("fit-inertia", SAMPLES / "bluerov2_pier59" / "dive.csv")
     assert rovid("report", "--no-diagnosis").code == 0
