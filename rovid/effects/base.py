@@ -125,6 +125,8 @@ class Effect:
         Whether it acts on one thruster, whose name is the form.
     sizes
         How many of its parameters, the first ones, are its size together.
+    passing
+        Whether it is of a day, of its water, its cable and its battery, rather than of the vehicle.
     """
 
     id: str
@@ -141,6 +143,7 @@ class Effect:
     canonical: Callable[[FloatArray], FloatArray] | None = None
     each_thruster: bool = False
     sizes: int = 1
+    passing: bool = False
 
     @property
     def key(self) -> str:

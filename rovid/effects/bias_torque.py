@@ -27,6 +27,7 @@ def _term(at: Instant, p: Numbers) -> float:
 
 EFFECT: Effect = Effect(
     id="bias_torque",
+    passing=True,
     axes=("yaw", "surge", "sway"),
     title="constant torque",
     parameters=(

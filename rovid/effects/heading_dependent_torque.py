@@ -38,6 +38,7 @@ _FIRST = _pair("", (0.0, 1.57))
 
 EFFECT: Effect = Effect(
     id="heading_dependent_torque",
+    passing=True,
     axes=("yaw",),
     title="torque that depends on heading",
     parameters=_FIRST,

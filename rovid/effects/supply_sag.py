@@ -57,6 +57,7 @@ _UNEQUAL = ("thrust_asymmetry", "thruster_imbalance", "bias_torque")
 
 EFFECT: Effect = Effect(
     id="supply_sag",
+    passing=True,
     title="supply sag",
     parameters=(
         # 1: at a load of 15 % of full thrust 15 % of it are gone.

@@ -38,6 +38,7 @@ _FREQUENCIES = tuple(0.15 * 1.12**k for k in range(36))
 
 EFFECT: Effect = Effect(
     id="tank_seiche",
+    passing=True,
     axes=("yaw", "surge", "sway"),
     title="tank seiche",
     parameters=(

@@ -45,6 +45,7 @@ _STIFFNESS = EffectParameter(
 
 EFFECT: Effect = Effect(
     id="tether_torsion",
+    passing=True,
     axes=("yaw",),
     title="tether torsion",
     parameters=(_STIFFNESS,),

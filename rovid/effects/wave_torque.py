@@ -9,6 +9,7 @@ _FREQUENCIES = (0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.42, 0.6, 0.85, 1.2, 1.7, 2.4,
 
 EFFECT: Effect = Effect(
     id="wave_torque",
+    passing=True,
     title="wave torque",
     parameters=(
         # Of a sine of the same power: root 2 times the standard deviation.

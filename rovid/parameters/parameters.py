@@ -153,7 +153,11 @@ class Parameters:
 
     def together(self) -> Estimate:
         """Inertia, drag and what weight does, as far as they are here, whatever found them."""
-        names = tuple(name for name in base_names(self.axis) if name in self.entries)
+        return self.estimate([name for name in base_names(self.axis) if name in self.entries])
+
+    def estimate(self, names: Sequence[str]) -> Estimate:
+        """The entries of these ``names``, whatever found them."""
+        names = tuple(names)
         return Estimate(
             names=names,
             values=np.array([self.entries[name].value for name in names]),
