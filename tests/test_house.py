@@ -23,6 +23,7 @@ HOUSE = [
     "diagnose",
     "parameters",
     "study",
+    "compare",
     "control",
     "export",
     "inspect",

@@ -24,6 +24,7 @@ COMMANDS = (
     "fit_inertia",
     "fit",
     "diagnose",
+    "compare",
     "fit_thruster",
     "simulate",
     "plan",

@@ -7,7 +7,7 @@ from dataclasses import replace
 from rovid.commands.manual import Page
 from rovid.commands.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
 from rovid.commands.session import (
-    claim_of,
+    claim_of_model,
     compile_beside,
     console,
     opened,
@@ -57,7 +57,7 @@ def diagnose(
 
     stored = stored_at(parameters, axis, force=force)
     paths = logs or remembered(stored)
-    claim = claim_of([stored.output], paths, force=force)
+    claim = claim_of_model(stored, paths, force=force)
     study = opened(paths, cutoff, stored.axis)
     stored, notes = standing_now(stored, study)
     with working("Diagnosing …") as report:
@@ -66,7 +66,7 @@ def diagnose(
     if (side := diagnosis.extended) is not None:
         apart = disagreement(stored.entries_of(study.paths), side.estimate)
         diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *apart))
-        put(stored, claim, study, side.estimate)
+        put(stored, claim, study, side.estimate, seen=diagnosis.seen)
     if json:
         print_json(diagnosis_document(diagnosis, study))
     else:

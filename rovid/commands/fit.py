@@ -12,7 +12,7 @@ from rovid.commands.manual import Page
 from rovid.commands.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
 from rovid.commands.session import (
     busy,
-    claim_of,
+    claim_of_model,
     compared,
     compile_beside,
     console,
@@ -77,7 +77,7 @@ def fit(
     effects = tuple(effect_named(name) for name in dict.fromkeys(effect or ()))
     stored = stored_at(parameters, axis, force=force)
     paths = logs or remembered(stored)
-    claim = claim_of([stored.output], paths, force=force)
+    claim = claim_of_model(stored, paths, force=force)
     study = opened(paths, cutoff, stored.axis)
     stored, notes = standing_now(stored, study)
     with busy("Maximising the likelihood …"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -35,6 +35,13 @@ def claim_of(outputs: Sequence[Output], logs: Sequence[Path], *read: Path, force
     from rovid.study import files_at_hand
 
     return Claim(outputs, force=force, protected=[*files_at_hand(logs), *read])
+
+
+def claim_of_model(stored: Parameters, logs: Sequence[Path], *, force: bool) -> Claim:
+    """Leave to write the parameter file and the history beside it."""
+    from rovid.parameters.history import history_of
+
+    return claim_of([stored.output, history_of(stored.path)], logs, force=force)
 
 
 def standing_now(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
@@ -73,8 +80,20 @@ def compared(stored: Parameters, study: Study, estimate: Estimate, notes: Sequen
     return replace(estimate, warnings=(*estimate.warnings, *notes, *apart))
 
 
-def put(stored: Parameters, claim: Claim, study: Study, estimate: Estimate, *options: str) -> Parameters:
-    """Put an estimate into the parameter file, with what it comes of, and take out what no longer holds beside it."""
+def put(
+    stored: Parameters,
+    claim: Claim,
+    study: Study,
+    estimate: Estimate,
+    *options: str,
+    seen: Mapping[str, float] | None = None,
+) -> Parameters:
+    """Put an estimate into the parameter file, with what it comes of, and take out what no longer holds beside it.
+
+    A model of all at once goes into the history too; ``seen`` is what of the effects looked for would have been seen.
+    """
+    from rovid.parameters.agreement import WHOLE
+    from rovid.parameters.history import remember
     from rovid.parameters.update import update
 
     def change(now: Parameters) -> Parameters:
@@ -83,7 +102,10 @@ def put(stored: Parameters, claim: Claim, study: Study, estimate: Estimate, *opt
         given = " ".join(filter(None, (origin.options, *options)))
         return held.with_estimate(estimate, replace(origin, options=given))
 
-    return update(stored, claim, change)
+    written = update(stored, claim, change)
+    if estimate.method in WHOLE:
+        remember(written, claim, seen)
+    return written
 
 
 def opened(paths: Sequence[Path], cutoff: float | None, axis: Axis) -> Study:

@@ -170,6 +170,27 @@ class Changes:
         at = self.pair.names.index(name)
         return float(self.pair.difference[at]), float(math.sqrt(self.pair.covariance[at, at]))
 
+    def quotient(self, first: str, second: str) -> tuple[tuple[tuple[float, float], tuple[float, float]], tuple[float, float]] | None:
+        """One parameter over another in A and in B, and the second of these over the first, with standard errors.
+
+        None where either cannot be told from zero.
+        """
+        if not {first, second} <= set(self.pair.names):
+            return None
+        at = [self.pair.names.index(first), self.pair.names.index(second)]
+        sides, shares = [], []
+        for values, covariance in ((self.pair.a, self.pair.covariance_a), (self.pair.b, self.pair.covariance_b)):
+            own, spread = values[at], covariance[np.ix_(at, at)]
+            if not np.all(own > _FROM_ZERO * np.sqrt(np.diag(spread))):
+                return None
+            slope = np.array([1.0, -1.0]) / own
+            share = math.sqrt(max(float(slope @ spread @ slope), 0.0))
+            value = float(own[0] / own[1])
+            sides.append((value, value * share))
+            shares.append(share)
+        over = sides[1][0] / sides[0][0]
+        return (sides[0], sides[1]), (over, over * math.hypot(*shares))
+
     def together(self, name: str) -> tuple[tuple[float, float], tuple[float, float]]:
         """Value and standard error of a parameter in A and in B, where both share what did not change."""
         at, count = self.pair.names.index(name), len(self.pair.names)

@@ -130,6 +130,11 @@ class Diagnosis:
     missing: str = ""
     amplitudes: Amplitudes | None = None
 
+    @property
+    def seen(self) -> dict[str, float]:
+        """Effect's id -> size of its first parameter that would have been seen, of those that were not found."""
+        return {effect.id: size for effect, size in self.detectable}
+
 
 def not_identifiable(vehicle: Vehicle) -> tuple[str, ...]:
     """What data of ``vehicle`` cannot show at all."""

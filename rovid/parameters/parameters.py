@@ -260,10 +260,14 @@ class Parameters:
         """The content of the file."""
         import tomli_w
 
+        return tomli_w.dumps(self.document())
+
+    def document(self) -> dict[str, Any]:
+        """What the file says, as TOML has it."""
         names = [name for name in base_names(self.axis) if name in self.entries]
         names += filter(_of_an_effect, self.entries)
         axis = {} if self.axis is YAW else {"axis": self.axis.name}
-        document = {
+        return {
             "schema": f"{SCHEMA}/{SCHEMA_VERSION}",
             "rovid_version": __version__,
             "written": datetime.now(UTC).replace(microsecond=0),
@@ -275,7 +279,6 @@ class Parameters:
             **({} if self.settings is None else {"rests_on": asdict(self.settings)}),
             "sources": [_written(source, self.path.parent) for source in self.sources],
         }
-        return tomli_w.dumps(document)
 
 
 def _of_an_effect(name: str) -> bool:

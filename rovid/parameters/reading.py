@@ -37,7 +37,17 @@ def read_parameters(path: Path) -> Parameters:
         It is missing, not a parameter file, or of a schema newer than this rovid knows.
     """
     _require_file(path)
-    document = read_toml(path, mend=_AGAIN if PARAMETERS.marks(path) else _ANOTHER)
+    return parameters_in(path, read_toml(path, mend=_AGAIN if PARAMETERS.marks(path) else _ANOTHER))
+
+
+def parameters_in(path: Path, document: Mapping[str, Any]) -> Parameters:
+    """What a ``document`` in ``path`` says.
+
+    Raises
+    ------
+    ConfigError
+        It is none of parameters, or of a schema newer than this rovid knows.
+    """
     _check_schema(path, document.get("schema"))
     try:
         return _parse(path, document)

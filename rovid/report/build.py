@@ -22,6 +22,7 @@ from rovid.identify.estimate import Estimate
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation, simulate_runs
 from rovid.parameters.agreement import WHOLE
+from rovid.parameters.history import history_of, remember
 from rovid.parameters.parameters import Parameters
 from rovid.parameters.standing import standing
 from rovid.parameters.update import update
@@ -73,7 +74,7 @@ def build_report(
         There is no browser to print it with.
     """
     at_hand = files_at_hand(study.paths)
-    parameters = Claim([stored.output], force=force, protected=at_hand)
+    parameters = Claim([stored.output, history_of(stored.path)], force=force, protected=at_hand)
     protected = [*at_hand, stored.path]
     page = claim_report(folder, force=force, protected=protected)
     browser = require_browser() if pdf else ""
@@ -119,6 +120,8 @@ def _identified(
 
     if whole is not None or change(stored) is not stored or not stored.path.exists():
         stored = update(stored, claim, change)
+        if whole is not None:
+            remember(stored, claim, None if diagnosis is None else diagnosis.seen)
     return Evidence(
         vehicle=study.vehicle,
         parameters=stored,

@@ -42,7 +42,12 @@ def sureness(finding: Finding) -> str:
         word = "likely, not established"
     else:
         word = "possible, not established"
-    return f"{word}: odds {_odds(sure)}"
+    return f"{word}: {odds_of(sure)}"
+
+
+def odds_of(sure: float) -> str:
+    """A probability as odds, "odds 19 to 1"."""
+    return f"odds {_odds(sure)}"
 
 
 def _odds(sure: float) -> str:

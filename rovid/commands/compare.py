@@ -1,0 +1,173 @@
+"""``rovid compare``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rovid.commands.manual import Page
+from rovid.commands.options import AxisName, Cutoff, Force, Json, ParameterFile
+from rovid.commands.session import (
+    claim_of,
+    compile_beside,
+    console,
+    known_at,
+    opened,
+    print_json,
+    remembered,
+    require_holding,
+    working,
+)
+from rovid.ground.errors import ConfigError, DataError
+
+if TYPE_CHECKING:
+    from rovid.campaign.axis import Axis
+    from rovid.campaign.guesswork import Guesswork
+    from rovid.compare.day import Day
+
+PAGE = Page(
+    text="""
+    Holds two campaigns of one vehicle against each other, before and after a refit, a season or another payload.
+    Prints which parameter changed, by how much and at what odds; which cause came or went; whether the model of each
+    predicts the runs of the other; and the parameters that both together say, where they share what did not change.
+    The verdict is same, changed, or cannot tell; where nothing changed it says how small a change it would have seen.
+
+    A and B are a folder of logs each, or a parameter file. Folders are diagnosed, both then fitted with the causes of
+    either. Of parameter files what stands in them is compared, which takes no time. Without B the parameter file at
+    hand is B, and of a folder A the logs that this file remembers. Without A as well it is compared with the last
+    model in its history that rests on other logs. -o writes a page with both over each other; nothing else is written.
+    """,
+    examples=(
+        ("Before and after", "rovid compare my_logs surge_logs"),
+        ("What two parameter files say", "rovid compare spring.toml autumn.toml"),
+        ("The parameter file with what it held before", "rovid compare"),
+        ("With a page to show", "rovid compare my_logs surge_logs -o compare.html"),
+    ),
+    see=("rovid diagnose", "rovid fit", "rovid help compare"),
+)
+
+
+def compare(
+    campaigns: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="A B",
+            help="Two folders of logs or parameter files; one or none to compare with the parameter file at hand.",
+            show_default=False,
+        ),
+    ] = None,
+    *,
+    axis: AxisName = None,
+    parameters: ParameterFile = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="PAGE", help="Write a page that needs no other file.", show_default=False),
+    ] = None,
+    matters: Annotated[
+        float, typer.Option(metavar="PERCENT", min=0.1, max=100.0, help="Change of drag or inertia that has to show.")
+    ] = 10.0,
+    cutoff: Cutoff = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Say what changed between two campaigns."""
+    given = campaigns or []
+    if len(given) > 2:
+        raise ConfigError(
+            f"are {len(given)}; two campaigns were expected, or fewer.",
+            where="A B",
+            mend="Give each campaign's folder, not its logs one by one.",
+        )
+    compile_beside()
+    from rovid.campaign.axis import YAW, axis_named
+    from rovid.compare.comparison import compare as compared
+    from rovid.show.comparison import comparison_document, show_comparison
+
+    wanted = axis_named(axis) if axis else YAW
+    with working("Reading …") as report:
+        makers, notes = _asked_for(given, parameters, axis, wanted, cutoff)
+        a, b = (maker(report) for maker in makers)
+        comparison = compared(a, b, matters=matters / 100.0, report=report)
+    guess = _guess(a, b)
+    if json:
+        print_json(comparison_document(comparison, guess, notes))
+    else:
+        show_comparison(console(), comparison, guess, notes)
+
+
+Maker = Callable[[Callable[[str], None]], "Day"]
+
+
+def _asked_for(
+    given: list[Path], parameters: Path | None, axis: str | None, wanted: Axis, cutoff: float | None
+) -> tuple[list[Maker], list[str]]:
+    """What makes A and B, and what has to be said of them."""
+    if len(given) == 2:
+        if given[0].resolve() == given[1].resolve():
+            raise ConfigError("is both A and B; two campaigns were expected.", where=given[0], mend="Give another one.")
+        names = _apart(given)
+        return [_day(path, name, wanted, cutoff) for path, name in zip(given, names, strict=True)], []
+    stored = known_at(parameters, axis)
+    notes = require_holding(stored, None)
+    if not given:
+        from rovid.compare.before import last_before
+
+        return [lambda _: last_before(stored), _of_file(stored.path, str(stored.path))], notes
+    if _is_parameters(given[0]):
+        return [_of_file(given[0], str(given[0])), _of_file(stored.path, str(stored.path))], notes
+    logs = remembered(stored)
+    if {path.resolve() for path in logs} == {given[0].resolve()}:
+        raise ConfigError(
+            f"is what {stored.path} rests on; two campaigns were expected.", where=given[0], mend="Give B as well."
+        )
+    named = ", ".join(str(path) for path in logs)
+    return [_day(given[0], str(given[0]), stored.axis, cutoff), _of_logs(logs, named, stored.axis, cutoff)], notes
+
+
+def _apart(given: list[Path]) -> list[str]:
+    """What the two are called: their names, or as much of their paths as tells them apart."""
+    names = [path.resolve().name for path in given]
+    return [str(path) for path in given] if names[0] == names[1] else names
+
+
+def _is_parameters(path: Path) -> bool:
+    from rovid.ground.files.form import PARAMETERS
+
+    return path.is_file() and (path.suffix == ".toml" or PARAMETERS.marks(path))
+
+
+def _day(path: Path, name: str, axis: Axis, cutoff: float | None) -> Maker:
+    if _is_parameters(path):
+        return _of_file(path, name)
+    return _of_logs([path], name, axis, cutoff)
+
+
+def _of_logs(paths: list[Path], name: str, axis: Axis, cutoff: float | None) -> Maker:
+    study = opened(paths, cutoff, axis)
+
+    def made(report: Callable[[str], None]) -> Day:
+        from rovid.compare.day import day_of_logs
+
+        return day_of_logs(study, name, lambda text: report(f"{name}: {text}"))
+
+    return made
+
+
+def _of_file(path: Path, name: str) -> Maker:
+    from rovid.compare.before import day_at
+
+    return lambda _: day_at(path, name)
+
+
+def _guess(a: Day, b: Day) -> Guesswork:
+    """What is guessed of either vehicle."""
+    from rovid.campaign.guesswork import Guesswork
+
+    guess = Guesswork()
+    for day in (a, b):
+        if day.settings is not None:
+            guess = guess | day.settings.guess
+    return guess
