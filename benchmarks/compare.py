@@ -2,8 +2,8 @@
 
 Run ``python -m benchmarks.compare --seed 1 --vehicles 50 --state compare.jsonl``. Each vehicle is drawn anew and tried
 once as it is; then once with drag 10 % higher, once with a thruster at 0.85 of its thrust, once with a lag, and three
-times as it was: six pairs. Each day has a constant torque, levels and a disturbance of its own. The simulator is that of
-tools/, which shares nothing with rovid. Started again with the same state it goes on where it stopped. ``--again``
+times as it was: six pairs. Each day has a constant torque, levels and a disturbance of its own. The simulator is that
+of tools/, which shares nothing with rovid. Started again with the same state it goes on where it stopped. ``--again``
 judges what the state holds without a fit.
 """
 
@@ -66,7 +66,9 @@ def programme(rng: np.random.Generator, *, apart: bool) -> tuple[Run, ...]:
         Run(name="levels", pieces=multilevel(100.0)),
     ]
     if apart:
-        runs += [Run(name=f"{one}_only", pieces=(Hold(2.2, 25.0), Hold(-2.7, 25.0)), only=one) for one in ("fore", "aft")]
+        runs += [
+            Run(name=f"{one}_only", pieces=(Hold(2.2, 25.0), Hold(-2.7, 25.0)), only=one) for one in ("fore", "aft")
+        ]
     return tuple(runs)
 
 
@@ -117,7 +119,10 @@ def judged(seed: int, number: int) -> dict[str, Any]:
                     "verdict": said.verdict,
                     "changed": said.changed,
                     "causes": said.causes,
-                    "found": [(one.candidate.name, one.confidence, one.ratio, one.standard_error) for one in said.changes.found],
+                    "found": [
+                        (one.candidate.name, one.confidence, one.ratio, one.standard_error)
+                        for one in said.changes.found
+                    ],
                     "seen": dict(said.changes.seen),
                     "why": said.why,
                     "pair": {key: _listed(value) for key, value in vars(pair).items()},
@@ -151,7 +156,7 @@ def right(record: dict[str, Any], pair: dict[str, Any]) -> bool:
     """Whether what changed was named, and nothing else."""
     kind, names = pair["kind"], set(pair["changed"])
     if kind == "nothing":
-        return pair["verdict"] == "same"
+        return str(pair["verdict"]) == "same"
     if kind == "drag":
         return bool(names) and names <= {"quadratic_drag", "linear_drag"}
     if kind == "lag":
@@ -184,16 +189,32 @@ def again(pair: dict[str, Any], *, apart: bool) -> dict[str, Any]:
     """``pair`` with what is said of its estimates now."""
     from rovid.compare.changes import Pair, candidates_of, changes_of
 
-    given = {key: np.array(value) if key in {"a", "b", "covariance_a", "covariance_b"} else value for key, value in pair["pair"].items()}
-    given["names"], given["units"] = tuple(given["names"]), tuple(given["units"])
-    weak = [name.rpartition(".")[0] for name in given["names"] if name.startswith("thruster_imbalance")]
-    found = changes_of(Pair(**given), candidates_of(Pair(**given), weak, "thruster_imbalance:aft" if weak and apart else ""))
+    given = pair["pair"]
+    estimates = Pair(
+        names=tuple(given["names"]),
+        units=tuple(given["units"]),
+        a=np.array(given["a"]),
+        b=np.array(given["b"]),
+        covariance_a=np.array(given["covariance_a"]),
+        covariance_b=np.array(given["covariance_b"]),
+        white=bool(given["white"]),
+        samples=int(given["samples"]),
+    )
+    weak = [name.rpartition(".")[0] for name in estimates.names if name.startswith("thruster_imbalance")]
+    other = "thruster_imbalance:aft" if weak and apart else ""
+    found = changes_of(estimates, candidates_of(estimates, weak, other))
     names: list[str] = []
     for change in found.established:
         names += [change.candidate.name] if change.candidate.inverse else change.candidate.changes
     verdict = "changed" if names else "cannot_tell" if found.found or pair["why"] else "same"
     listed = [(one.candidate.name, one.confidence, one.ratio, one.standard_error) for one in found.found]
-    return {**pair, "changed": list(dict.fromkeys(names)), "verdict": verdict, "found": listed, "seen": dict(found.seen)}
+    return {
+        **pair,
+        "changed": list(dict.fromkeys(names)),
+        "verdict": verdict,
+        "found": listed,
+        "seen": dict(found.seen),
+    }
 
 
 def summary(records: list[dict[str, Any]]) -> str:
@@ -204,12 +225,19 @@ def summary(records: list[dict[str, Any]]) -> str:
         good = sum(right(*one) for one in pairs)
         wrong = sum(falsely(*one) for one in pairs)
         open_ = sum(pair["verdict"] == "cannot_tell" for _, pair in pairs)
-        lines.append(f"{kind:<10} {len(pairs):4d} pairs: right {good}, something named wrongly {wrong}, cannot tell {open_}")
+        lines.append(
+            f"{kind:<10} {len(pairs):4d} pairs: right {good}, something named wrongly {wrong}, cannot tell {open_}"
+        )
     for name in truth_of({"apart": True, "lag": 0.0}, ""):
-        off = [abs(z) for record in records for pair in record["pairs"] for one, z in errors(record, pair) if one == name]
+        off = [
+            abs(z) for record in records for pair in record["pairs"] for one, z in errors(record, pair) if one == name
+        ]
         if off:
             inside = sum(z < _SURE for z in off)
-            lines.append(f"{name:<30} 95 % interval of the difference holds {inside} of {len(off)} ({100 * inside / len(off):.1f} %)")
+            lines.append(
+                f"{name:<30} 95 % interval of the difference holds {inside} of {len(off)}, "
+                f"{100 * inside / len(off):.1f} %"
+            )
     return "\n".join(lines)
 
 

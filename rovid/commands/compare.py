@@ -21,7 +21,7 @@ from rovid.commands.session import (
     require_holding,
     working,
 )
-from rovid.ground.errors import ConfigError, DataError
+from rovid.ground.errors import ConfigError
 
 if TYPE_CHECKING:
     from rovid.campaign.axis import Axis
@@ -64,7 +64,9 @@ def compare(
     parameters: ParameterFile = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="PAGE", help="Write a page that needs no other file.", show_default=False),
+        typer.Option(
+            "--output", "-o", metavar="PAGE", help="Write a page that needs no other file.", show_default=False
+        ),
     ] = None,
     matters: Annotated[
         float, typer.Option(metavar="PERCENT", min=0.1, max=100.0, help="Change of drag or inertia that has to show.")
@@ -77,8 +79,7 @@ def compare(
     given = campaigns or []
     if len(given) > 2:
         raise ConfigError(
-            f"are {len(given)}; two campaigns were expected, or fewer.",
-            where="A B",
+            f"{len(given)} campaigns were given; two were expected, or fewer.",
             mend="Give each campaign's folder, not its logs one by one.",
         )
     compile_beside()
@@ -87,15 +88,40 @@ def compare(
     from rovid.show.comparison import comparison_document, show_comparison
 
     wanted = axis_named(axis) if axis else YAW
+    page = None
+    if output is not None:
+        from rovid.report.comparison import comparison_page
+
+        page = comparison_page(output)
+    claim = claim_of(
+        [page] if page else [], [path for path in given if path.exists()], *_read(parameters, axis), force=force
+    )
     with working("Reading …") as report:
         makers, notes = _asked_for(given, parameters, axis, wanted, cutoff)
         a, b = (maker(report) for maker in makers)
         comparison = compared(a, b, matters=matters / 100.0, report=report)
-    guess = _guess(a, b)
+        guess = _guess(a, b)
+        if page is not None:
+            from rovid.report.comparison import write_comparison
+
+            report("Drawing and writing the page …")
+            write_comparison(claim, page, comparison, guess, notes)
+    written = {} if page is None else {"page": str(page.path)}
     if json:
-        print_json(comparison_document(comparison, guess, notes))
-    else:
-        show_comparison(console(), comparison, guess, notes)
+        print_json(comparison_document(comparison, guess, notes) | written)
+        return
+    show_comparison(console(), comparison, guess, notes)
+    for path in written.values():
+        console().print(path, highlight=False, soft_wrap=True)
+
+
+def _read(parameters: Path | None, axis: str | None) -> list[Path]:
+    """The parameter file at hand and its history, where there are any: no page goes over them."""
+    from rovid.commands.session import stored_at
+    from rovid.parameters.history import history_of
+
+    path = stored_at(parameters, axis).path
+    return [path, history_of(path).path]
 
 
 Maker = Callable[[Callable[[str], None]], "Day"]
@@ -106,8 +132,6 @@ def _asked_for(
 ) -> tuple[list[Maker], list[str]]:
     """What makes A and B, and what has to be said of them."""
     if len(given) == 2:
-        if given[0].resolve() == given[1].resolve():
-            raise ConfigError("is both A and B; two campaigns were expected.", where=given[0], mend="Give another one.")
         names = _apart(given)
         return [_day(path, name, wanted, cutoff) for path, name in zip(given, names, strict=True)], []
     stored = known_at(parameters, axis)
@@ -123,8 +147,11 @@ def _asked_for(
         raise ConfigError(
             f"is what {stored.path} rests on; two campaigns were expected.", where=given[0], mend="Give B as well."
         )
-    named = ", ".join(str(path) for path in logs)
-    return [_day(given[0], str(given[0]), stored.axis, cutoff), _of_logs(logs, named, stored.axis, cutoff)], notes
+    named = ", ".join(path.name for path in logs)
+    return [
+        _day(given[0], given[0].resolve().name, stored.axis, cutoff),
+        _of_logs(logs, named, stored.axis, cutoff),
+    ], notes
 
 
 def _apart(given: list[Path]) -> list[str]:

@@ -41,7 +41,9 @@ def last_before(stored: Parameters) -> Day:
     if found is None:
         where = history_of(stored.path).path
         raise DataError(
-            "holds no other model to compare with." if records else "there is no such history of what was found before.",
+            "holds no other model to compare with."
+            if records
+            else "there is no such history of what was found before.",
             where=where,
             mend="Give A and B. Each `rovid fit`, `rovid diagnose` and `rovid report` adds a line to it.",
         )

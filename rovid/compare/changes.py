@@ -170,7 +170,9 @@ class Changes:
         at = self.pair.names.index(name)
         return float(self.pair.difference[at]), float(math.sqrt(self.pair.covariance[at, at]))
 
-    def quotient(self, first: str, second: str) -> tuple[tuple[tuple[float, float], tuple[float, float]], tuple[float, float]] | None:
+    def quotient(
+        self, first: str, second: str
+    ) -> tuple[tuple[tuple[float, float], tuple[float, float]], tuple[float, float]] | None:
         """One parameter over another in A and in B, and the second of these over the first, with standard errors.
 
         None where either cannot be told from zero.
@@ -394,9 +396,11 @@ def changes_of(pair: Pair, candidates: Sequence[Candidate]) -> Changes:
     rest = [one for one in candidates if one not in chosen]
     possible = [search.change(one, chosen) for one in rest]
     every = sorted((*found, *(one for one in possible if one.confidence >= POSSIBLE)), key=lambda one: -one.confidence)
-    sure = {}
-    for name in pair.names:
-        sure[name] = max((one.confidence for one in (*found, *possible) if name in one.candidate.changes), default=0.0)
+    # With less thrust all else looks larger, and is as it was.
+    own = [one for one in (*found, *possible) if not one.candidate.inverse]
+    sure = {
+        name: max((one.confidence for one in own if name in one.candidate.changes), default=0.0) for name in pair.names
+    }
     joint, covariance = search.joint(chosen)
     return Changes(
         pair=pair,
@@ -406,4 +410,3 @@ def changes_of(pair: Pair, candidates: Sequence[Candidate]) -> Changes:
         joint_covariance=covariance,
         seen={one.name: search.seen(one, chosen) for one in candidates if one.factor},
     )
-

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.campaign.settings import Settings
-from rovid.compare.changes import DRAG, MATTERS, Candidate, Changes, Pair, candidates_of, changes_of
+from rovid.compare.changes import DRAG, MATTERS, Changes, Pair, candidates_of, changes_of
 from rovid.compare.day import Asked, Day, asked, shared_effects
-from rovid.diagnose.odds import ESTABLISHED
 from rovid.effects import Effect
 from rovid.effects.thruster_imbalance import EFFECT as IMBALANCE
 from rovid.ground.errors import ConfigError
@@ -98,15 +97,15 @@ def compare(a: Day, b: Day, *, matters: float = MATTERS, report: Report = lambda
     DataError
         One tells too little.
     """
-    warnings = _alike(a, b)
+    warnings = [*_alike(a, b), *_called(a, b), *_twice(a, b)]
     effects = shared_effects(a, b)
     report("Fitting both with the causes of either …")
     one, other = spread(lambda day: asked(day, effects), [a, b])
-    pair, left_out = _pair(one, other, [effect for effect in effects if effect.passing])
+    pair, named = _pair(one, other, [effect for effect in effects if effect.passing])
     weak = [effect.key for effect in effects if effect.id == IMBALANCE.id]
     changes = changes_of(pair, candidates_of(pair, weak, _other_thruster(a, effects)))
     report("Simulating the runs of each by the model of the other …")
-    why = [*_unseen(changes, matters), *_only_in_one(one, other, left_out)]
+    why = [*_unseen(changes, matters), *_untold(named, pair, a, b)]
     if changes.established:
         verdict = "changed"
     elif why or changes.found:
@@ -149,9 +148,28 @@ def _alike(a: Day, b: Day) -> list[str]:
     differing = a.settings.changes(b.settings, drive_alone=True)
     if not differing:
         return []
-    return [
+    text = (
         f"rovid.toml differs: {'; '.join(differing)}. Where that is a correction and no refit, make both alike: thrust "
         "is what everything is measured by."
+    )
+    return [text]
+
+
+def _called(a: Day, b: Day) -> list[str]:
+    """What is said of vehicles that are not called alike."""
+    if a.vehicle_name == b.vehicle_name:
+        return []
+    return [f"{a.name} is of {a.vehicle_name or 'no vehicle by name'}, {b.name} of {b.vehicle_name or 'none'}."]
+
+
+def _twice(a: Day, b: Day) -> list[str]:
+    """What is said where a log is in both."""
+    both = {source.sha256 for source in a.sources} & {source.sha256 for source in b.sources}
+    if not both:
+        return []
+    names = [source.name for source in a.sources if source.sha256 in both]
+    return [
+        f"In both campaigns: {', '.join(names)}. What rests on the same logs agrees, and errors are no errors then."
     ]
 
 
@@ -166,11 +184,10 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _pair(one: Asked, other: Asked, passing: Sequence[Effect]) -> tuple[Pair, list[str]]:
-    """What both say of the same parameters, but for what is of a day alone; and names that one of them lacks."""
+    """What both say of the same parameters, but for what is of a day alone; and the names of all that either has."""
     aside = tuple(f"{effect.key}." for effect in passing)
     named = [name for name in dict.fromkeys((*one.names, *other.names)) if not name.startswith(aside)]
     kept = [name for name in named if _is_known(one, name) and _is_known(other, name)]
-    left_out = [name for name in named if (name in one.names) != (name in other.names)]
     places = [[side.names.index(name) for name in kept] for side in (one, other)]
     pair = Pair(
         names=tuple(kept),
@@ -182,7 +199,7 @@ def _pair(one: Asked, other: Asked, passing: Sequence[Effect]) -> tuple[Pair, li
         white=one.white and other.white,
         samples=one.samples + other.samples,
     )
-    return pair, left_out
+    return pair, named
 
 
 def _is_known(side: Asked, name: str) -> bool:
@@ -198,7 +215,9 @@ def _other_thruster(a: Day, effects: Sequence[Effect]) -> str:
     if not a.runs:
         return ""
     named = {effect.form for effect in effects if effect.id == IMBALANCE.id}
-    left = [thruster.name for thruster in a.vehicle.thrusters if thruster.curve is not None and thruster.name not in named]
+    left = [
+        thruster.name for thruster in a.vehicle.thrusters if thruster.curve is not None and thruster.name not in named
+    ]
     return f"{IMBALANCE.id}:{left[0]}" if named and len(left) == 1 else ""
 
 
@@ -211,10 +230,18 @@ def _unseen(changes: Changes, matters: float) -> list[str]:
     ]
 
 
-def _only_in_one(one: Asked, other: Asked, left_out: Sequence[str]) -> list[str]:
-    """What is known of one of the two alone, where that is a file."""
-    keys = dict.fromkeys(name.rpartition(".")[0] for name in left_out if "." in name)
-    return [f"{key} stands in one of the two files, and whether the other's logs show it is not told" for key in keys]
+def _untold(named: Sequence[str], pair: Pair, a: Day, b: Day) -> list[str]:
+    """What one of the two alone knows, a clause each."""
+    clauses = []
+    for name in named:
+        if name in pair.names:
+            continue
+        what = f"{name} is known of one of the two alone"
+        if a.runs and b.runs:
+            clauses.append(what)
+        else:
+            clauses.append(f"{what}, and of a parameter file nobody tells whether its logs show it: give the logs")
+    return clauses
 
 
 def _causes(day: Day, against: Day, effects: Sequence[Effect], own: Asked, changes: Changes) -> tuple[str, ...]:
@@ -266,9 +293,7 @@ def _predicted(model: Model, on: Day) -> Prediction:
     for horizon in HORIZONS:
         known = [error for one in simulations if (error := one.position_errors[horizon]) is not None]
         errors[horizon] = math.sqrt(sum(error**2 for error in known) / len(known)) if known else None
-    return Prediction(
-        simulations=tuple(simulations), rate_r2=fit.r2, rate_rmse=fit.rmse, position_errors=errors
-    )
+    return Prediction(simulations=tuple(simulations), rate_r2=fit.r2, rate_rmse=fit.rmse, position_errors=errors)
 
 
 def _said(day: Day, own: Asked) -> list[str]:

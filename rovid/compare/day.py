@@ -24,7 +24,7 @@ from rovid.identify.likelihood import fit_likelihood
 from rovid.model.model import Model
 from rovid.model.names import base_names, effect_ids
 from rovid.motion.runs import Run, channels
-from rovid.parameters.parameters import Parameters
+from rovid.parameters.parameters import Parameters, Source
 from rovid.study import Study
 
 # A suspect that is likelier than not is put into both models, lest it pull at the rest of one.
@@ -43,6 +43,8 @@ class Day:
         Of the model that its diagnosis ended with, or of the parameter file.
     settings
         What of rovid.toml it rests on; None where that is not known.
+    sources
+        Its logs, by their digests.
     study, diagnosis
         None of a parameter file.
     seen
@@ -54,6 +56,8 @@ class Day:
     estimate: Estimate
     settings: Settings | None
     samples: int
+    sources: tuple[Source, ...]
+    vehicle_name: str
     study: Study | None = None
     diagnosis: Diagnosis | None = None
     seen: Mapping[str, float] = field(default_factory=dict)
@@ -161,6 +165,8 @@ def day_of_logs(study: Study, name: str, report: Callable[[str], None] = lambda 
         estimate=estimate,
         settings=study.settings,
         samples=estimate.samples,
+        sources=study.origin.sources,
+        vehicle_name=study.vehicle.name,
         study=study,
         diagnosis=diagnosis,
     )
@@ -185,6 +191,8 @@ def day_of_file(stored: Parameters, name: str, seen: Mapping[str, float] | None 
         estimate=stored.estimate(names),
         settings=stored.settings,
         samples=sum(source.samples for source in stored.sources),
+        sources=stored.sources,
+        vehicle_name=stored.vehicle,
         seen={} if seen is None else seen,
     )
 

@@ -89,13 +89,14 @@ def write_report(folder: Path, evidence: Evidence, *, claim: Claim | None = None
 
 def render_page(evidence: Evidence, album: Album, *, today: date) -> str:
     """The page as HTML, with the plots of ``album``."""
-    environment = _environment()
+    environment = page_environment()
     # Every table asks for it: those of macros too, which see no other context.
     environment.globals["guess"] = evidence.vehicle.guess
     return environment.get_template("page.html.j2").render(_context(evidence, album, today))
 
 
-def _environment() -> Environment:
+def page_environment() -> Environment:
+    """What fills in the templates: all is escaped, and what is not seen becomes visible."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 

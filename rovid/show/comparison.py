@@ -9,11 +9,11 @@ from rich.console import Console
 
 from rovid.campaign.axis import Axis
 from rovid.campaign.guesswork import Guesswork
-from rovid.compare.changes import DRAG, THRUST_SCALE, Candidate, Change
+from rovid.compare.changes import DRAG, THRUST_SCALE, Candidate, Change, Changes
 from rovid.compare.comparison import Comparison, Prediction
 from rovid.diagnose.odds import ESTABLISHED
 from rovid.diagnose.record import INVISIBLE, NEVER_SHOWN
-from rovid.effects import effect_named
+from rovid.effects import CATALOGUE, effect_named
 from rovid.ground.numbers import plus_minus, significant
 from rovid.ground.screen import led
 from rovid.model.names import without_form
@@ -132,22 +132,29 @@ def show_comparison(console: Console, comparison: Comparison, guess: Guesswork, 
     if comparison.predictions:
         console.print(prediction_rows(comparison))
     for side, day, causes in zip("AB", (comparison.a, comparison.b), comparison.causes, strict=True):
-        titles = listed([effect_named_or_id(name) for name in causes]) if causes else "none"
+        titles = listed([title_of_cause(name) for name in causes]) if causes else "none"
         say(console, f"{side} is {day.name}; causes: {titles}")
     show_warnings(console, [*comparison.warnings, *warnings])
 
 
-def effect_named_or_id(name: str) -> str:
+def title_of_cause(name: str) -> str:
     """The title of the effect with this id."""
-    from rovid.effects import CATALOGUE
-
     return next((effect.title for effect in CATALOGUE if effect.id == name), name)
 
 
 def parameter_rows(comparison: Comparison) -> Columns:
     """Each parameter in both, their ratio, and how sure it is that it changed."""
     changes, pair = comparison.changes, comparison.changes.pair
-    rows = table("Each by itself; together: both share what did not change", "parameter", "B over A", "changed", "A", "B", "unit", "together")
+    rows = table(
+        "Each by itself; together: both share what did not change",
+        "parameter",
+        "B over A",
+        "changed",
+        "A",
+        "B",
+        "unit",
+        "together",
+    )
     for at, name in enumerate(pair.names):
         ratio = changes.ratio(name)
         (shared, error), (later, _) = changes.together(name)
@@ -155,7 +162,7 @@ def parameter_rows(comparison: Comparison) -> Columns:
         rows.add_row(
             named(name),
             "–" if ratio is None else plus_minus(*ratio),
-            _sure(changes.sure[name]),
+            sure_in_words(changes, name),
             plus_minus(float(pair.a[at]), math.sqrt(pair.covariance_a[at, at])),
             plus_minus(float(pair.b[at]), math.sqrt(pair.covariance_b[at, at])),
             pair.units[at],
@@ -165,7 +172,11 @@ def parameter_rows(comparison: Comparison) -> Columns:
     return rows
 
 
-def _sure(sure: float) -> str:
+def sure_in_words(changes: Changes, name: str) -> str:
+    """How sure it is that a parameter changed; what only looks so beside less thrust did not."""
+    if any(change.candidate.inverse and name in change.candidate.changes for change in changes.established):
+        return "as thrust did"
+    sure = changes.sure[name]
     return "no" if sure < _SURELY_NOT else f"{100.0 * sure:.0f} %"
 
 
@@ -216,7 +227,12 @@ def comparison_document(comparison: Comparison, guess: Guesswork, warnings: Sequ
         "causes": {"a": list(comparison.causes[0]), "b": list(comparison.causes[1])},
         "of_the_day": list(comparison.passing),
         "ratios": {
-            symbols: {"a": _value(*sides[0], unit), "b": _value(*sides[1], unit), "ratio": over[0], "standard_error": over[1]}
+            symbols: {
+                "a": _value(*sides[0], unit),
+                "b": _value(*sides[1], unit),
+                "ratio": over[0],
+                "standard_error": over[1],
+            }
             for symbols, sides, over, unit in _quotients(comparison)
         },
         "prediction": {

@@ -80,6 +80,7 @@ def pdf_form(of: str) -> Form:
 PARAMETERS = _form("a parameter file", rb'^schema = "rovid-parameters/[0-9]+"\s*$')
 HISTORY = _form("a history of parameters", rb'\A\{"schema": "rovid-history/[0-9]+"')
 PAGE = _form("a page of rovid report", rb'^<meta name="generator" content="rovid [^"]*">$')
+COMPARISON = _form("a page of rovid compare", rb'^<meta name="generator" content="rovid compare [^"]*">$')
 C_SOURCE = _form("a controller in C", rb"\A/\* Heading controller, .{0,80} Written by rovid ")
 PYTHON_SOURCE = _form("a controller in Python", rb'\A"""Heading controller, .{0,80} Written by rovid ')
 # The first name of the header is quoted, which it need not be, another is not: nobody else writes CSV so, all read it.

@@ -9,14 +9,22 @@ from rovid.model.simulation import TrialSimulation
 from rovid.report.plots.canvas import BLACK, ORANGE, PALE, extremes, sheet, styled
 
 _POINTS = 100  # for each inch
-_BEFORE = (ORANGE, "--", "without")
+NAMES = ("without", "with")
 
 
 @styled
-def before_after(before: TrialSimulation, after: TrialSimulation, *, width: float, rows: tuple[float, float]) -> Figure:
+def before_after(
+    before: TrialSimulation,
+    after: TrialSimulation,
+    *,
+    width: float,
+    rows: tuple[float, float],
+    names: tuple[str, str] = NAMES,
+) -> Figure:
     """Rate above, error of the position below; one simulation alone where nothing was found.
 
     ``width`` is the figure's and ``rows`` the two panels' height, in inches: a telephone's picture is not a page's.
+    ``names`` are those of the two models.
     """
     figure, ((rate,), (position,)) = sheet(
         [(height, 1) for height in rows],
@@ -32,8 +40,8 @@ def before_after(before: TrialSimulation, after: TrialSimulation, *, width: floa
     time, count = before.run.rates.time, round(_POINTS * width)
     rate.plot(*extremes(time, before.measured, count), color=PALE, linewidth=4.0, label="measured")
     if after is not before:
-        _simulation((rate, position), before, count, _BEFORE)
-        _simulation((rate, position), after, count, (BLACK, "-", "with"))
+        _simulation((rate, position), before, count, (ORANGE, "--", names[0]))
+        _simulation((rate, position), after, count, (BLACK, "-", names[1]))
     else:
         _simulation((rate, position), before, count, (BLACK, "-", "simulated"))
     rate.set_title(f"{axis.rate_words}, {axis.rate_unit}", fontsize=9, pad=4)
