@@ -98,7 +98,7 @@ def write_day(folder: Path, truth: Truth, seed: list[int], *, apart: bool) -> No
 def judged(seed: int, number: int) -> dict[str, Any]:
     """One vehicle: its days diagnosed, each pair compared."""
     from rovid.compare.comparison import compare
-    from rovid.compare.day import day_of_logs
+    from rovid.compare.day import day_of_logs, diagnosed
     from rovid.study import open_study
 
     began = time.monotonic()
@@ -109,7 +109,7 @@ def judged(seed: int, number: int) -> dict[str, Any]:
         for at, kind in enumerate(("", *KINDS)):
             folder = Path(room) / f"day_{at}"
             write_day(folder, changed(truth, kind, lag), [seed, number, at], apart=apart)
-            days.append(day_of_logs(open_study([folder]), f"day {at}"))
+            days.append(diagnosed(day_of_logs(open_study([folder]), f"day {at}")))
         for kind, day in zip(KINDS, days[1:], strict=True):
             said = compare(days[0], day)
             pair = said.changes.pair

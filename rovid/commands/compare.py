@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -97,9 +96,9 @@ def compare(
         [page] if page else [], [path for path in given if path.exists()], *_read(parameters, axis), force=force
     )
     with working("Reading …") as report:
-        makers, notes = _asked_for(given, parameters, axis, wanted, cutoff)
-        a, b = (maker(report) for maker in makers)
+        (a, b), notes = _asked_for(given, parameters, axis, wanted, cutoff)
         comparison = compared(a, b, matters=matters / 100.0, report=report)
+        a, b = comparison.a, comparison.b
         guess = _guess(a, b)
         if page is not None:
             from rovid.report.comparison import write_comparison
@@ -124,34 +123,26 @@ def _read(parameters: Path | None, axis: str | None) -> list[Path]:
     return [path, history_of(path).path]
 
 
-Maker = Callable[[Callable[[str], None]], "Day"]
-
-
 def _asked_for(
     given: list[Path], parameters: Path | None, axis: str | None, wanted: Axis, cutoff: float | None
-) -> tuple[list[Maker], list[str]]:
-    """What makes A and B, and what has to be said of them."""
+) -> tuple[tuple[Day, Day], list[str]]:
+    """A and B, and what has to be said of them."""
+    from rovid.compare.before import day_at, last_before
+
     if len(given) == 2:
-        names = _apart(given)
-        return [_day(path, name, wanted, cutoff) for path, name in zip(given, names, strict=True)], []
+        one, other = (_day(path, name, wanted, cutoff) for path, name in zip(given, _apart(given), strict=True))
+        return (one, other), []
     stored = known_at(parameters, axis)
     notes = require_holding(stored, None)
+    at_hand = str(stored.path)
     if not given:
-        from rovid.compare.before import last_before
-
-        return [lambda _: last_before(stored), _of_file(stored.path, str(stored.path))], notes
-    if _is_parameters(given[0]):
-        return [_of_file(given[0], str(given[0])), _of_file(stored.path, str(stored.path))], notes
+        return (last_before(stored), day_at(stored.path, at_hand)), notes
+    first = given[0]
+    if _is_parameters(first):
+        return (day_at(first, str(first)), day_at(stored.path, at_hand)), notes
     logs = remembered(stored)
-    if {path.resolve() for path in logs} == {given[0].resolve()}:
-        raise ConfigError(
-            f"is what {stored.path} rests on; two campaigns were expected.", where=given[0], mend="Give B as well."
-        )
     named = ", ".join(path.name for path in logs)
-    return [
-        _day(given[0], given[0].resolve().name, stored.axis, cutoff),
-        _of_logs(logs, named, stored.axis, cutoff),
-    ], notes
+    return (_logs([first], first.resolve().name, stored.axis, cutoff), _logs(logs, named, stored.axis, cutoff)), notes
 
 
 def _apart(given: list[Path]) -> list[str]:
@@ -166,27 +157,16 @@ def _is_parameters(path: Path) -> bool:
     return path.is_file() and (path.suffix == ".toml" or PARAMETERS.marks(path))
 
 
-def _day(path: Path, name: str, axis: Axis, cutoff: float | None) -> Maker:
-    if _is_parameters(path):
-        return _of_file(path, name)
-    return _of_logs([path], name, axis, cutoff)
-
-
-def _of_logs(paths: list[Path], name: str, axis: Axis, cutoff: float | None) -> Maker:
-    study = opened(paths, cutoff, axis)
-
-    def made(report: Callable[[str], None]) -> Day:
-        from rovid.compare.day import day_of_logs
-
-        return day_of_logs(study, name, lambda text: report(f"{name}: {text}"))
-
-    return made
-
-
-def _of_file(path: Path, name: str) -> Maker:
+def _day(path: Path, name: str, axis: Axis, cutoff: float | None) -> Day:
     from rovid.compare.before import day_at
 
-    return lambda _: day_at(path, name)
+    return day_at(path, name) if _is_parameters(path) else _logs([path], name, axis, cutoff)
+
+
+def _logs(paths: list[Path], name: str, axis: Axis, cutoff: float | None) -> Day:
+    from rovid.compare.day import day_of_logs
+
+    return day_of_logs(opened(paths, cutoff, axis), name)
 
 
 def _guess(a: Day, b: Day) -> Guesswork:

@@ -272,7 +272,7 @@ class _Search:
 
     def _left(self, chosen: Sequence[Candidate]) -> FloatArray:
         ways = self._ways(chosen)
-        return self._z - ways @ np.linalg.lstsq(ways, self._z, rcond=None)[0] if chosen else self._z
+        return np.asarray(self._z - ways @ np.linalg.lstsq(ways, self._z, rcond=None)[0]) if chosen else self._z
 
     def run(self) -> list[Candidate]:
         """What is worth its price, the best first."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from rovid.campaign.settings import Settings
 from rovid.compare.changes import DRAG, MATTERS, Changes, Pair, candidates_of, changes_of
-from rovid.compare.day import Asked, Day, asked, shared_effects
+from rovid.compare.day import Asked, Day, asked, diagnosed, shared_effects
 from rovid.effects import Effect
 from rovid.effects.thruster_imbalance import EFFECT as IMBALANCE
 from rovid.ground.errors import ConfigError
@@ -86,7 +86,7 @@ class Comparison:
 
 
 def compare(a: Day, b: Day, *, matters: float = MATTERS, report: Report = lambda _: None) -> Comparison:
-    """Hold two campaigns against each other.
+    """Hold two campaigns against each other; logs are diagnosed where they are not yet.
 
     Both are fitted with the causes of either, so that no difference is one between models.
 
@@ -98,6 +98,7 @@ def compare(a: Day, b: Day, *, matters: float = MATTERS, report: Report = lambda
         One tells too little.
     """
     warnings = [*_alike(a, b), *_called(a, b), *_twice(a, b)]
+    a, b = diagnosed(a, report), diagnosed(b, report)
     effects = shared_effects(a, b)
     report("Fitting both with the causes of either …")
     one, other = spread(lambda day: asked(day, effects), [a, b])

@@ -39,33 +39,30 @@ class Day:
     ----------
     name
         The folder or file, as the user knows it.
-    estimate
-        Of the model that its diagnosis ended with, or of the parameter file.
+    vehicle_name
+        What its rovid.toml calls the vehicle.
     settings
         What of rovid.toml it rests on; None where that is not known.
     sources
         Its logs, by their digests.
+    stored
+        What a parameter file says; None of logs.
     study, diagnosis
-        None of a parameter file.
+        Of logs, the latter as soon as they are diagnosed; None of a parameter file.
     seen
-        Of a parameter file, name of each parameter of a cause that was looked for and not found -> its size that would
-        have been seen. Empty where nobody looked.
+        Of a parameter file, id of each cause that was looked for and not found -> size that would have been seen.
+        Empty where nobody looked.
     """
 
     name: str
-    estimate: Estimate
-    settings: Settings | None
-    samples: int
-    sources: tuple[Source, ...]
+    axis: Axis
     vehicle_name: str
+    settings: Settings | None
+    sources: tuple[Source, ...]
+    stored: Estimate | None = None
     study: Study | None = None
     diagnosis: Diagnosis | None = None
     seen: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def axis(self) -> Axis:
-        """Along which it was."""
-        return self.estimate.axis
 
     @property
     def runs(self) -> Sequence[Run]:
@@ -82,7 +79,7 @@ class Day:
     def model(self) -> Model | None:
         """The free-running model that the diagnosis ended with, without what is of its own trials alone.
 
-        None of a parameter file.
+        None where there is no diagnosis.
         """
         if self.diagnosis is None or self.diagnosis.extended is None:
             return None
@@ -100,10 +97,10 @@ class Day:
 
     @property
     def found(self) -> list[Effect]:
-        """Causes that are established."""
-        if self.diagnosis is None:
-            return [effect_named(key) for key in effect_ids(self.estimate.names)]
-        return [finding.effect for finding in self.diagnosis.findings]
+        """Causes that are established, or stand in the parameter file."""
+        if self.stored is not None:
+            return [effect_named(key) for key in effect_ids(self.stored.names)]
+        return [] if self.diagnosis is None else [finding.effect for finding in self.diagnosis.findings]
 
     @property
     def likely(self) -> list[Finding]:
@@ -146,30 +143,41 @@ class Asked:
     warnings: tuple[str, ...] = ()
 
 
-def day_of_logs(study: Study, name: str, report: Callable[[str], None] = lambda _: None) -> Day:
-    """Diagnose the logs of ``study``.
+def day_of_logs(study: Study, name: str) -> Day:
+    """The logs of ``study``, which are not diagnosed yet.
 
     Raises
     ------
     DataError
-        They are tables, or tell too little for a diagnosis.
+        They are tables.
     """
     if study.runs is None:
         raise DataError("holds tables; logs, or a parameter file, were expected.", where=name, mend="Give logs.")
-    diagnosis = study.diagnosis(report)
-    if diagnosis.extended is None:
-        raise DataError(f"tells too little to be compared: {diagnosis.missing}", where=name)
-    estimate = diagnosis.extended.estimate
+    origin = study.origin
     return Day(
         name=name,
-        estimate=estimate,
-        settings=study.settings,
-        samples=estimate.samples,
-        sources=study.origin.sources,
-        vehicle_name=study.vehicle.name,
+        axis=study.vehicle.axis,
+        vehicle_name=origin.vehicle,
+        settings=origin.settings,
+        sources=origin.sources,
         study=study,
-        diagnosis=diagnosis,
     )
+
+
+def diagnosed(day: Day, report: Callable[[str], None] = lambda _: None) -> Day:
+    """``day`` with the diagnosis of its logs, where it has logs and none yet.
+
+    Raises
+    ------
+    DataError
+        They tell too little.
+    """
+    if day.study is None or day.diagnosis is not None:
+        return day
+    diagnosis = day.study.diagnosis(lambda text: report(f"{day.name}: {text}"))
+    if diagnosis.extended is None:
+        raise DataError(f"tells too little to be compared: {diagnosis.missing}", where=day.name)
+    return replace(day, diagnosis=diagnosis)
 
 
 def day_of_file(stored: Parameters, name: str, seen: Mapping[str, float] | None = None) -> Day:
@@ -188,11 +196,11 @@ def day_of_file(stored: Parameters, name: str, seen: Mapping[str, float] | None 
     names += [one for one in stored.entries if "." in one]
     return Day(
         name=name,
-        estimate=stored.estimate(names),
-        settings=stored.settings,
-        samples=sum(source.samples for source in stored.sources),
-        sources=stored.sources,
+        axis=stored.axis,
         vehicle_name=stored.vehicle,
+        settings=stored.settings,
+        sources=stored.sources,
+        stored=stored.estimate(names),
         seen={} if seen is None else seen,
     )
 
@@ -207,8 +215,8 @@ def asked(day: Day, effects: Sequence[Effect]) -> Asked:
     DataError
         The vehicle was not excited enough.
     """
-    if not day.runs:
-        return _as_written(day, effects)
+    if day.stored is not None:
+        return _as_written(day, day.stored, effects)
     own = day.own
     taken = {effect.id for effect in (*own, *effects)}
     if BIAS.id not in taken and day.axis.name in BIAS.axes:
@@ -229,9 +237,8 @@ def asked(day: Day, effects: Sequence[Effect]) -> Asked:
     )
 
 
-def _as_written(day: Day, effects: Sequence[Effect]) -> Asked:
+def _as_written(day: Day, estimate: Estimate, effects: Sequence[Effect]) -> Asked:
     """What a parameter file says; of a cause that was looked for and not found, how large it may be."""
-    estimate = day.estimate
     names = [name for name in base_names(day.axis) if name in estimate.names and name not in estimate.refused]
     values = [estimate.value(name) for name in names]
     at = [estimate.names.index(name) for name in names]
@@ -256,7 +263,7 @@ def _as_written(day: Day, effects: Sequence[Effect]) -> Asked:
         values=np.array([*values, *(null for null, _ in absent.values())]),
         covariance=covariance,
         white=False,
-        samples=day.samples,
+        samples=sum(source.samples for source in day.sources),
     )
 
 
@@ -266,7 +273,7 @@ def shared_effects(a: Day, b: Day) -> list[Effect]:
     What is of a day alone is among them, lest it pull at the rest, and compared by itself.
     """
     if not a.runs or not b.runs:
-        both = {effect.key: effect for day in (a, b) for effect in _by_name(day) if not _is_own(effect)}
+        both = {effect.key: effect for day in (a, b) for effect in day.found if not _is_own(effect)}
         return list(both.values())
     best: dict[str, Finding] = {}
     for one in (*a.likely, *b.likely):
@@ -281,10 +288,6 @@ def shared_effects(a: Day, b: Day) -> list[Effect]:
     weak = [one for one in strongest if one.effect.each_thruster]
     spare = weak[max(len(a.vehicle.thrusters) - 1, 1) :]
     return [one.effect for one in strongest if one not in spare]
-
-
-def _by_name(day: Day) -> list[Effect]:
-    return [effect_named(key) for key in effect_ids(day.estimate.names)] if not day.runs else day.found
 
 
 def _is_own(effect: Effect) -> bool:

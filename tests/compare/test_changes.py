@@ -25,7 +25,10 @@ CASES = {
     "all drag": (moved("quadratic_drag", "linear_drag", by=1.2), {"quadratic_drag", "linear_drag"}),
     "thrust": (np.append(VALUES[:3] / 0.925, 0.0), {"inertia", "quadratic_drag", "linear_drag"}),
     "a lag": (np.append(VALUES[:3], 0.4), {"thruster_lag.time_constant"}),
-    "drag and a lag": (np.append(moved("quadratic_drag", by=1.1)[:3], 0.4), {"quadratic_drag", "thruster_lag.time_constant"}),
+    "drag and a lag": (
+        np.append(moved("quadratic_drag", by=1.1)[:3], 0.4),
+        {"quadratic_drag", "thruster_lag.time_constant"},
+    ),
 }
 
 

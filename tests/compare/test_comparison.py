@@ -1,0 +1,106 @@
+"""Through the command line: hidden changes are named, and nothing where there is none."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.compare.conftest import VEHICLE, WEAK, Write, more_drag
+from tests.conftest import Done, Rovid, run_rovid
+from tests.whole.test_bad_input import assert_one_message
+from tools.truth import Thruster
+
+BASE = ("inertia", "quadratic_drag", "linear_drag")
+
+
+@pytest.fixture(scope="module")
+def compared(before: Path, lagging: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Done, Path]:
+    page = tmp_path_factory.mktemp("page") / "both.html"
+    return run_rovid("compare", before, lagging, "-o", page, "--json"), page
+
+
+def test_a_new_lag_is_named_and_nothing_else(compared: tuple[Done, Path]) -> None:
+    document = compared[0].document
+    assert document["schema"] == "rovid-comparison/1"
+    assert document["verdict"] == "changed"
+    assert document["changed"] == ["thruster_lag.time_constant"]
+    assert document["causes"] == {"a": [], "b": ["thruster_lag"]}
+    lag = document["parameters"]["thruster_lag.time_constant"]
+    assert abs(lag["b"]["value"] - 0.5) < 4.0 * lag["b"]["standard_error"]
+    assert lag["confidence"] >= 0.95
+    assert lag["ratio"] is None  # nobody divides by nothing
+    for name in BASE:
+        told = document["parameters"][name]
+        assert set(told) >= {"a", "b", "ratio", "standard_error", "confidence"}
+        assert set(told["a"]) == {"value", "standard_error", "unit"}
+        assert abs(told["ratio"] - 1.0) < 4.0 * told["standard_error"]
+        assert told["confidence"] < 0.2
+        sharpest = min(told["a"]["standard_error"], told["b"]["standard_error"])
+        assert told["together"]["a"]["standard_error"] < sharpest
+
+
+def test_the_model_of_one_does_not_foretell_the_other(compared: tuple[Done, Path]) -> None:
+    made = compared[0].document["prediction"]
+    assert set(made) == {"a_on_a", "a_on_b", "b_on_a", "b_on_b"}
+    for other, own in (("a_on_b", "b_on_b"), ("b_on_a", "a_on_a")):
+        assert made[other]["yaw_rate_r2"] < made[own]["yaw_rate_r2"]
+        assert made[other]["heading_error_10s"] > 2.0 * made[own]["heading_error_10s"]
+
+
+def test_the_page_says_it_and_asks_for_nothing(compared: tuple[Done, Path]) -> None:
+    done, page = compared
+    text = page.read_text(encoding="utf-8")
+    assert done.document["page"] == str(page)
+    assert "thruster lag, which came" in text
+    assert text.count("<svg") == 4  # ratios, drag, the worst run of either
+    assert not re.search(r"""(?:src|href)\s*=\s*["'](?!data:|#)""", text)
+    assert "<script" not in text
+
+
+def test_the_page_is_its_own_alone(compared: tuple[Done, Path], before: Path, lagging: Path, here: Path) -> None:
+    del here
+    _, page = compared
+    foreign = page.with_name("mine.html")
+    foreign.write_text("mine")
+    done = run_rovid("compare", before, lagging, "-o", foreign)
+    assert_one_message(done, "mine.html", "is there already", "--force")
+    assert foreign.read_text() == "mine"
+    log = next(before.glob("*.csv"))
+    assert_one_message(run_rovid("compare", before, lagging, "-o", log, "--force"), log.name, "belongs to what is read")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [10, 20])
+def test_hidden_changes(write: Write, before: Path, seed: int, rovid: Rovid) -> None:
+    cases = {
+        "drag": (more_drag(VEHICLE), {"quadratic_drag", "linear_drag"}),
+        "weak": (replace(VEHICLE, hidden=(WEAK,)), {"thruster_imbalance:fore.gain"}),
+        "as it was": (VEHICLE, set[str]()),
+    }
+    for at, (name, (truth, wanted)) in enumerate(cases.items()):
+        document = rovid("compare", before, write(name, truth, seed=seed + at), "--json").document
+        assert document["verdict"] == ("changed" if wanted else "same"), name
+        assert set(document["changed"]) <= wanted, name
+        assert bool(document["changed"]) == bool(wanted), name
+
+
+def test_two_layouts_are_told(write: Write, before: Path, rovid: Rovid) -> None:
+    three = replace(VEHICLE, thrusters=(*VEHICLE.thrusters, Thruster(name="bow", arm=0.2)))
+    assert_one_message(rovid("compare", before, write("three", three, seed=3)), "bow", "two vehicles, or two layouts")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere", "nowhere_else"], ["nowhere", "there is no such file or folder"]),
+        (["a", "b", "c"], ["3 campaigns were given"]),
+        ([], ["parameters.toml", "there is no such parameter file"]),
+        (["broken.toml", "nowhere"], ["broken.toml", "not valid TOML"]),
+    ],
+)
+def test_bad_input_is_one_message(arguments: list[str], words: list[str], rovid: Rovid) -> None:
+    Path("broken.toml").write_text("schema = ")
+    assert_one_message(rovid("compare", *arguments), *words)
