@@ -124,7 +124,7 @@ def compare(a: Day, b: Day, *, matters: float = MATTERS, report: Report = lambda
         predictions=_predictions(a, b),
         matters=matters,
         why=tuple(why),
-        warnings=(*warnings, *_said(a, one), *_said(b, other)),
+        warnings=(*warnings, *_said({a.name: _noticed(a, one), b.name: _noticed(b, other)})),
     )
 
 
@@ -297,7 +297,16 @@ def _predicted(model: Model, on: Day) -> Prediction:
     return Prediction(simulations=tuple(simulations), rate_r2=fit.r2, rate_rmse=fit.rmse, position_errors=errors)
 
 
-def _said(day: Day, own: Asked) -> list[str]:
+def _noticed(day: Day, own: Asked) -> list[str]:
     """What was noticed in the logs, and of the fit."""
     remarks = [] if day.study is None else day.study.remarks()
-    return [f"{day.name}: {text}" for text in (*remarks, *own.warnings)]
+    return [*remarks, *own.warnings]
+
+
+def _said(noticed: Mapping[str, Sequence[str]]) -> list[str]:
+    """Each remark once, with the campaign that it is on, or both."""
+    of: dict[str, list[str]] = {}
+    for name, texts in noticed.items():
+        for text in texts:
+            of.setdefault(text, []).append(name)
+    return [f"{' and '.join(names)}: {text}" for text, names in of.items()]

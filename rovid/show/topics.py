@@ -21,6 +21,7 @@ TOPICS = (
     "axes",
     "fit",
     "diagnose",
+    "compare",
     "plan",
     "control",
     "export",
@@ -39,6 +40,7 @@ _ALSO = {
     **dict.fromkeys(("formats", "csv", "mcap", "parquet", "ulog", "bag", "dataflash", "nmea", "convert"), "logs"),
     **dict.fromkeys(("begin", "start", "tutorial", "init", "check"), "own_logs"),
     **dict.fromkeys(("drag", "inertia", "fit-drag", "fit-inertia"), "fit"),
+    **dict.fromkeys(("history", "refit", "before", "payload", "fouling"), "compare"),
 }
 _COMMENT = re.compile(r"<!--.*?-->\n*", re.DOTALL)
 # A picture and what tells how it was drawn.
