@@ -3,8 +3,10 @@
 Run ``python -m benchmarks.compare --seed 1 --vehicles 50 --state compare.jsonl``. Each vehicle is drawn anew and tried
 once as it is; then once with drag 10 % higher, once with a thruster at 0.85 of its thrust, once with a lag, and three
 times as it was: six pairs. Each day has a constant torque, levels and a disturbance of its own. The simulator is that
-of tools/, which shares nothing with rovid. Started again with the same state it goes on where it stopped. ``--again``
-judges what the state holds without a fit.
+of tools/, which shares nothing with rovid. With ``--water hard`` it is that of tools/hard: waves, feedback, coupling
+and short logs, each vehicle three times as it was, in other weather, with other runs and instruments.
+
+Started again with the same state it goes on where it stopped. ``--again`` judges what the state holds without a fit.
 """
 
 from __future__ import annotations
@@ -23,6 +25,8 @@ from typing import Any
 
 import numpy as np
 
+from rovid.compare.changes import Changes, Pair, candidates_of, changes_of
+from tools.hard import draw, write_campaign
 from tools.hidden import Hidden
 from tools.programme import Hold, Run, Sine, multilevel
 from tools.trial_day import write_trial_day
@@ -95,44 +99,69 @@ def write_day(folder: Path, truth: Truth, seed: list[int], *, apart: bool) -> No
     )
 
 
-def judged(seed: int, number: int) -> dict[str, Any]:
+def calm(seed: int, number: int, room: Path) -> tuple[list[tuple[str, Path]], dict[str, Any]]:
+    """Days of one vehicle, the first as it was, with what became of it by each other; and what is true of them."""
+    truth, lag, apart = vehicle_of(seed, number)
+    days = []
+    for at, kind in enumerate(("", *KINDS)):
+        folder = room / f"day_{at}"
+        write_day(folder, changed(truth, kind, lag), [seed, number, at], apart=apart)
+        days.append((kind, folder))
+    return days, {"lag": lag, "apart": apart}
+
+
+def hard(seed: int, number: int, room: Path) -> tuple[list[tuple[str, Path]], dict[str, Any]]:
+    """Three days of one vehicle in hard water, by tools/hard: other weather, instruments and runs, and no change."""
+    first = draw(100_000 * seed + 10 * number, effect="none")
+    days = [("", first), *(("nothing", draw(first.seed + at, first.vehicle, "none")) for at in (1, 2))]
+    for at, (_, campaign) in enumerate(days):
+        write_campaign(room / f"day_{at}", campaign)
+    return [(kind, room / f"day_{at}") for at, (kind, _) in enumerate(days)], {"lag": 0.0, "apart": True}
+
+
+def judged(seed: int, number: int, water: str) -> dict[str, Any]:
     """One vehicle: its days diagnosed, each pair compared."""
     from rovid.compare.comparison import compare
     from rovid.compare.day import day_of_logs, diagnosed
+    from rovid.ground.errors import DataError
     from rovid.study import open_study
 
     began = time.monotonic()
-    truth, lag, apart = vehicle_of(seed, number)
-    pairs = []
+    pairs, refused = [], 0
     with tempfile.TemporaryDirectory() as room:
+        folders, truth = (hard if water == "hard" else calm)(seed, number, Path(room))
         days = []
-        for at, kind in enumerate(("", *KINDS)):
-            folder = Path(room) / f"day_{at}"
-            write_day(folder, changed(truth, kind, lag), [seed, number, at], apart=apart)
-            days.append(diagnosed(day_of_logs(open_study([folder]), f"day {at}")))
-        for kind, day in zip(KINDS, days[1:], strict=True):
-            said = compare(days[0], day)
-            pair = said.changes.pair
+        for kind, folder in folders:
+            try:
+                days.append((kind, diagnosed(day_of_logs(open_study([folder]), folder.name))))
+            except DataError:
+                refused += 1
+        for kind, day in days[1:]:
+            try:
+                said = compare(days[0][1], day)
+            except DataError:
+                refused += 1
+                continue
             pairs.append(
                 {
                     "kind": kind,
                     "verdict": said.verdict,
                     "changed": said.changed,
                     "causes": said.causes,
-                    "found": [
-                        (one.candidate.name, one.confidence, one.ratio, one.standard_error)
-                        for one in said.changes.found
-                    ],
+                    "found": _found(said.changes),
                     "seen": dict(said.changes.seen),
                     "why": said.why,
-                    "pair": {key: _listed(value) for key, value in vars(pair).items()},
+                    "pair": {key: _listed(value) for key, value in vars(said.changes.pair).items()},
                     "r2": {f"{one} on {other}": each.rate_r2 for (one, other), each in said.predictions.items()},
                 }
             )
-    return {
-        "seed": seed, "number": number, "lag": lag, "apart": apart, "pairs": pairs,
-        "seconds": time.monotonic() - began,
-    }  # fmt: skip
+    seconds = time.monotonic() - began
+    head = {"seed": seed, "number": number, "water": water, **truth}
+    return {**head, "pairs": pairs, "refused": refused, "seconds": seconds}
+
+
+def _found(changes: Changes) -> list[tuple[str, float, float, float]]:
+    return [(one.candidate.name, one.confidence, one.ratio, one.standard_error) for one in changes.found]
 
 
 def _listed(value: Any) -> Any:
@@ -187,8 +216,6 @@ def errors(record: dict[str, Any], pair: dict[str, Any]) -> Iterator[tuple[str, 
 
 def again(pair: dict[str, Any], *, apart: bool) -> dict[str, Any]:
     """``pair`` with what is said of its estimates now."""
-    from rovid.compare.changes import Pair, candidates_of, changes_of
-
     given = pair["pair"]
     estimates = Pair(
         names=tuple(given["names"]),
@@ -241,7 +268,7 @@ def summary(records: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def read_state(path: Path, seed: int) -> list[dict[str, Any]]:
+def read_state(path: Path, seed: int, water: str) -> list[dict[str, Any]]:
     """Vehicles that are done already; a last line that was cut short is left out."""
     records = []
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
@@ -249,18 +276,19 @@ def read_state(path: Path, seed: int) -> list[dict[str, Any]]:
             records.append(json.loads(line))
         except json.JSONDecodeError:
             continue
-    return [one for one in records if one["seed"] == seed]
+    return [one for one in records if one["seed"] == seed and one.get("water", "calm") == water]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--vehicles", type=int, default=4)
+    parser.add_argument("--water", choices=("calm", "hard"), default="calm")
     parser.add_argument("--state", type=Path, required=True, help="a file of JSON lines, added to")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--again", action="store_true", help="judge the estimates in the state anew, and make no more")
     options = parser.parse_args()
-    done = read_state(options.state, options.seed)
+    done = read_state(options.state, options.seed, options.water)
     if options.again:
         for record in done:
             record["pairs"] = [again(pair, apart=record["apart"]) for pair in record["pairs"]]
@@ -270,7 +298,7 @@ def main() -> None:
     os.environ.setdefault("NUMBA_NUM_THREADS", "1")
     options.state.parent.mkdir(parents=True, exist_ok=True)
     with ProcessPoolExecutor(options.jobs) as pool, options.state.open("a", encoding="utf-8") as state:
-        for finished in as_completed([pool.submit(judged, options.seed, number) for number in wanted]):
+        for finished in as_completed([pool.submit(judged, options.seed, number, options.water) for number in wanted]):
             record = finished.result()
             done.append(record)
             state.write(json.dumps(record) + "\n")

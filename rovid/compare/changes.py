@@ -337,8 +337,8 @@ class _Search:
         return (1.0 / ratio, error / ratio**2) if one.inverse else (ratio, error)
 
     def seen(self, one: Candidate, chosen: Sequence[Candidate]) -> float:
-        """Share by which ``one`` would have had to change to be established."""
-        beside = [other for other in chosen if other is not one]
+        """Share by which ``one`` would have had to change to be established, beside what else did."""
+        beside = [other for other in chosen if not set(other.changes) & set(one.changes)]
         ways = self._ways(beside)
         own = (self._whiten @ one.ways)[:, 0]
         if beside:

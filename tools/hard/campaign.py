@@ -97,11 +97,16 @@ class _Plan:
     alone: int  # the one thruster that turns the vehicle in this run, or -1
 
 
-def draw(seed: int, vehicle: str | None = None, effect: str | None = None, share_without: float = 1 / 3) -> Campaign:
-    """Draw a campaign. ``effect`` names what is hidden in it; "none" hides nothing."""
+def draw(
+    seed: int, vehicle: str | Vehicle | None = None, effect: str | None = None, share_without: float = 1 / 3
+) -> Campaign:
+    """Draw a campaign, of a kind of ``vehicle`` or of that very one. ``effect`` is hidden in it; "none" hides nothing."""
     rng = np.random.default_rng([seed, 18])
-    key = vehicle or str(rng.choice(list(VEHICLES)))
-    chosen = VEHICLES[key].varied(rng)
+    if isinstance(vehicle, Vehicle):
+        key, chosen = vehicle.key, vehicle
+    else:
+        key = vehicle or str(rng.choice(list(VEHICLES)))
+        chosen = VEHICLES[key].varied(rng)
     nothing = rng.random() < share_without
     pods = any(one.pod_angle for one in chosen.thrusters)
     runs = int(rng.choice([1, 1, 2, 2, 3, 4, 5, 6, 8]))
