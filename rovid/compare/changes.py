@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import special
 
 from rovid.campaign.guesswork import goes_with_thrust
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence, surest
@@ -141,6 +142,8 @@ class Changes:
         (2p,) and (2p, 2p) of A, then of B, where both share what did not change.
     seen
         Candidate -> share by which it would have had to change to be established; of factors alone.
+    chance
+        Probability that what both share differs as much by chance.
     """
 
     pair: Pair
@@ -149,6 +152,7 @@ class Changes:
     joint: FloatArray
     joint_covariance: FloatArray
     seen: Mapping[str, float]
+    chance: float
 
     @property
     def established(self) -> tuple[Change, ...]:
@@ -262,6 +266,11 @@ class _Search:
     def worth(self, chosen: Sequence[Candidate]) -> float:
         """The same less the price of what is free."""
         return self.gain(chosen) - self._price * self._free(chosen)
+
+    def chance(self, chosen: Sequence[Candidate]) -> float:
+        """Probability that what is left of the difference is as large by chance (chi-square)."""
+        left, count = self._left(chosen), len(self._z) - self._free(chosen)
+        return float(special.gammaincc(count / 2.0, float(left @ left) / 2.0)) if count else 1.0
 
     def _ways(self, chosen: Sequence[Candidate]) -> FloatArray:
         return np.column_stack([np.zeros((len(self._z), 0)), *(self._whiten @ one.ways for one in chosen)])
@@ -409,4 +418,5 @@ def changes_of(pair: Pair, candidates: Sequence[Candidate]) -> Changes:
         joint=joint,
         joint_covariance=covariance,
         seen={one.name: search.seen(one, chosen) for one in candidates if one.factor},
+        chance=search.chance(chosen),
     )

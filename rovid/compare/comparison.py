@@ -22,6 +22,8 @@ from rovid.model.simulation import HORIZONS, TrialSimulation, overall, simulate_
 _WANTED = ("inertia", DRAG)
 # A cause acts in a campaign whose own size of it is so many standard errors from nothing.
 _ACTS = 3.0
+# What differs as much by a smaller chance is no chance.
+_CHANCE = 1e-3
 Report = Callable[[str], None]
 
 
@@ -106,7 +108,7 @@ def compare(a: Day, b: Day, *, matters: float = MATTERS, report: Report = lambda
     weak = [effect.key for effect in effects if effect.id == IMBALANCE.id]
     changes = changes_of(pair, candidates_of(pair, weak, _other_thruster(a, effects)))
     report("Simulating the runs of each by the model of the other …")
-    why = [*_unseen(changes, matters), *_untold(named, pair, a, b)]
+    why = [*_unseen(changes, matters), *_apart(changes), *_untold(named, pair, a, b)]
     if changes.established:
         verdict = "changed"
     elif why or changes.found:
@@ -228,6 +230,15 @@ def _unseen(changes: Changes, matters: float) -> list[str]:
         f"{name.replace('_', ' ')} would have had to change by {100.0 * changes.seen[name]:.0f} % to be seen"
         for name in _WANTED
         if changes.seen.get(name, 0.0) > matters
+    ]
+
+
+def _apart(changes: Changes) -> list[str]:
+    """What is said where too much differs for chance, and no few changes explain it."""
+    if changes.chance >= _CHANCE:
+        return []
+    return [
+        "what did not change by any name differs by more than its errors, which are too small, or much changed a little"
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -129,3 +130,16 @@ def test_quotients_do_not_hang_on_thrust() -> None:
 
 def test_nothing_is_divided_by_what_may_be_zero() -> None:
     assert found(pair(VALUES)).ratio("thruster_lag.time_constant") is None
+
+
+def test_what_would_have_been_seen_does_not_hang_on_what_was() -> None:
+    alone, beside = (found(pair(b)).seen for b in (VALUES, moved("quadratic_drag", by=1.1)))
+    assert math.isclose(beside[DRAG], alone[DRAG], rel_tol=0.2)
+
+
+def test_more_difference_than_errors_have_is_told() -> None:
+    given = pair(VALUES, seed=5)
+    assert found(given).chance > 0.001
+    # Errors a third of what they are, all of it spread over all parameters.
+    small = replace(given, covariance_a=given.covariance_a / 9.0, covariance_b=given.covariance_b / 9.0)
+    assert found(small).chance < found(given).chance

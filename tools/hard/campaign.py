@@ -100,7 +100,7 @@ class _Plan:
 def draw(
     seed: int, vehicle: str | Vehicle | None = None, effect: str | None = None, share_without: float = 1 / 3
 ) -> Campaign:
-    """Draw a campaign, of a kind of ``vehicle`` or of that very one. ``effect`` is hidden in it; "none" hides nothing."""
+    """Draw a campaign, of a kind of ``vehicle`` or that very one; ``effect`` is what is hidden, "none" for nothing."""
     rng = np.random.default_rng([seed, 18])
     if isinstance(vehicle, Vehicle):
         key, chosen = vehicle.key, vehicle
