@@ -18,6 +18,7 @@ from rovid.effects import Effect, effect_named
 from rovid.effects.bias_torque import EFFECT as BIAS
 from rovid.effects.by_trial import trials_of
 from rovid.effects.thruster_imbalance import BESIDE
+from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
 from rovid.identify.estimate import Estimate
 from rovid.identify.likelihood import fit_likelihood
@@ -136,8 +137,8 @@ class Asked:
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    values: np.ndarray
-    covariance: np.ndarray
+    values: FloatArray
+    covariance: FloatArray
     white: bool
     samples: int
     warnings: tuple[str, ...] = ()
@@ -221,7 +222,10 @@ def asked(day: Day, effects: Sequence[Effect]) -> Asked:
     taken = {effect.id for effect in (*own, *effects)}
     if BIAS.id not in taken and day.axis.name in BIAS.axes:
         own = [*own, BIAS]
-    fit = fit_likelihood(day.runs, day.vehicle, (*own, *effects))
+    try:
+        fit = fit_likelihood(day.runs, day.vehicle, (*own, *effects))
+    except DataError as error:
+        raise DataError(str(error), where=day.name) from error
     estimate = fit.estimate
     wanted = (*base_names(day.axis), *_parameters_of(effects))
     names = tuple(name for name in wanted if name in estimate.names and name not in estimate.refused)

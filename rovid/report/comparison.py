@@ -24,7 +24,7 @@ from rovid.report.plots.canvas import WIDTH, inline
 from rovid.report.plots.compared import drags, ratios
 from rovid.report.table import Grid, Table, of_numbers, of_text, of_unlike
 from rovid.report.text import number, title, unit
-from rovid.show.comparison import headline, named, reasons, sure_in_words, title_of_cause
+from rovid.show.comparison import headline, named, reasons, shared_in_words, sure_in_words, title_of_cause
 
 _ROWS = (1.7, 1.2)  # in
 _HORIZONS = (10.0, 60.0)
@@ -52,7 +52,7 @@ def write_comparison(
         "comparison": comparison,
         "headline": headline(comparison),
         "reasons": list(reasons(comparison)),
-        "parameters": _parameters(comparison),
+        "parameters": _parameters(comparison, guess),
         "predictions": _predictions(comparison) if comparison.predictions else None,
         "pictures": list(_pictures(comparison)),
         "causes": [[title_of_cause(name) for name in names] for names in comparison.causes],
@@ -63,7 +63,7 @@ def write_comparison(
     claim.write({page: environment.get_template("comparison.html.j2").render(context)})
 
 
-def _parameters(comparison: Comparison) -> Grid:
+def _parameters(comparison: Comparison, guess: Guesswork) -> Grid:
     changes, pair = comparison.changes, comparison.changes.pair
     rows = Table(
         "Each campaign by itself; together where both share what did not change; ± one standard error",
@@ -76,15 +76,15 @@ def _parameters(comparison: Comparison) -> Grid:
         of_text("unit"),
     )
     for at, name in enumerate(pair.names):
-        ratio, (shared, later) = changes.ratio(name), changes.together(name)
+        ratio, plain = changes.ratio(name), pair.units[at]
         rows.add(
             title(named(name)),
             number(None) if ratio is None else plus_minus(*ratio),
             sure_in_words(changes, name),
-            plus_minus(float(pair.a[at]), math.sqrt(pair.covariance_a[at, at])),
-            plus_minus(float(pair.b[at]), math.sqrt(pair.covariance_b[at, at])),
-            plus_minus(*shared) if shared[0] == later[0] else "apart",
-            unit(pair.units[at]),
+            guess.marked(plus_minus(float(pair.a[at]), math.sqrt(pair.covariance_a[at, at])), plain),
+            guess.marked(plus_minus(float(pair.b[at]), math.sqrt(pair.covariance_b[at, at])), plain),
+            guess.marked(shared_in_words(changes, name), plain),
+            unit(plain),
         )
     return rows.grid()
 

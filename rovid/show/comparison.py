@@ -22,7 +22,6 @@ from rovid.show.table import Columns, table
 from rovid.show.terminal import number, say, show_caution, show_warnings
 from rovid.show.verdict import listed, odds_of
 
-_TITLES = {"inertia": "inertia", "quadratic_drag": "quadratic drag", "linear_drag": "linear drag", DRAG: "drag"}
 _THRUST = "all thrust"
 # Odds beyond that are no more than a word.
 _SURELY_NOT = 0.01
@@ -96,18 +95,16 @@ def _size(comparison: Comparison, name: str, side: int) -> str:
 
 def _what(candidate: Candidate) -> str:
     """What may have changed, in a word."""
-    return _title(candidate.name)
+    if candidate.name == THRUST_SCALE:
+        return f"{_THRUST} (or inertia and drag together, the other way)"
+    if candidate.factor and not candidate.inverse:
+        return _title(candidate.name)
+    effect = effect_named(candidate.name)
+    return f"{effect.title} ({effect.form})" if effect.each_thruster else effect.title
 
 
 def _title(name: str) -> str:
-    if name == THRUST_SCALE:
-        return f"{_THRUST} (or inertia and drag together, the other way)"
-    if name in _TITLES:
-        return _TITLES[name]
-    if ":" in name or "_" in name:
-        effect = effect_named(name)
-        return f"{effect.title} ({effect.form})" if effect.each_thruster else effect.title
-    return name.replace("_", " ")
+    return _THRUST if name == THRUST_SCALE else name.replace("_", " ")
 
 
 def named(name: str) -> str:
@@ -123,7 +120,7 @@ def show_comparison(console: Console, comparison: Comparison, guess: Guesswork, 
     for sentence in reasons(comparison):
         say(console, sentence)
     console.print()
-    console.print(parameter_rows(comparison))
+    console.print(parameter_rows(comparison, guess))
     if quotients := list(_quotients(comparison)):
         rows = table("Ratios, whatever the size of thrust", "ratio", "B over A", "A", "B", "unit")
         for name, sides, over, unit in quotients:
@@ -142,7 +139,7 @@ def title_of_cause(name: str) -> str:
     return next((effect.title for effect in CATALOGUE if effect.id == name), name)
 
 
-def parameter_rows(comparison: Comparison) -> Columns:
+def parameter_rows(comparison: Comparison, guess: Guesswork) -> Columns:
     """Each parameter in both, their ratio, and how sure it is that it changed."""
     changes, pair = comparison.changes, comparison.changes.pair
     rows = table(
@@ -157,19 +154,24 @@ def parameter_rows(comparison: Comparison) -> Columns:
     )
     for at, name in enumerate(pair.names):
         ratio = changes.ratio(name)
-        (shared, error), (later, _) = changes.together(name)
-        together = plus_minus(shared, error) if shared == later else "apart"
+        unit = pair.units[at]
         rows.add_row(
             named(name),
             "–" if ratio is None else plus_minus(*ratio),
             sure_in_words(changes, name),
-            plus_minus(float(pair.a[at]), math.sqrt(pair.covariance_a[at, at])),
-            plus_minus(float(pair.b[at]), math.sqrt(pair.covariance_b[at, at])),
-            pair.units[at],
-            together,
+            guess.marked(plus_minus(float(pair.a[at]), math.sqrt(pair.covariance_a[at, at])), unit),
+            guess.marked(plus_minus(float(pair.b[at]), math.sqrt(pair.covariance_b[at, at])), unit),
+            unit,
+            guess.marked(shared_in_words(changes, name), unit),
             style="bold" if changes.sure[name] >= ESTABLISHED else "",
         )
     return rows
+
+
+def shared_in_words(changes: Changes, name: str) -> str:
+    """What both say of a parameter where they share it."""
+    in_a, in_b = changes.together(name)
+    return plus_minus(*in_a) if math.isclose(in_a[0], in_b[0], rel_tol=1e-9, abs_tol=1e-6 * in_a[1]) else "apart"
 
 
 def sure_in_words(changes: Changes, name: str) -> str:
@@ -221,7 +223,7 @@ def comparison_document(comparison: Comparison, guess: Guesswork, warnings: Sequ
         **axis_document(axis),
         "verdict": comparison.verdict,
         "campaigns": {"a": comparison.a.name, "b": comparison.b.name},
-        "parameters": _parameters(comparison),
+        "parameters": _parameters(comparison, guess),
         "changed": [named(name) for name in comparison.changed],
         "changes": [_change(comparison, change) for change in comparison.changes.found],
         "causes": {"a": list(comparison.causes[0]), "b": list(comparison.causes[1])},
@@ -249,7 +251,7 @@ def comparison_document(comparison: Comparison, guess: Guesswork, warnings: Sequ
     }
 
 
-def _parameters(comparison: Comparison) -> Document:
+def _parameters(comparison: Comparison, guess: Guesswork) -> Document:
     changes, pair = comparison.changes, comparison.changes.pair
     document: Document = {}
     for at, name in enumerate(pair.names):
@@ -263,6 +265,7 @@ def _parameters(comparison: Comparison) -> Document:
             "difference": _value(gap, gap_error, unit),
             "confidence": changes.sure[name],
             "together": {"a": _value(*of_a, unit), "b": _value(*of_b, unit)},
+            **({"placeholder": True} if guess.marks(unit) else {}),
         }
     for change in changes.found:
         one = change.candidate
