@@ -30,6 +30,9 @@ MATTERS = 0.1
 # Standard errors from zero from which on a number may be divided by.
 _FROM_ZERO = 3.0
 _FLAT = 1e-12
+# Where innovations are not white few stretches tell how errors go together: of their correlations so much is believed,
+# so that no combination of parameters passes for much surer than each of them.
+_BELIEVED = 0.9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -251,9 +254,10 @@ class _Search:
 
     def __init__(self, pair: Pair, candidates: Sequence[Candidate]) -> None:
         self.pair, self.candidates = pair, candidates
+        self._errors = [_believed(one, white=pair.white) for one in (pair.covariance_a, pair.covariance_b)]
         # Whitened: errors of the difference are then independent and of one size.
         size = _size(pair)
-        values, vectors = np.linalg.eigh(pair.covariance / np.outer(size, size))
+        values, vectors = np.linalg.eigh(sum(self._errors) / np.outer(size, size))
         self._whiten = (vectors / np.sqrt(np.maximum(values, _FLAT))).T / size
         self._z = self._whiten @ pair.difference
         self._price = 0.5 * math.log(max(pair.samples, 2))
@@ -375,13 +379,18 @@ class _Search:
         # A is what is shared, B that and the changes; both were measured.
         of_both = np.block([[np.eye(count), np.zeros(basis.shape)], [np.eye(count), basis]])
         scale = np.outer(size, size)
-        weights = [np.linalg.pinv(one / scale, hermitian=True) for one in (pair.covariance_a, pair.covariance_b)]
+        weights = [np.linalg.pinv(one / scale, hermitian=True) for one in self._errors]
         weight = np.block([[weights[0], np.zeros_like(scale)], [np.zeros_like(scale), weights[1]]])
         spread = np.linalg.pinv(of_both.T @ weight @ of_both, hermitian=True)
         measured = np.concatenate((pair.a / size, pair.b / size))
         both = of_both @ (spread @ (of_both.T @ (weight @ measured)))
         twice = np.concatenate((size, size))
         return both * twice, (of_both @ spread @ of_both.T) * np.outer(twice, twice)
+
+
+def _believed(covariance: FloatArray, *, white: bool) -> FloatArray:
+    """(p, p) covariance with as much of its correlations as is believed."""
+    return covariance if white else _BELIEVED * covariance + (1.0 - _BELIEVED) * np.diag(np.diag(covariance))
 
 
 def _basis(ways: FloatArray) -> FloatArray:
