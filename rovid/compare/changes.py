@@ -323,7 +323,8 @@ class _Search:
         own = worths[one.name]
         near = [other for other in rest if other is not one and worths[other.name] > max(own - _TOLD, 0.0)]
         alike = [one.name, *(other.name for other in near)]
-        most = surest(self.gain([*beside, one]) - self.gain(beside), white=self.pair.white)
+        gain = self.gain([*beside, one]) - self.gain(beside)
+        most = surest(gain, gain, white=self.pair.white)
         ratio, error = self._factor(one, beside)
         return Change(
             candidate=one,
@@ -363,11 +364,13 @@ class _Search:
         """Log-likelihood that a change has to gain to be established."""
         odds = math.log(len(self.candidates) * ESTABLISHED / (1.0 - ESTABLISHED)) + self._price
         low, high = odds, odds
-        while surest(high, white=self.pair.white) < ESTABLISHED:
+        while surest(high, high, white=self.pair.white) < ESTABLISHED:
             high += 1.0
         for _ in range(30):
             middle = 0.5 * (low + high)
-            low, high = (low, middle) if surest(middle, white=self.pair.white) >= ESTABLISHED else (middle, high)
+            low, high = (
+                (low, middle) if surest(middle, middle, white=self.pair.white) >= ESTABLISHED else (middle, high)
+            )
         return high
 
     def joint(self, chosen: Sequence[Candidate]) -> tuple[FloatArray, FloatArray]:
