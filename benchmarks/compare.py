@@ -206,7 +206,10 @@ def errors(record: dict[str, Any], pair: dict[str, Any]) -> Iterator[tuple[str, 
             continue
         variances = given["covariance_a"][at][at], given["covariance_b"][at][at]
         a, b = given["a"][at], given["b"][at]
-        if name in _BASE:
+        if name in _BASE and not abs(a) > 3.0 * math.sqrt(variances[0]):
+            # No ratio is printed.
+            yield name, (b - truth[name] * a) / math.sqrt(variances[1] + truth[name] ** 2 * variances[0])
+        elif name in _BASE:
             # The ratio as it is printed, to first order.
             error = math.sqrt(variances[1] + (b / a) ** 2 * variances[0]) / abs(a)
             yield name, (b / a - truth[name]) / error

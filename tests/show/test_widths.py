@@ -36,7 +36,7 @@ OF_A_DAY = (
     "export stonefish --force",
     "export json -p lag.toml --force",
     "diagnose -p diagnosed.toml day",
-    "compare diagnosed.toml lag.toml",
+    "compare lag.toml diagnosed.toml",
     "report --no-diagnosis --no-control --no-export --force",
 )
 OF_OTHERS = (
