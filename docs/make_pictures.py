@@ -34,6 +34,8 @@ SCREENS: Mapping[str, tuple[str, str]] = {
     "switches.png": ("document.querySelector('#viewer-causes input').click()", "#viewer-root"),
 }
 PAGE = "hidden/index.html"
+# Picture of the page of `rovid open`, how high it is, and the logs of the sample day that it is of.
+OPEN = ("open.png", 1500, ("hold_02.csv", "hold_03.csv", "sine_40s_a.csv", "staircase.csv", "thrust_curve.csv"))
 
 
 def has_browser() -> bool:
@@ -63,6 +65,30 @@ def screens(page: Path, folder: Path) -> None:
             (folder / name).write_bytes(base64.b64decode(taken["data"]))
 
 
+def screen_of_open(folder: Path) -> None:
+    """Take the picture of the page of `rovid open`, into ``folder``."""
+    from tests.app.served import served
+    from tests.report.chromium import chromium
+
+    picture, height, logs = OPEN
+    with tempfile.TemporaryDirectory() as name:
+        day = Path(name, "trials", "my_logs")
+        day.mkdir(parents=True)
+        for log in logs:
+            shutil.copy(HERE.parent / "sample_logs" / "rosub_tank" / log, day)
+        with served(day.parent, "my_logs") as server, chromium(Path(name, "profile"), "--hide-scrollbars") as tab:
+            tab.call("Emulation.setDeviceMetricsOverride", width=1280, height=height, deviceScaleFactor=1, mobile=False)
+            features = [{"name": "prefers-color-scheme", "value": "light"}]
+            tab.call("Emulation.setEmulatedMedia", media="", features=features)
+            tab.call("Page.navigate", url=server.address)
+            tab.until("document.querySelectorAll('#check-said .verdict, .chart canvas').length > 6")
+            # Where it was made concerns nobody.
+            tab.ask("for (const id of ['where', 'top']) document.getElementById(id).textContent = '/home/me/trials'")
+            tab.ask("scrollTo(0, 0); new Promise(requestAnimationFrame)")
+            taken = tab.call("Page.captureScreenshot", format="png")
+            (folder / picture).write_bytes(base64.b64decode(taken["data"]))
+
+
 def main() -> None:
     """Write all of them anew."""
     text = (HERE / "tutorial.md").read_text(encoding="utf-8")
@@ -78,8 +104,9 @@ def main() -> None:
             shutil.copy(folder / made, FOLDER / picture)
         if has_browser():
             screens(folder / PAGE, FOLDER)
+            screen_of_open(FOLDER)
         else:
-            sys.stdout.write(f"no browser: {', '.join(SCREENS)} stay as they are\n")
+            sys.stdout.write(f"no browser: {', '.join((*SCREENS, OPEN[0]))} stay as they are\n")
 
 
 if __name__ == "__main__":

@@ -29,6 +29,7 @@ HOUSE = [
     "inspect",
     "show",
     "report",
+    "app",
     "commands",
 ]
 ROOT = Path(rovid.__file__).parent

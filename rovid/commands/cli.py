@@ -31,6 +31,7 @@ COMMANDS = (
     "control",
     "export",
     "report",
+    "open",
     "help",
 )
 _MODULES = {name.replace("_", "-"): import_module(f"rovid.commands.{name}") for name in COMMANDS}

@@ -84,9 +84,10 @@ def init(
     Claim([outputs_beside(logs)[0]], force=force)
     commands = tuple(part.strip() for part in (command or "").split(",") if part.strip())
     along = axis_named(axis) if axis else YAW
-    surveyed = survey(logs, Asked(axis=along, heading=heading or "", commands=commands, vehicle=vehicle or ""))
-    surveyed, written = write_draft(surveyed, logs, force=force)
+    headings = (heading,) if heading else ()
+    found = survey(logs, Asked(axis=along, headings=headings, commands=commands, vehicle=vehicle or ""))
+    found, written = write_draft(found, logs, force=force)
     if json:
-        print_json(survey_document(surveyed, written))
+        print_json(survey_document(found, written))
     else:
-        show_survey(console(), surveyed, written)
+        show_survey(console(), found, written)

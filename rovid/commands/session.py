@@ -168,7 +168,11 @@ def announce_compilation() -> None:
 
 @contextmanager
 def working(text: str) -> Iterator[Callable[[str], None]]:
-    """As ``busy``, with a function that changes the text."""
+    """As ``busy``, with a function that changes the text; line by line where ROVID_PROGRESS asks for that."""
+    if os.environ.get("ROVID_PROGRESS") == "lines":
+        _line(text)
+        yield _line
+        return
     if not sys.stderr.isatty():
         yield lambda _: None
         return
@@ -177,6 +181,11 @@ def working(text: str) -> Iterator[Callable[[str], None]]:
     screen = Screen(stderr=True)
     with screen.status(text) as status:
         yield lambda words: status.update(screen.render_str(words))
+
+
+def _line(text: str) -> None:
+    sys.stderr.write(f"{text}\n")
+    sys.stderr.flush()
 
 
 @contextmanager

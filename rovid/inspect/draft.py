@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -72,7 +73,8 @@ def write_draft(survey: Survey, paths: Sequence[Path], *, force: bool) -> tuple[
 
 def toml_of(survey: Survey) -> str:
     """The text of rovid.toml; each guess with its reason."""
-    return "\n".join([*_head(survey), *_thrusters(survey), *_signals(survey), *_joined(survey)]) + "\n"
+    parts = (_head, _thrusters, _signals, _joined, _left_out)
+    return "\n".join(line for part in parts for line in part(survey)) + "\n"
 
 
 def logs_in_words(survey: Survey) -> str:
@@ -94,19 +96,21 @@ def _head(survey: Survey) -> Iterator[str]:
     yield ""
     yield "[vehicle]"
     known = survey.profile
-    yield f"name = {toml_text(known.name if known else survey.folder.resolve().name)}"
-    if known is None:
+    hand = survey.hand
+    yield f"name = {toml_text(hand.name or (known.name if known else survey.folder.resolve().name))}"
+    if known is None and not hand.size:
         yield "# Mass and size are not in the logs; with them rovid tells the added inertia."
-    else:
+    elif known is not None:
         yield f"# {_how_known(survey)}"
         yield from (f"# {shown(source, LINE_LENGTH)}" for source in known.sources)
     sizes = [(name, "m") for name in ("length", "width", *["height"] * survey.axis.rights)]
     for name, unit in (("mass", "kg"), *sizes):
-        value = getattr(known, name, None)
+        published = getattr(known, name, None)
+        value = hand.size.get(name, published)
         if value is None:
             yield f"# {name} =       # {unit}"
         else:
-            yield f"{name} = {value:g}    # {unit}; published, not measured here"
+            yield f"{name} = {value:g}    # {unit}{'; published, not measured here' if value == published else ''}"
 
 
 def _move(axis: Axis) -> str:
@@ -156,7 +160,9 @@ def _arm(survey: Survey, ones: Mapping[str, Thrusting]) -> Iterator[str]:
     """The lines of a thruster's arm."""
     way = next((one.way for one in ones.values() if one.way), 1)
     size = next((one.arm for one in ones.values() if one.arm), 0.0)
-    if _arm_guessed(survey, ones):
+    if _given(ones):
+        yield f"yaw_arm = {way * size:.4g}    # m"
+    elif _arm_guessed(survey, ones):
         told = (
             "published for that type"
             if survey.recognised and size
@@ -176,7 +182,11 @@ def _arm(survey: Survey, ones: Mapping[str, Thrusting]) -> Iterator[str]:
 def _arm_guessed(survey: Survey, ones: Mapping[str, Thrusting]) -> bool:
     """Whether nobody said how long the arm of a thruster is."""
     size = next((one.arm for one in ones.values() if one.arm), 0.0)
-    return survey.recognised or not size
+    return not _given(ones) and (survey.recognised or not size)
+
+
+def _given(ones: Mapping[str, Thrusting]) -> bool:
+    return any(one.given for one in ones.values())
 
 
 def guess_of(survey: Survey) -> Guesswork:
@@ -223,7 +233,7 @@ def _signals(survey: Survey) -> Iterator[str]:
             named.setdefault(name, {})[kind] = signal
     for name, ones in named.items():
         yield from _why(ones)
-        yield f"{name} = {_signal(ones)}"
+        yield f"{toml_key(name)} = {_signal(ones)}"
     if survey.axis.position in survey.open:
         unit = "deg" if survey.axis.angular else "m"
         yield f'# {survey.axis.position} = {{ {next(iter(survey.guesses))} = "COLUMN", unit = "{unit}" }}'
@@ -265,6 +275,17 @@ def _clocks(clocks: Clocks) -> Iterator[str]:
         yield ""
         yield "[join.drift]    # ppm: what comes to it as the log goes on"
     yield from (clock.settings["drift"] for clock in drifting)
+
+
+def _left_out(survey: Survey) -> Iterator[str]:
+    for stretch in survey.hand.left_out:
+        yield ""
+        yield "[[leave_out]]"
+        yield f"log = {toml_text(stretch.log)}"
+        yield f"from = {stretch.begin:.10g}    # s from the beginning of the log"
+        if math.isfinite(stretch.end):
+            yield f"to = {stretch.end:.10g}"
+        yield f"reason = {toml_text(stretch.reason)}"
 
 
 def _signal(ones: Mapping[str, Guess]) -> str:

@@ -22,6 +22,7 @@ from rovid.ground.places import require, search
 from rovid.inspect.alike import aligned
 from rovid.inspect.apart import Clocks
 from rovid.inspect.autopilot import outputs_of, type_of
+from rovid.inspect.hand import Hand
 from rovid.inspect.seen import Seen
 from rovid.inspect.signals import UNNAMED, Guesses, guess
 from rovid.inspect.thrusting import Thrusting, Wanted, answer
@@ -75,6 +76,8 @@ class Survey:
     lacking
         What was not looked at: files that are no logs or cannot be read, what of a log cannot be, and what
         `rovid check` will say of some: that they lack what is mapped.
+    hand
+        What somebody put in that no log tells.
     """
 
     folder: Path
@@ -90,6 +93,7 @@ class Survey:
     join: Join | None = None
     apart: Clocks = field(default_factory=Clocks)
     lacking: tuple[str, ...] = ()
+    hand: Hand = field(default_factory=Hand)
 
     @property
     def open(self) -> tuple[str, ...]:
@@ -104,40 +108,55 @@ class Survey:
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """What the user told: the axis, the columns of what is measured and of commands, the type of vehicle."""
+    """What the user told of the logs.
+
+    Attributes
+    ----------
+    axis
+        Along which the vehicle moves.
+    headings, commands
+        Columns of what is measured and of commands: where the logs are of several formats, those of each.
+    vehicle
+        Its type.
+    patient
+        Whether somebody stands by to name the columns, so that logs of which none was recognised are not refused.
+    """
 
     axis: Axis = YAW
-    heading: str = ""
+    headings: tuple[str, ...] = ()
     commands: tuple[str, ...] = ()
     vehicle: str = ""
+    patient: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Looked:
+class Looked:
     """What was read, by format, and what was in the way."""
 
+    folder: Path
     logs: dict[str, list[Mapping[str, Seen]]] = field(default_factory=dict)
     names: dict[str, list[str]] = field(default_factory=dict)
     clocks: dict[str, str] = field(default_factory=dict)
     own_clocks: dict[str, str] = field(default_factory=dict)
     parameters: dict[str, dict[str, float]] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
+    joins: list[Join] = field(default_factory=list)
 
-    def add(self, path: Path, folder: Path) -> None:
-        """Read one log more, where its format has not been seen often enough; it is called by its way in ``folder``."""
+    def add(self, path: Path) -> None:
+        """Read one log more, where its format has not been seen often enough; it is called by its way in the folder."""
         kind = READERS[path.suffix.lower()].kind
         logs = self.logs.setdefault(kind, [])
-        if len(logs) >= _LOGS or _is_table(path):
+        if len(logs) >= _LOGS or is_curve(path):
             return
         try:
-            contents, seen, left_out = _seen(path)
+            contents, seen, left_out = columns_of(path)
         except RovidError as error:
             self.problems.append(str(error))
             return
         self.problems.extend(left_out)
         self.clocks.setdefault(kind, contents.clock)
         self.parameters.setdefault(kind, {}).update(contents.parameters)
-        name = path.relative_to(folder).as_posix() if path.is_relative_to(folder) else path.name
+        name = path.relative_to(self.folder).as_posix() if path.is_relative_to(self.folder) else path.name
         self.names.setdefault(kind, []).append(name)
         self.own_clocks[name] = contents.clock
         logs.append(seen)
@@ -152,22 +171,42 @@ def survey(paths: Sequence[Path], asked: Asked | None = None) -> Survey:
         There are no logs, none can be read, none holds a heading or a command, or what was asked for is not there.
     """
     asked = asked or Asked()
+    return surveyed(look(paths, asked.axis), asked)
+
+
+def look(paths: Sequence[Path], axis: Axis = YAW) -> Looked:
+    """Read the logs in ``paths``, the first dozen of each format; for what moves along ``axis``."""
+    looked = Looked(folder=_folder(paths))
+    for path in files_in(paths, looked.problems):
+        looked.add(path)
+    if (join := _joined(looked, axis)) is not None:
+        looked.joins.append(join)
+    return looked
+
+
+def surveyed(looked: Looked, asked: Asked | None = None, hand: Hand | None = None) -> Survey:
+    """What was read, with what the user told of it, and with what was put in by hand.
+
+    Raises
+    ------
+    RovidError
+        As for `survey`.
+    """
+    asked, hand = asked or Asked(), hand or Hand()
     named = profile(asked.vehicle) if asked.vehicle else None
-    folder = _folder(paths)
-    looked = _Looked()
-    for path in _files(paths, looked.problems):
-        looked.add(path, folder)
-    _require(asked, looked, folder)
-    join = _joined(looked, asked.axis)
+    # What is read stays as it is: somebody may ask again.
+    looked = replace(looked, problems=list(looked.problems))
+    _require(asked, looked)
     told = named or _told(looked)
-    guesses = _recognised(looked, folder, asked, told)
+    guesses = _recognised(looked, asked, told)
     alike = None if told or asked.axis is not YAW else _alike(list(commands_of(guesses)))
     if alike:
-        told, guesses = alike, _recognised(looked, folder, asked, alike)
+        told, guesses = alike, _recognised(looked, asked, alike)
+    guesses = hand.over(guesses)
     headings = [one.measured for one in guesses.values() if one.signals]
-    curve = _Curve.of(folder, list(commands_of(guesses)), told, looked.problems)
+    curve = _Curve.of(looked.folder, list(commands_of(guesses)), told, looked.problems)
     return Survey(
-        folder=folder,
+        folder=looked.folder,
         axis=asked.axis,
         guesses=guesses,
         clocks=looked.clocks,
@@ -176,7 +215,7 @@ def survey(paths: Sequence[Path], asked: Asked | None = None) -> Survey:
         curve_guessed=curve.guessed or (alike is not None and curve.new is not None),
         profile=told,
         recognised=alike is not None,
-        join=join,
+        join=next(iter(looked.joins), None),
         logs=sum(map(len, looked.logs.values())),
         lacking=(
             *dict.fromkeys(looked.problems),
@@ -184,6 +223,7 @@ def survey(paths: Sequence[Path], asked: Asked | None = None) -> Survey:
             *(command.against for command in commands_of(guesses) if command.against),
             *_lacking(looked, guesses),
         ),
+        hand=hand,
     )
 
 
@@ -194,7 +234,7 @@ def _folder(paths: Sequence[Path]) -> Path:
     return first.parent
 
 
-def _joined(looked: _Looked, axis: Axis) -> Join | None:
+def _joined(looked: Looked, axis: Axis) -> Join | None:
     """How files are parts of trials, where no file holds both heading and commands; they are put together."""
     for kind, logs in looked.logs.items():
         found = guess(logs, Wanted(axis=axis))
@@ -237,22 +277,24 @@ def _holds(log: Mapping[str, Seen], found: Guesses) -> bool:
     return found.measured.source in log and bool(commands & log.keys())
 
 
-def _clocks(looked: _Looked, kind: str, join: Join) -> dict[str, tuple[str, str]]:
+def _clocks(looked: Looked, kind: str, join: Join) -> dict[str, tuple[str, str]]:
     """Columns of time that are not called as the first."""
     own = {join.part(name): clock for name, clock in looked.own_clocks.items() if join.part(name)}
     return {part: (clock, "") for part, clock in own.items() if clock != looked.clocks[kind]}
 
 
-def _require(asked: Asked, looked: _Looked, folder: Path) -> None:
+def _require(asked: Asked, looked: Looked) -> None:
     """That what the user named is there."""
     present = sorted(set().union(*(log for logs in looked.logs.values() for log in logs)))
-    for option, sources in (("--heading", filter(None, [asked.heading])), ("--command", asked.commands)):
+    for option, sources in (("--heading", asked.headings), ("--command", asked.commands)):
         for source in sources:
             if source not in present:
-                raise DataError(f"{option}: no log has a column {source!r}. {nearest(source, present)}", where=folder)
+                raise DataError(
+                    f"{option}: no log has a column {source!r}. {nearest(source, present)}", where=looked.folder
+                )
 
 
-def _told(looked: _Looked) -> Profile | None:
+def _told(looked: Looked) -> Profile | None:
     """The type of vehicle that the parameters of an autopilot tell."""
     names = filter(None, map(type_of, looked.parameters.values()))
     return next(map(profile, names), None)
@@ -271,27 +313,29 @@ def _is_output(command: Thrusting) -> bool:
     return command.source.startswith(_OUTPUT) and command.source.removeprefix(_OUTPUT).isdigit()
 
 
-def _recognised(looked: _Looked, folder: Path, asked: Asked, told: Profile | None) -> dict[str, Guesses]:
+def _recognised(looked: Looked, asked: Asked, told: Profile | None) -> dict[str, Guesses]:
     """What the sources are, of each format in which a heading and a command were found, or else one of both."""
     every: dict[str, Guesses] = {}
     for kind, logs in looked.logs.items():
         if logs:
             outputs = outputs_of(looked.parameters.get(kind, {}))
-            wanted = Wanted(
-                axis=asked.axis, heading=asked.heading, commands=asked.commands, outputs=outputs, profile=told
-            )
+            there = set().union(*logs)
+            heading = next((one for one in asked.headings if one in there), next(iter(asked.headings), ""))
+            wanted = Wanted(axis=asked.axis, heading=heading, commands=asked.commands, outputs=outputs, profile=told)
             every[kind] = guess(logs, wanted)
     if not every and looked.problems:
         raise DataError(looked.problems[0], where="")
     if not every:
-        raise DataError("holds no logs.", where=folder)
+        raise DataError("holds no logs.", where=looked.folder)
     guesses = {kind: sources for kind, sources in every.items() if not sources.lacking}
     # Without a drive, what swings by itself is all that there could be.
     half = {kind: one for kind, one in every.items() if len(one.lacking) == 1 and not asked.axis.rights}
     # What is open the user can fill in; where nothing is known this is no log of a vehicle.
-    chosen = guesses or half
+    chosen = guesses or half or (every if asked.patient else {})
     unknown = {kind: sources for kind, sources in every.items() if kind not in chosen}
-    problems = [_not_recognised(one, looked.logs[kind], folder, looked.problems) for kind, one in unknown.items()]
+    problems = [
+        _not_recognised(one, looked.logs[kind], looked.folder, looked.problems) for kind, one in unknown.items()
+    ]
     if not chosen:
         raise problems[0]
     looked.problems.extend(map(str, problems))
@@ -304,7 +348,7 @@ def commands_of(guesses: Mapping[str, Guesses]) -> Iterator[Thrusting]:
         yield from one.commands
 
 
-def _lacking(looked: _Looked, guesses: Mapping[str, Guesses]) -> Iterator[str]:
+def _lacking(looked: Looked, guesses: Mapping[str, Guesses]) -> Iterator[str]:
     """What `rovid check` will say of each log without a signal that is mapped."""
     for kind, own in guesses.items():
         mapped = [guessed.source for guessed in own.signals.values()]
@@ -321,7 +365,9 @@ def _turning(commands: Sequence[Thrusting]) -> list[str]:
     return turning or [command.source for command in commands]
 
 
-def _files(paths: Sequence[Path], problems: list[str]) -> Iterator[Path]:
+def files_in(paths: Sequence[Path], problems: list[str]) -> Iterator[Path]:
+    """What may be a log in ``paths``; what is in the way is added to ``problems``."""
+
     def unreadable(error: OSError) -> None:
         problems.append(f"{error.filename}: cannot be read ({error.strerror}).")
 
@@ -333,7 +379,7 @@ def _files(paths: Sequence[Path], problems: list[str]) -> Iterator[Path]:
                 yield file
 
 
-def _is_table(path: Path) -> bool:
+def is_curve(path: Path) -> bool:
     """Whether this is a thrust curve rather than a log."""
     if path.suffix.lower() != ".csv":
         return False
@@ -344,7 +390,7 @@ def _is_table(path: Path) -> bool:
         return False  # reading it says what is wrong
 
 
-def _seen(path: Path) -> tuple[Contents, dict[str, Seen], list[str]]:
+def columns_of(path: Path) -> tuple[Contents, dict[str, Seen], list[str]]:
     """What a log holds, everything in it by source, and what of it cannot be read."""
     form = READERS[path.suffix.lower()]
     contents = form.sources(path)
@@ -422,7 +468,7 @@ class _Curve:
         lowest = min(command.lowest for command in commands)
         highest = max(command.highest for command in commands)
         for path in search(folder, lambda _: None).files:
-            if path.parent != folder or path.name == GUESSED_CURVE or not _is_table(path):
+            if path.parent != folder or path.name == GUESSED_CURVE or not is_curve(path):
                 continue
             try:
                 curve = read_curve(path)

@@ -161,6 +161,8 @@ class Thrusting:
         What these logs tell by themselves.
     against
         What is to be said where that is not ``way``; empty where it is.
+    given
+        Whether somebody measured the arm and put it in.
     """
 
     name: str
@@ -175,6 +177,7 @@ class Thrusting:
     percent: bool = False
     sense: Sense = field(default_factory=Sense)
     against: str = ""
+    given: bool = False
 
 
 def thrusting(

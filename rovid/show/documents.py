@@ -190,6 +190,7 @@ def _guessed_commands(guesses: Guesses) -> list[Document]:
     document = []
     for one in guesses.commands:
         command = {"name": one.name, "source": one.source, "turns": one.way, "arm": one.arm or None, "why": one.why}
+        command |= {"told": one.told, "lowest": one.lowest, "highest": one.highest, "rests_at": one.neutral}
         command |= {"standard_errors": one.sense.sure, "share": one.sense.share}
         document.append(command)
     return document

@@ -14,7 +14,7 @@ from rovid.show.table import table
 from rovid.show.terminal import number, say, show_warnings
 
 _FIRST = 3
-_VERDICTS = {
+VERDICTS = {
     "go": ("Go:", "These logs have what a fit wants.", "bold green"),
     "care": ("Go with care:", "These logs can be fitted; mind this first.", "bold yellow"),
     "no_go": ("No go:", "A fit would fail, or be wrong. First of all:", "bold red"),
@@ -23,8 +23,8 @@ _VERDICTS = {
 
 def show_check(console: Console, checked: Check) -> None:
     """Print the verdict, the first three things to do, the logs, and whatever else there is to say."""
-    say(console, led(*_VERDICTS[checked.verdict]))
-    tasks = list(_tasks(checked))
+    say(console, led(*VERDICTS[checked.verdict]))
+    tasks = list(tasks_of(checked))
     _show_tasks(console, tasks[:_FIRST], 1)
     console.print()
     if checked.rows:
@@ -33,12 +33,17 @@ def show_check(console: Console, checked: Check) -> None:
     if len(reasons := _reasons(checked.problems)) > 1:
         show_warnings(console, [_problem(names, reason) for reason, names in reasons.items()])
     _show_tasks(console, tasks[_FIRST:], _FIRST + 1)
+    show_warnings(console, notes_of(checked))
+
+
+def notes_of(checked: Check) -> list[str]:
+    """What else there is to say."""
     asides = [one.text for one in checked.advice if one.weight == "aside"]
     noticed = said_once([trial for trial, _ in checked.rows])
-    show_warnings(console, [*asides, *noticed, *(remark.text for remark in checked.remarks)])
+    return [*asides, *noticed, *(remark.text for remark in checked.remarks)]
 
 
-def _tasks(checked: Check) -> Iterator[str]:
+def tasks_of(checked: Check) -> Iterator[str]:
     """What to do, the gravest first."""
     reasons, bad = _reasons(checked.problems), len(checked.problems)
     several = f"{bad} of {bad + len(checked.rows)} logs cannot be used"

@@ -26,6 +26,7 @@ TOPICS = (
     "control",
     "export",
     "report",
+    "open",
     "confusion",
     "hard",
     "effects",
@@ -39,6 +40,7 @@ _ALSO = {
     **dict.fromkeys(("rovid.toml", "json", "parameters", "toml", "configuration"), "files"),
     **dict.fromkeys(("formats", "csv", "mcap", "parquet", "ulog", "bag", "dataflash", "nmea", "convert"), "logs"),
     **dict.fromkeys(("begin", "start", "tutorial", "init", "check"), "own_logs"),
+    **dict.fromkeys(("app", "browser", "gui", "server"), "open"),
     **dict.fromkeys(("drag", "inertia", "fit-drag", "fit-inertia"), "fit"),
     **dict.fromkeys(("history", "refit", "before", "payload", "fouling"), "compare"),
 }

@@ -1,0 +1,705 @@
+// The page of `rovid open`: what was chosen is kept here, sent to the server after each change, and shown as it comes
+// back: rovid.toml, what is open, what `rovid check` says. Nothing is worked out here that the command line works out.
+import { Plots } from "./plots.js";
+import { armOf, Sketch, standing } from "./sketch.js";
+import { ask, byId, copy, element, hear, isOf, literally, soon, tidy, typed } from "./tools.js";
+
+const ROLES = {
+  "": "not used", heading: "heading", command: "command of a thruster", yaw_rate: "yaw rate (gyro)", roll: "roll", pitch: "pitch",
+  supply_voltage: "supply voltage", torque: "torque (in place of thrusters)", extra: "carried along",
+};
+const SIZES = ["mass", "length", "width"];
+
+let logs = []; // as the server knows them
+let look = null; // what it said of them
+let columns = new Map(); // "format|source" -> {kind, source, role, name, unit, sign}
+let thrusters = new Map(); // name -> {x, y, angle, arm, hand}, hand: whether a person said so
+let vehicle = "", title = "", size = {}, stretches = [];
+let draft = null, checked = null, saved = "", running = false;
+
+const key = (kind, source) => `${kind}|${source}`;
+const current = () => look?.logs.find(({ path }) => path === byId("log").value);
+
+function trouble(error) {
+  const place = byId("trouble");
+  place.hidden = !error;
+  place.textContent = error ? error.message ?? String(error) : "";
+}
+addEventListener("unhandledrejection", (event) => { trouble(event.reason); event.preventDefault(); });
+
+// ---- 1. logs
+
+async function folders(inside) {
+  const list = await ask(`folders?${new URLSearchParams({ in: inside })}`);
+  byId("folders").replaceChildren(...list.map(({ path }) => element("option", "", null, { value: path })));
+  const items = list.slice(0, 200).map(({ path, logs: count }) => {
+    const item = element("li"), words = count ? `${path} (${count} file${count > 1 ? "s" : ""})` : path;
+    element("button", words, item, { type: "button" }).addEventListener("click", () => {
+      byId("folder").value = path;
+      if (count) choose([path]);
+      else folders(path);
+    });
+    return item;
+  });
+  byId("folder-list").replaceChildren(...items);
+}
+
+let choosing = 0;
+
+async function choose(names) {
+  const own = ++choosing;
+  trouble(null);
+  headline("Reading the logs …", true);
+  try {
+    const found = await ask(`look?${new URLSearchParams(names.map((name) => ["log", name]))}`);
+    if (own !== choosing) return; // another folder was chosen meanwhile
+    look = found;
+  } catch (error) {
+    headlines();
+    throw error;
+  }
+  logs = names;
+  const several = look.logs.length > 1 ? `${look.logs.length} logs` : "one log";
+  byId("logs-found").textContent = `${several} in ${look.folder || "this folder"}: ${look.logs.slice(0, 6).map(({ name }) => name).join(", ")}${look.logs.length > 6 ? ", …" : ""}.`;
+  byId("log").replaceChildren(...look.logs.map(({ path, name }) => element("option", name, null, { value: path })));
+  byId("leave-log").replaceChildren(...look.logs.map(({ name }) => element("option", name, null, { value: literally(name) })), element("option", "every log", null, { value: "*" }));
+  byId("type").replaceChildren(element("option", "not one of these", null, { value: "" }), ...look.vehicles.map(({ id, name }) => element("option", name, null, { value: id })));
+  if (look.logs.length > 1) byId("leave-log").value = literally(look.logs[0].name);
+  columns = new Map();
+  thrusters = new Map();
+  [vehicle, title, size, stretches, draft, checked] = ["", "", {}, [], null, null];
+  saved = look.existing && look.chosen ? "same" : "";
+  if (look.chosen) recall(look.chosen);
+  for (const place of ["check-said", "check-more", "run-steps", "run-warnings"]) byId(place).replaceChildren();
+  showReport(look.report, look.folder);
+  try {
+    await refresh(!look.chosen);
+  } catch (error) {
+    byId("rest").hidden = true;
+    headlines();
+    throw error;
+  }
+  if (own !== choosing) return;
+  fill();
+  byId("rest").hidden = false;
+  byId("which").value = !theirs() && draft.survey.open.length ? "all" : "used";
+  await openLog();
+  byId("now-title").focus({ preventScroll: true });
+  byId("now").scrollIntoView({ block: "start" });
+}
+
+// What was chosen the last time.
+function recall(chosen) {
+  [vehicle, title, size, stretches] = [chosen.vehicle ?? "", chosen.name ?? "", chosen.size ?? {}, chosen.leave_out ?? []];
+  for (const [name, place] of Object.entries(chosen.places ?? {})) thrusters.set(name, place);
+  for (const [kind, those] of Object.entries(chosen.signals ?? {})) {
+    for (const [name, { source, unit, sign }] of Object.entries(those)) put(kind, source, name, { unit, sign });
+  }
+  for (const [kind, those] of Object.entries(chosen.commands ?? {})) {
+    for (const { source, name } of those) put(kind, source, "command", { name });
+  }
+}
+
+function put(kind, source, role, more = {}) {
+  const known = role in ROLES ? role : "extra";
+  columns.set(key(kind, source), { kind, source, role: known, name: known === "extra" ? role : "", unit: "", sign: 1, ...more });
+}
+
+// ---- what was chosen
+
+function choice(asGuessed = false) {
+  const document = { logs, vehicle, name: title, size, leave_out: stretches, places: Object.fromEntries(thrusters) };
+  if (asGuessed) return { ...document, signals: null, commands: null };
+  const signals = {}, commands = {};
+  for (const { kind, source, role, name, unit, sign } of columns.values()) {
+    if (role === "command") {
+      const { arm, hand } = thrusters.get(name) ?? {};
+      (commands[kind] ??= []).push({ source, name, arm: hand ? arm : null });
+    } else if (role) {
+      (signals[kind] ??= {})[role === "extra" ? name : role] = { source, unit, sign };
+    }
+  }
+  return { ...document, signals, commands };
+}
+
+// The draft of what was chosen; where nothing was yet, what rovid guesses becomes the choice.
+async function refresh(asGuessed = false, signal = undefined) {
+  draft = await ask("draft", { body: choice(asGuessed), signal });
+  const { signals, commands } = draft.survey;
+  if (asGuessed) {
+    columns = new Map();
+    for (const [kind, those] of Object.entries(signals)) {
+      for (const [name, { source, unit, sign }] of Object.entries(those)) put(kind, source, name, { unit: unit ?? "", sign });
+    }
+    const turning = Object.values(commands).flat().some(({ turns }) => turns);
+    for (const [kind, those] of Object.entries(commands)) {
+      // Where some are known to turn the vehicle, the others wait for the user to say so.
+      for (const { source, name, turns, told } of those) if (turns || !told || !turning) put(kind, source, "command", { name });
+    }
+  }
+  adoptArms();
+  show();
+  check();
+}
+
+// Thrusters of which nobody said where they are stand where rovid's arms would have them.
+function adoptArms() {
+  const named = Object.values(draft.survey.commands).flat();
+  const inUse = new Set([...columns.values()].filter(({ role }) => role === "command").map(({ name }) => name));
+  for (const name of [...thrusters.keys()]) if (!inUse.has(name)) thrusters.delete(name);
+  const placed = [];
+  for (const name of inUse) {
+    const told = named.find((one) => one.name === name), arm = (told?.turns || 1) * (told?.arm ?? 1);
+    if (!thrusters.get(name)?.hand) thrusters.set(name, { ...standing(name, arm, placed), arm, hand: false });
+    placed.push(thrusters.get(name));
+  }
+}
+
+const refreshSoon = soon((signal) => refresh(false, signal), 250);
+const checkSoon = soon(async (signal) => {
+  byId("check-said").classList.add("stale");
+  const answer = await ask("check", { body: choice(), signal });
+  if (answer.stale) return check();
+  checked = answer;
+  return showCheck();
+}, 350);
+const check = () => checkSoon();
+
+function changed() {
+  saved = "";
+  trouble(null);
+  refreshSoon();
+}
+
+// ---- 2. columns
+
+const plots = new Plots(byId("rows"), {
+  picked: (from, to) => {
+    byId("leave-log").value = literally(current().name);
+    byId("leave-from").value = String(Math.max(0, +from.toFixed(2)));
+    byId("leave-to").value = String(+to.toFixed(2));
+    byId("leave-reason").focus();
+    byId("leave").scrollIntoView({ block: "center" });
+    hear(`${from.toFixed(1)} to ${to.toFixed(1)} s. Give a reason, and leave it out.`);
+  },
+  stretches: () => stretches.filter(({ log }) => current() && isOf(current().name, log)).map(({ from, to }) => [from, to ?? Infinity]),
+  needed: () => [...columns.values()].filter(({ role }) => role === "heading" || role === "command").sort((a) => (a.role === "heading" ? -1 : 1)).map(({ source }) => source),
+});
+let shownColumns = [];
+
+const openLog = async () => {
+  byId("columns-said").textContent = "Reading …";
+  shownColumns = (await plots.open(byId("log").value)).columns;
+  listColumns();
+};
+
+function listColumns() {
+  const { kind } = current(), all = byId("which").value === "all";
+  const roleOf = ({ source }) => columns.get(key(kind, source))?.role ?? "";
+  const used = shownColumns.filter((column) => roleOf(column));
+  const list = all || !used.length ? [...used, ...shownColumns.filter((column) => !roleOf(column))] : used;
+  byId("columns-said").textContent = `${list.length} of ${shownColumns.length} columns of this log are shown, ${used.length} are in use.`;
+  byId("rows").replaceChildren(...list.map((column) => columnRow(kind, column)));
+  plots.place(document.querySelectorAll("#rows .chart"));
+}
+
+function columnRow(kind, { source, samples, lowest, highest }) {
+  const row = element("div"), side = element("div", "", row), id = key(kind, source);
+  const own = columns.get(id) ?? { kind, source, role: "", name: "", unit: "", sign: 1 };
+  row.className = own.role ? "row used" : "row";
+  element("h3", source, side);
+  const line = element("div", "", side, { class: "line" });
+  const role = element("select", "", line, { "aria-label": `What ${source} is` });
+  for (const [value, words] of Object.entries(ROLES)) element("option", words, role, { value });
+  role.value = own.role;
+  role.addEventListener("change", () => {
+    for (const each of turn(kind, source, role.value)) renewRow(kind, each);
+    [...document.querySelectorAll("#rows select")].find((each) => each.getAttribute("aria-label") === `What ${source} is`)?.focus();
+  });
+  const units = look.units[own.role] ?? [];
+  if (units.length) {
+    const unit = element("select", "", line, { "aria-label": `Unit of ${source}` });
+    for (const each of units) element("option", each, unit, { value: each });
+    unit.value = own.unit || units[0];
+    unit.addEventListener("change", () => { columns.get(id).unit = unit.value; changed(); });
+  }
+  if (own.role && !["command", "extra", "supply_voltage"].includes(own.role)) {
+    const label = element("label", "", line), turned = element("input", "", label, { type: "checkbox", checked: own.sign < 0 });
+    label.append(" turned around");
+    turned.addEventListener("change", () => { columns.get(id).sign = turned.checked ? -1 : 1; changed(); });
+  }
+  const declared = own.unit || "";
+  const range = samples ? `${tidy(lowest)} to ${tidy(highest)}, ${samples} readings` : "no number in this log";
+  element("p", why(kind, source) || range, side, { class: "why soft" });
+  element("div", "", row, { class: "chart", "data-source": source, "data-used": own.role, "data-unit": declared, role: "img", "aria-label": `${source} over time: ${range}` });
+  return row;
+}
+
+// A row anew in its place: rows do not run about while somebody chooses.
+function renewRow(kind, source) {
+  const before = [...document.querySelectorAll("#rows .row")].find((row) => row.querySelector(".chart").dataset.source === source);
+  if (!before) return;
+  const row = columnRow(kind, shownColumns.find((column) => column.source === source));
+  before.replaceWith(row);
+  plots.swap(before.querySelector(".chart"), row.querySelector(".chart"));
+}
+
+// Why rovid takes a column for what it is.
+function why(kind, source) {
+  const { signals, commands } = draft.survey;
+  const one = [...Object.values(signals[kind] ?? {}), ...(commands[kind] ?? [])].find((each) => each.source === source);
+  return columns.get(key(kind, source))?.role ? one?.why ?? "" : "";
+}
+
+// Make a column what it was chosen for; the columns that are something else by that.
+function turn(kind, source, role) {
+  const before = columns.get(key(kind, source)), others = [source];
+  columns.delete(key(kind, source));
+  if (role) {
+    // One heading, one gyro: who had the part before is free.
+    if (!["command", "extra"].includes(role)) {
+      for (const [id, one] of columns) {
+        if (one.kind === kind && one.role === role && columns.delete(id)) others.push(one.source);
+      }
+    }
+    const name = role === "command" || role === "extra" ? nameFor(source) : "";
+    put(kind, source, role, { name, unit: look.units[role]?.[0] ?? "" });
+  }
+  hear(`${source}: ${ROLES[role]}${before?.role ? `, ${ROLES[before.role]} before` : ""}.`);
+  changed();
+  return others;
+}
+
+function nameFor(source) {
+  const plain = source.split(/[^\p{L}\p{N}]+/u).filter(Boolean).join("_").toLowerCase() || "thruster";
+  const taken = new Set([...columns.values()].map(({ name }) => name));
+  let name = plain;
+  for (let k = 2; taken.has(name); k++) name = `${plain}_${k}`;
+  return name;
+}
+
+byId("log").addEventListener("change", openLog);
+byId("which").addEventListener("change", listColumns);
+for (const each of document.querySelectorAll("input[name=drag]")) {
+  each.addEventListener("change", () => byId("columns").classList.toggle("leaves", each.value === "leave"));
+}
+const MOVES = { "zoom-in": () => plots.zoom(0.5), "zoom-out": () => plots.zoom(2), earlier: () => plots.pan(-0.4), later: () => plots.pan(0.4), whole: () => plots.all() };
+for (const [id, act] of Object.entries(MOVES)) byId(id).addEventListener("click", act);
+
+// ---- 3. vehicle
+
+const sketch = new Sketch(byId("sketch"), (name, place) => moveThruster(name, place));
+
+function moveThruster(name, { x, y, angle }) {
+  const one = { x, y, angle, hand: true };
+  one.arm = Math.round(armOf(one) * 1e4) / 1e4;
+  thrusters.set(name, one);
+  hear(`${name}: arm ${tidy(one.arm, 3)} m`);
+  showThrusters();
+  changed();
+}
+
+const sizeOf = (what) => size[what] ?? look?.vehicles.find(({ id }) => id === (vehicle || draft?.survey.vehicle?.type))?.[what] ?? null;
+
+function drawSketch() {
+  sketch.draw([...thrusters].map(([name, one]) => ({ name, ...one })), sizeOf("length"), sizeOf("width"));
+}
+
+function showThrusters() {
+  drawSketch();
+  const body = document.querySelector("#thrusters tbody"), names = [...thrusters.keys()];
+  // While the thrusters are the same their fields stay, so that nobody is thrown out of one.
+  if (names.join("\n") !== [...body.rows].map(({ dataset }) => dataset.name).join("\n")) {
+    body.replaceChildren(...names.map(thrusterRow));
+  }
+  for (const row of body.rows) fillRow(row, thrusters.get(row.dataset.name));
+  const notes = [];
+  const every = Object.values(draft?.survey.commands ?? {}).flat();
+  for (const [name, one] of thrusters) {
+    const told = every.find((each) => each.name === name);
+    const arm = one.hand ? "arm put in by hand" : told?.arm ? "arm of its type" : "arm not known: 1 m stands in for it";
+    notes.push(element("li", `${name}: ${arm}${told ? `; ${told.why}` : ""}`));
+  }
+  if (!notes.length) notes.push(element("li", "None yet: say above which columns command thrusters."));
+  byId("senses").replaceChildren(...notes);
+  byId("thrusters").hidden = !thrusters.size;
+}
+
+const FIELDS = { x: "ahead, m", y: "to starboard, m", angle: "direction, degrees from the bow", arm: "yaw arm, m" };
+const shownAs = { x: (value) => value.toFixed(3), y: (value) => value.toFixed(3), angle: (value) => String(Math.round(value * 10) / 10), arm: (value) => String(+value.toPrecision(4)) };
+
+function thrusterRow(name) {
+  const row = element("tr", "", null, { "data-name": name });
+  const field = (what, label, parent) => {
+    const input = element("input", "", parent, { id: `t-${what}-${name}`, "aria-label": label, spellcheck: "false", autocomplete: "off", class: what });
+    input.addEventListener("change", () => typedInto(name, what, input));
+    return input;
+  };
+  field("name", `Name of ${name}`, element("th", "", row, { scope: "row" })).value = name;
+  for (const [what, words] of Object.entries(FIELDS)) field(what, `${name}: ${words}`, element("td", "", row)).inputMode = "decimal";
+  element("button", "Reverse", element("td", "", row), { type: "button", "aria-label": `Reverse ${name}` }).addEventListener("click", () => {
+    const one = thrusters.get(name);
+    moveThruster(name, { ...one, angle: one.angle > 0 ? one.angle - 180 : one.angle + 180 });
+  });
+  return row;
+}
+
+function fillRow(row, one) {
+  for (const what of Object.keys(FIELDS)) {
+    const input = row.querySelector(`input.${what}`);
+    if (input !== document.activeElement) input.value = shownAs[what](one[what]);
+  }
+}
+
+function typedInto(name, what, input) {
+  if (what === "name") return rename(name, input.value.trim());
+  const value = typed(input.value), fine = value !== null && Number.isFinite(value);
+  input.setAttribute("aria-invalid", String(!fine));
+  if (!fine) return undefined;
+  if (what !== "arm") return moveThruster(name, { ...thrusters.get(name), [what]: value });
+  thrusters.set(name, { ...standing(name, value), arm: value, hand: true });
+  showThrusters();
+  return changed();
+}
+
+function rename(name, next) {
+  if (!next || next === name || thrusters.has(next)) {
+    byId(`t-name-${name}`).value = name;
+    return undefined;
+  }
+  for (const one of columns.values()) if (one.role === "command" && one.name === name) one.name = next;
+  thrusters = new Map([...thrusters].map(([each, one]) => [each === name ? next : each, one]));
+  showThrusters();
+  return changed();
+}
+
+byId("type").addEventListener("change", () => {
+  vehicle = byId("type").value;
+  size = {};
+  for (const [name, one] of thrusters) if (!one.hand) thrusters.delete(name);
+  changed();
+});
+byId("name").addEventListener("change", () => { title = byId("name").value.trim(); changed(); });
+for (const what of SIZES) {
+  byId(what).addEventListener("change", () => {
+    const value = typed(byId(what).value), fine = value === null || value > 0;
+    byId(what).setAttribute("aria-invalid", String(!fine));
+    if (!fine) return;
+    if (value === null) delete size[what];
+    else size[what] = value;
+    changed();
+  });
+}
+
+// ---- 4. what to leave out
+
+byId("leave-form").addEventListener("submit", (event) => {
+  event.preventDefault();
+  const from = typed(byId("leave-from").value) ?? 0, to = typed(byId("leave-to").value);
+  const fine = Number.isFinite(from) && (to === null || to > from);
+  for (const id of ["leave-from", "leave-to"]) byId(id).setAttribute("aria-invalid", String(!fine));
+  if (!fine) return trouble("Leave out from one time to a later one, in s from the beginning of the log.");
+  stretches.push({ log: byId("leave-log").value, from, to, reason: byId("leave-reason").value.trim() });
+  for (const id of ["leave-from", "leave-to", "leave-reason"]) byId(id).value = "";
+  hear("Left out.");
+  showStretches();
+  return changed();
+});
+
+function showStretches() {
+  byId("leave-list").replaceChildren(...stretches.map((one, k) => {
+    const end = one.to === null ? "its end" : `${one.to} s`;
+    const item = element("li", `${one.log}: ${one.from} s to ${end}${one.reason ? `, ${one.reason}` : ""} `);
+    element("button", "Take back", item, { type: "button", "aria-label": `Take back ${one.log} ${one.from} s to ${end}` }).addEventListener("click", () => {
+      stretches.splice(k, 1);
+      showStretches();
+      changed();
+    });
+    return item;
+  }));
+  plots.shade();
+}
+
+// ---- 5. check, 6. rovid.toml
+
+const theirs = () => look?.existing && !look.chosen;
+
+function showCheck() {
+  const { words, verdict, tasks, notes, caution, document } = checked;
+  const said = byId("check-said"), more = byId("check-more");
+  said.classList.remove("stale");
+  said.className = verdict;
+  said.replaceChildren();
+  const [lead, ...rest] = words.split(":");
+  const line = element("p", "", said, { class: "verdict" });
+  element("strong", rest.length ? `${lead}:` : lead, line);
+  line.append(rest.join(":"));
+  const list = element("ol", "", said);
+  for (const task of tasks) element("li", task, list);
+  more.replaceChildren();
+  if (caution) element("p", caution, more, { class: "guessed" });
+  if (document?.logs.length) logTable(document.logs, more);
+  if (notes.length) {
+    const folded = element("details", "", more);
+    element("summary", `${notes.length} more to know`, folded);
+    const items = element("ul", "", folded);
+    for (const note of notes) element("li", note, items);
+  }
+  headlines();
+}
+
+function logTable(rows, parent) {
+  const table = element("table", "", element("div", "", parent, { class: "scroll" }));
+  element("caption", "Logs", table);
+  const head = element("tr", "", element("thead", "", table));
+  for (const words of ["log", "s", "held commands", "sines", "Hz", "samples", "remarks"]) element("th", words, head, { scope: "col", class: words === "log" || words === "remarks" ? "" : "n" });
+  const body = element("tbody", "", table);
+  for (const one of rows) {
+    const row = element("tr", "", body);
+    element("th", one.name, row, { scope: "row" });
+    for (const value of [one.duration.toFixed(0), one.held_commands, one.sine_runs, tidy(one.sample_rate, 3), one.samples]) element("td", String(value), row, { class: "n" });
+    element("td", one.remarks.map(({ count, kind }) => `${count} ${kind}`).join(", ") || "none", row);
+  }
+}
+
+function showToml() {
+  const lines = (theirs() ? look.existing.text : draft.text).split("\n");
+  byId("toml").replaceChildren(...lines.map((line) => {
+    const kind = /OPEN:/.test(line) ? "open" : /_guessed/.test(line) ? "guess" : /^\s*#/.test(line) ? "remark" : "";
+    return element("span", `${line}\n`, null, { class: kind });
+  }));
+  const open = theirs() ? [] : draft.survey.open;
+  byId("save-open").replaceChildren(...open.map((what) => element("li", openWords(what))));
+  const button = byId("save-button");
+  button.disabled = Boolean(theirs()) || saved !== "";
+  button.textContent = saved ? "Saved" : "Save rovid.toml";
+  byId("save-words").textContent = theirs()
+    ? `${look.existing.file} is yours: rovid did not write it, or somebody changed it since. It is used as it stands here, and not replaced. To work on it here, move it away.`
+    : `It goes to ${[draft.file, ...draft.beside].join(" and ")}. Marked is what is open, and what is a guess.`;
+}
+
+const openWords = (what) => (what === "heading" ? "Which column is the heading?" : what === "command" ? "Which columns command thrusters?" : `Which way ${what.replace("sense of ", "")} turns the vehicle, if at all, no log tells: place that thruster, or say that it is not used.`);
+
+byId("save-button").addEventListener("click", async () => {
+  byId("save-said").textContent = "";
+  trouble(null);
+  const { written } = await ask("save", { body: choice() });
+  saved = "same";
+  look.existing = { file: written[0], text: draft.text };
+  look.chosen = choice();
+  byId("save-said").textContent = `Written: ${written.join(" and ")}.`;
+  show();
+});
+
+// ---- 7. fit and diagnosis
+
+async function watch() {
+  running = true;
+  try {
+    for (;;) {
+      const work = await ask("progress");
+      showWork(work);
+      if (work.state !== "running") return;
+      await new Promise((then) => { setTimeout(then, 500); });
+    }
+  } finally {
+    running = false;
+    showRun();
+    headlines();
+  }
+}
+
+function showWork({ key: begun, state, seconds, steps, error, warnings, report, page }) {
+  const words = { running: `Running for ${Math.round(seconds)} s`, done: `Done in ${Math.round(seconds)} s`, failed: "It ended without a result", cancelled: "Cancelled", none: "" };
+  const said = byId("run-said");
+  if (said.dataset.state !== state || state === "running") said.textContent = words[state];
+  said.dataset.state = state;
+  said.className = state === "running" ? "busy" : "";
+  said.setAttribute("aria-live", state === "running" ? "off" : "polite");
+  const list = byId("run-steps");
+  for (const { after, text } of (steps ?? []).slice(list.children.length)) {
+    element("li", `${Math.round(after)} s: ${text}`, list);
+    hear(text);
+  }
+  byId("run-now").textContent = state === "running" ? steps.at(-1)?.text ?? "Starting …" : "";
+  byId("run-all").hidden = !list.children.length;
+  byId("run-error").hidden = !error;
+  byId("run-error").textContent = error ?? "";
+  byId("run-warnings").replaceChildren(...(warnings ?? []).map((text) => element("li", text)));
+  if (state === "done") showReport(report, page);
+  byId("cancel-button").hidden = state !== "running" || !begun;
+  headlines();
+}
+
+function showReport(report, file) {
+  byId("report").hidden = !report;
+  if (!report) return byId("report-frame").removeAttribute("src");
+  byId("report-link").href = `report/${report}`;
+  byId("report-frame").src = `report/${report}`;
+  byId("report-file").textContent = file ?? "";
+  return undefined;
+}
+
+function showRun() {
+  byId("run-button").disabled = running || !(theirs() || saved);
+}
+
+byId("run-button").addEventListener("click", async () => {
+  byId("run-steps").replaceChildren();
+  showReport(null);
+  showWork({ state: "running", seconds: 0, steps: [] });
+  byId("run-button").disabled = true;
+  try {
+    await ask("run", { body: { logs, diagnosis: !byId("run-quick").checked } });
+  } catch (error) {
+    showWork({ state: "failed", seconds: 0, steps: [], error: error.message });
+    return showRun();
+  }
+  await watch();
+  if (!byId("report").hidden) byId("report-link").focus();
+  return undefined;
+});
+byId("cancel-button").addEventListener("click", () => ask("cancel", { body: {} }));
+
+// ---- what is shown
+
+function headline(text, busy = false) {
+  byId("now-title").textContent = text;
+  byId("now-title").className = busy ? "busy" : "";
+}
+
+// The answer first: what is to be done next.
+function headlines() {
+  const list = [], next = byId("now-next"), link = byId("now-link");
+  const go = (place, words) => { next.hidden = false; link.href = `#${place}`; link.textContent = words; };
+  next.hidden = true;
+  const open = theirs() ? [] : draft?.survey.open ?? [];
+  const work = byId("run-said").dataset.state;
+  if (!draft) headline("Choose the folder that holds your logs.");
+  else if (open.length) {
+    headline(open.length > 1 ? `${open.length} things are open.` : "One thing is open.");
+    list.push(...open.map(openWords));
+    go(open.some((what) => what === "heading" || what === "command") ? "columns" : "vehicle", "Go there");
+  } else if (running) {
+    headline("Fitting and diagnosing …", true);
+    go("run", "See how far it is");
+  } else if (work === "done" && saved) {
+    headline("Done: here is the report.");
+    go("run", "To the report");
+  } else if (!checked) headline("Checking the logs …", true);
+  else {
+    headline(checked.words);
+    list.push(...checked.tasks.slice(0, 3));
+    if (checked.verdict === "no_go") go("check", "See all that is wrong");
+    else if (saved || theirs()) go("run", "Fit and diagnose");
+    else go("save", "Look at rovid.toml, and save it");
+  }
+  byId("now-list").replaceChildren(...list.map((text) => element("li", text)));
+}
+
+function fill() {
+  byId("type").value = vehicle;
+  showStretches();
+}
+
+function show() {
+  byId("name").value = title;
+  byId("name").placeholder = draft.text.match(/^name = "(.*)"$/m)?.[1] ?? "";
+  for (const what of SIZES) {
+    byId(what).value = size[what] ?? "";
+    byId(what).placeholder = sizeOf(what) ?? "not known";
+  }
+  showThrusters();
+  if (shownColumns.length) for (const row of document.querySelectorAll("#rows .row")) {
+    const { source } = row.querySelector(".chart").dataset, text = why(current().kind, source);
+    if (text) row.querySelector(".why").textContent = text;
+  }
+  const { file, guessed } = draft.survey.curve;
+  const what = draft.survey.vehicle?.guessed && file !== "thrust_guess.csv" ? "that of its type, which is a guess" : "a guess: thrust in proportion to the command";
+  const mend = "Put a CSV with the columns command,thrust_N beside the logs, and look at the folder again.";
+  byId("curve").textContent = file ? `Thrust curve: ${file}${guessed ? `, ${what}. ${mend}` : "."}` : "";
+  const type = !vehicle && look.vehicles.find(({ id }) => id === draft.survey.vehicle?.type);
+  byId("type").options[0].textContent = type ? `as the logs have it: ${type.name}` : "not one of these";
+  byId("not-read").replaceChildren(...draft.survey.warnings.map((text) => element("li", text)));
+  byId("theirs").hidden = !theirs();
+  showToml();
+  showRun();
+  byId("commands").replaceChildren(...draft.commands.flatMap(({ what, line }) => {
+    const value = element("dd");
+    element("code", line, value);
+    const button = element("button", "Copy", value, { type: "button", "aria-label": `Copy ${line}` });
+    button.addEventListener("click", () => copy(line, button));
+    return [element("dt", what), value];
+  }));
+  headlines();
+}
+
+// ---- start
+
+for (const button of document.querySelectorAll("[data-copy]")) {
+  button.addEventListener("click", () => copy(document.querySelector(button.dataset.copy).textContent, button));
+}
+byId("folder-form").addEventListener("submit", (event) => {
+  event.preventDefault();
+  choose([byId("folder").value.trim().replace(/\/+$/, "")]);
+});
+
+async function entries(item, ahead = "") {
+  if (item.isFile) return [{ name: ahead + item.name, file: await new Promise((then, not) => { item.file(then, not); }) }];
+  const reader = item.createReader(), found = [];
+  for (;;) {
+    const some = await new Promise((then, not) => { reader.readEntries(then, not); });
+    if (!some.length) break;
+    for (const each of some) found.push(...await entries(each, `${ahead}${item.name}/`));
+  }
+  return found;
+}
+
+async function upload(dropped) {
+  let folder = "", count = 0;
+  const isLog = ({ name }) => begun.formats.some((suffix) => name.toLowerCase().endsWith(suffix));
+  const files = dropped.filter(isLog), refused = dropped.filter((each) => !isLog(each)).map(({ name }) => name);
+  const said = [refused.length ? `No logs, and left: ${refused.slice(0, 5).join(", ")}${refused.length > 5 ? ", …" : ""}.` : ""];
+  for (const { name, file } of files) {
+    byId("drop-said").textContent = `Copying ${name} (${count + 1} of ${files.length}) …`;
+    try {
+      const done = await ask(`upload?${new URLSearchParams({ name, folder })}`, { raw: file });
+      folder = done.folder;
+      count += 1;
+    } catch (error) {
+      said.push(error.message);
+    }
+  }
+  byId("drop-said").textContent = `${count} of ${files.length} copied${folder ? ` into ${folder}` : ""}. ${said.slice(0, 4).join(" ")}`;
+  if (count) {
+    byId("folder").value = folder;
+    await choose([folder]);
+  }
+}
+for (const id of ["files", "directory"]) {
+  byId(id).addEventListener("change", () => upload([...byId(id).files].map((file) => ({ name: file.webkitRelativePath || file.name, file }))));
+}
+const drop = byId("drop");
+for (const type of ["dragenter", "dragover"]) {
+  drop.addEventListener(type, (event) => { event.preventDefault(); drop.classList.add("over"); });
+}
+drop.addEventListener("dragleave", () => drop.classList.remove("over"));
+drop.addEventListener("drop", async (event) => {
+  event.preventDefault();
+  drop.classList.remove("over");
+  const items = [...event.dataTransfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
+  upload((await Promise.all(items.map((item) => entries(item)))).flat());
+});
+
+const begun = await ask("start");
+byId("where").textContent = begun.folder;
+byId("top").textContent = begun.folder;
+drop.hidden = !begun.uploads;
+headlines();
+await folders("");
+if (begun.logs.length) {
+  byId("folder").value = begun.logs[0];
+  await choose(begun.logs);
+}
+const before = await ask("progress");
+if (before.state === "running") watch();

@@ -1,0 +1,252 @@
+"""The page in a real browser: from a folder without rovid.toml to a diagnosed page, by mouse and by keys alone."""
+
+from __future__ import annotations
+
+import contextlib
+import http.server
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import Browser, Locator, Page, sync_playwright
+
+from rovid.campaign.config import load_config
+from tests.app.conftest import logs_into, riddle
+from tests.app.served import Served, served
+from tests.report.chromium import find_chromium
+
+pytestmark = pytest.mark.skipif(find_chromium() is None, reason="no Chromium here")
+_PATIENCE = 180_000.0  # ms; a diagnosis on a busy machine
+_QUICK = 30_000.0
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        # In a container Chromium has no sandbox of its own.
+        one = playwright.chromium.launch(executable_path=find_chromium(), args=["--no-sandbox"])
+        yield one
+        one.close()
+
+
+@contextlib.contextmanager
+def opened(browser: Browser, server: Served, scheme: Literal["light", "dark"] = "light") -> Iterator[Page]:
+    """The page; at its end it has neither complained nor asked anybody but this machine's own port."""
+    page = browser.new_page(color_scheme=scheme, viewport={"width": 1280, "height": 900})
+    page.set_default_timeout(_QUICK)
+    complaints: list[str] = []
+    asked: list[str] = []
+    page.on("console", lambda message: complaints.append(message.text))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(server.address)
+    yield page
+    page.close()
+    assert complaints == []
+    own = urlsplit(server.address).netloc
+    assert {urlsplit(url).netloc for url in asked if not url.startswith("data:")} == {own}
+
+
+def headline(page: Page, words: str, timeout: float = _QUICK) -> None:
+    page.locator("#now-title", has_text=words).wait_for(timeout=timeout)
+
+
+def role(page: Page, column: str) -> Locator:
+    return page.get_by_label(f"What {column} is", exact=True)
+
+
+def test_from_a_folder_without_rovid_toml_to_a_diagnosed_page(browser: Browser, tmp_path: Path) -> None:
+    """Names that tell nothing: heading and commands are chosen, thrusters placed, a stretch left out, all by mouse."""
+    top = tmp_path / "top"
+    riddle(top / "day")
+    with served(top) as server, opened(browser, server) as page:
+        headline(page, "Choose the folder")
+        page.get_by_role("button", name="day (4 files)").click()
+        headline(page, "2 things are open")
+        role(page, "a").select_option("heading")
+        for name in "bc":
+            role(page, name).select_option("command")
+        page.get_by_label("Unit of a").select_option("deg")
+        headline(page, "Go with care")
+        # The one at the stern, 0.43 m behind the middle, pushes to port.
+        page.get_by_label("c: yaw arm, m").fill("0.43")
+        page.get_by_label("b: ahead, m").fill("0,43")
+        page.get_by_label("b: direction, degrees from the bow").fill("90")
+        page.get_by_label("b: direction, degrees from the bow").press("Tab")
+        page.locator("#toml", has_text="yaw_arm = 0.43").wait_for()
+        drag_over_a_plot(page)
+        page.get_by_label("Reason").fill("a hand on the vehicle")
+        page.get_by_role("button", name="Leave out").click()
+        page.locator("#toml", has_text="a hand on the vehicle").wait_for()
+        page.get_by_role("button", name="Save rovid.toml").click()
+        page.locator("#save-said", has_text="day/rovid.toml and day/thrust_guess.csv").wait_for()
+        run(page)
+        assert page.locator("#commands code").all_inner_texts()[0] == "rovid init day --heading a --command b,c"
+    config = load_config(top / "day" / "rovid.toml")
+    (stretch,) = config.left_out
+    assert (stretch.log, stretch.reason) == ("hold_03.csv", "a hand on the vehicle")
+    assert 0.0 < stretch.begin < stretch.end < 264.0
+    assert [(one.name, round(one.arm, 3)) for one in config.vehicle.thrusters] == [("b", 0.43), ("c", 0.43)]
+    assert (top / "day" / "report" / "index.html").is_file()
+
+
+def drag_over_a_plot(page: Page) -> None:
+    page.get_by_label("drag leaves out").check()
+    box = page.locator(".chart .u-over").first.bounding_box()
+    assert box is not None
+    page.locator(".chart .u-over").first.scroll_into_view_if_needed()
+    box = page.locator(".chart .u-over").first.bounding_box()
+    assert box is not None
+    middle = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + 0.2 * box["width"], middle)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.4 * box["width"], middle, steps=4)
+    page.mouse.up()
+
+
+def run(page: Page) -> None:
+    page.get_by_role("button", name="Fit, diagnose and write the report").click()
+    headline(page, "Done: here is the report", _PATIENCE)
+    report = page.frame_locator("#report-frame")
+    report.locator("#summary-title").wait_for()
+    assert page.locator("#report-frame").get_attribute("sandbox") == "allow-scripts"
+
+
+def test_by_keys_alone_in_the_dark(browser: Browser, tmp_path: Path) -> None:
+    """Tab, Enter, Space and arrows alone, from the first to the report."""
+    top = tmp_path / "top"
+    logs_into(top / "day", "hold_03.csv", "hold_05.csv", "sine_40s_a.csv", "staircase.csv")
+    with served(top) as server, opened(browser, server, "dark") as page:
+        assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(15, 19, 24)"
+        tab_to(page, "document.activeElement.textContent === 'day (5 files)'")
+        page.keyboard.press("Enter")
+        headline(page, "Go with care")
+        # The sketch: the thruster at the bow, moved ahead by 10 cm at a time.
+        tab_to(page, "document.activeElement.dataset.thruster === 'fore'")
+        assert "1 m ahead" in (page.locator(":focus").get_attribute("aria-label") or "")
+        for _ in range(5):
+            page.keyboard.press("Shift+ArrowDown")
+        assert "0.5 m ahead" in (page.locator(":focus").get_attribute("aria-label") or "")
+        page.locator("#heard", has_text="fore: arm 0.5 m").wait_for()
+        tab_to(page, "document.activeElement.id === 't-arm-aft'")
+        page.keyboard.press("Control+a")
+        page.keyboard.type("0.5")
+        tab_to(page, "document.activeElement.id === 'leave-to'")
+        page.keyboard.type("3")
+        page.keyboard.press("Enter")
+        page.locator("#leave-list li").wait_for()
+        headline(page, "Go")
+        tab_to(page, "document.activeElement.id === 'save-button'")
+        page.keyboard.press("Space")
+        page.locator("#save-said", has_text="Written").wait_for()
+        tab_to(page, "document.activeElement.id === 'run-quick'")
+        page.keyboard.press("Space")
+        page.keyboard.press("Shift+Tab")
+        page.keyboard.press("Enter")
+        headline(page, "Done: here is the report", _PATIENCE)
+        # It ends where the report is.
+        assert page.evaluate("document.activeElement.id") == "report-link"
+    thrusters = load_config(top / "day" / "rovid.toml").vehicle.thrusters
+    assert [(one.name, one.arm) for one in thrusters] == [("fore", 0.5), ("aft", 0.5)]
+
+
+def tab_to(page: Page, there: str) -> None:
+    """Go on by Tab until ``there``; each stop is seen and has a name."""
+    for _ in range(80):
+        page.keyboard.press("Tab")
+        stop = page.evaluate(
+            """() => { const one = document.activeElement, box = one.getBoundingClientRect();
+            return { name: one.getAttribute("aria-label") || one.labels?.[0]?.textContent
+                           || one.textContent || one.title,
+                     seen: box.width > 0 && box.height > 0, tag: one.tagName }; }"""
+        )
+        assert stop["tag"] == "BODY" or (stop["seen"] and stop["name"].strip()), stop
+        if page.evaluate(f"Boolean({there})"):
+            return
+    raise AssertionError(there)
+
+
+def test_cancelled_it_says_so_and_can_be_begun_again(browser: Browser, tmp_path: Path) -> None:
+    top = tmp_path / "top"
+    logs_into(top / "day")
+    with served(top, "day") as server, opened(browser, server) as page:
+        page.get_by_role("button", name="Save rovid.toml").click()
+        page.get_by_role("button", name="Fit, diagnose and write the report").click()
+        page.get_by_role("button", name="Cancel").click()
+        page.locator("#run-said", has_text="Cancelled").wait_for()
+        assert page.get_by_role("button", name="Fit, diagnose and write the report").is_enabled()
+        assert not page.locator("#report").is_visible()
+
+
+def test_sixty_columns_fit_a_telephone_and_are_drawn_once_seen(browser: Browser, tmp_path: Path) -> None:
+    top = tmp_path / "top"
+    folder = logs_into(top / "day")
+    head, *rows = (folder / "hold_03.csv").read_text().splitlines()
+    names = ",".join(f"a_long_name_of_a_column_{k}" for k in range(54))
+    text = "\n".join(
+        [
+            f"{head},{names}",
+            *(f"{row},{','.join(str((at + k) % 17) for k in range(54))}" for at, row in enumerate(rows)),
+        ]
+    )
+    (folder / "wide.csv").write_text(text + "\n")
+    with served(top, "day") as server, opened(browser, server) as page:
+        page.set_viewport_size({"width": 390, "height": 800})
+        headline(page, "Go")
+        page.locator("#log").select_option(label="wide.csv")
+        page.locator("#which").select_option("all")
+        page.locator("#columns-said", has_text="60 of 60").wait_for()
+        page.locator(".chart").first.scroll_into_view_if_needed()
+        page.locator(".chart canvas").first.wait_for()
+        drawn = page.locator(".chart canvas").count()
+        assert 0 < drawn < 20
+        page.locator(".chart").last.scroll_into_view_if_needed()
+        page.locator(".chart").last.locator("canvas").wait_for()
+        assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
+
+
+class _Evil(http.server.BaseHTTPRequestHandler):
+    """A page of another user's server on this machine, which knows even the address."""
+
+    target = ""
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header("content-type", "text/html")
+        self.end_headers()
+        text = f"""<!doctype html><img id=i src="{self.target}static/app.css"><iframe src="{self.target}"></iframe>
+        <script>
+        const tried = [["GET", {{}}], ["POST", {{ method: "POST", body: "{{}}" }}]].map(async ([name, options]) => {{
+          try {{
+            return [name, (await fetch("{self.target}api/start", options)).status];
+          }} catch {{ return [name, "refused"]; }}
+        }});
+        fetch("{self.target}api/cancel", {{ method: "POST", mode: "no-cors" }});
+        Promise.all(tried).then((all) => {{ window.done = all; }});
+        </script>"""
+        self.wfile.write(text.encode())
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+def test_a_page_of_another_port_gets_nothing_even_with_the_address(browser: Browser, server: Served) -> None:
+    _Evil.target = server.address
+    evil = http.server.ThreadingHTTPServer(("127.0.0.1", 0), _Evil)
+    threading.Thread(target=evil.serve_forever, daemon=True).start()
+    page = browser.new_page()
+    answers: list[tuple[str, int]] = []
+    page.on("response", lambda answer: answers.append((answer.url, answer.status)))
+    page.goto(f"http://127.0.0.1:{evil.server_port}/")
+    page.wait_for_function("window.done")
+    page.wait_for_load_state("networkidle")
+    assert page.evaluate("window.done") == [["GET", "refused"], ["POST", "refused"]]
+    got = [status for url, status in answers if url.startswith(server.address)]
+    assert got
+    assert set(got) == {403}
+    page.close()
+    evil.shutdown()
+    evil.server_close()

@@ -1,0 +1,127 @@
+"""From the first request to the report over HTTP; how it begins and how it ends."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.app.conftest import DAY, logs_into
+from tests.app.served import Served, served
+from tests.app.test_desk import chosen
+from tests.conftest import run_rovid
+
+
+@pytest.fixture(scope="module")
+def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Served, Path]]:
+    """A page whose run has come to its end."""
+    top = tmp_path_factory.mktemp("whole") / "top"
+    logs_into(top / "day")
+    with served(top, "day") as server:
+        assert server.get("api/start").document["logs"] == ["day"]
+        assert server.post("run", {"logs": ["day"]}).error.startswith("there is no rovid.toml yet")
+        assert server.post("save", chosen()).document["written"] == ["day/rovid.toml"]
+        server.post("run", {"logs": ["day"], "diagnosis": False})
+        done = server.until("done", "failed")
+        assert done["error"] == ""
+        yield server, top
+
+
+def test_it_ends_on_the_report_in_a_box_of_its_own(diagnosed: tuple[Served, Path]) -> None:
+    server, top = diagnosed
+    report = server.get(f"report/{server.get('api/progress').document['report']}")
+    assert report.body == (top / "day" / "report" / "index.html").read_bytes()
+    policy = {name.lower(): value for name, value in report.headers.items()}["content-security-policy"]
+    assert policy.startswith("sandbox allow-scripts;")
+    assert "default-src 'none'" in policy
+    # The next time it is there from the start.
+    known = server.get("api/look", ("log", "day")).document["report"]
+    assert server.get(f"report/{known}").body == report.body
+
+
+def test_a_page_that_is_no_report_is_not_shown(diagnosed: tuple[Served, Path]) -> None:
+    server, top = diagnosed
+    known = server.get("api/look", ("log", "day")).document["report"]
+    page = top / "day" / "report" / "index.html"
+    kept = page.read_bytes()
+    page.write_text("<script>alert(1)</script>")
+    assert server.get(f"report/{known}").status == 404
+    assert server.get("api/look", ("log", "day")).document["report"] is None
+    page.write_bytes(kept)
+
+
+def test_it_writes_beside_the_logs_alone(diagnosed: tuple[Served, Path]) -> None:
+    _, top = diagnosed
+    assert [path.name for path in top.iterdir()] == ["day"]
+    new = {path.name for path in (top / "day").iterdir() if path.suffix != ".csv"}
+    assert new == {"rovid.toml", "parameters.toml", "report"}
+
+
+def test_what_is_sent_wrong_is_told_and_harms_nothing(server: Served) -> None:
+    token = server.token
+    for body in (b"", b"{", b"[" * 100_000, b"\xff", b"3"):
+        answer = server.ask(f"/{token}/api/draft", "POST", {}, body)
+        assert "the page sent" in answer.error
+    assert "too much" in server.ask(f"/{token}/api/draft", "POST", {}, b" " * (5 << 20)).error
+    assert server.get("api/columns", ("log", "day/hold_03.csv"), ("bins", "many")).error
+    assert server.get("api/columns", ("log", "day/no.csv")).error
+    for target, method in (("api/draft", "GET"), ("api/look", "POST"), ("api/start", "DELETE")):
+        assert server.ask(f"/{token}/{target}", method).status == 405
+    assert server.get("api/start").status == 200
+
+
+def test_logs_from_elsewhere_take_no_uploads(tmp_path: Path) -> None:
+    logs_into(tmp_path / "elsewhere" / "day")
+    (tmp_path / "here").mkdir()
+    with served(tmp_path / "here", str(tmp_path / "elsewhere" / "day")) as server:
+        begun = server.get("api/start").document
+        assert (begun["uploads"], begun["logs"]) == (False, [""])
+        assert len(server.get("api/look", ("log", "")).document["logs"]) == 2
+        assert "where `rovid open` was started" in server.upload("a.csv", b"x").error
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_it_ends_cleanly_with_what_it_began_and_told_nobody_the_token(tmp_path: Path) -> None:
+    top = tmp_path / "top"
+    logs_into(top / "day")
+    shutil.copy(DAY / "rovid.toml", top / "day")
+    with served(top, "day") as server:
+        server.post("run", {"logs": ["day"]})
+        server.ask(f"/{server.token}/api/look?log=%00")
+        children = Path(f"/proc/{server.process.pid}/task/{server.process.pid}/children")
+        begun = children.read_text().split() if children.exists() else []
+        assert server.end() == 0
+        assert not [child for child in begun if Path(f"/proc/{child}").exists()]
+        assert server.token not in server.said.read_text()
+        assert server.said.read_text() == ""
+    assert not (top / "day" / "report").exists()
+
+
+def test_a_port_that_is_taken_is_told(server: Served, tmp_path: Path) -> None:
+    done = run_rovid("open", "--no-browser", "--port", server.port)
+    assert done.code == 2
+    assert f"port {server.port} of this machine cannot be used" in done.err
+
+
+def test_without_its_packages_it_says_which_extra_to_install(tmp_path: Path) -> None:
+    code = (
+        "import sys, importlib.util as u; real = u.find_spec\n"
+        "u.find_spec = lambda name, *more: None if name in ('starlette', 'uvicorn') else real(name, *more)\n"
+        "sys.argv = ['rovid', 'open', '--no-browser']\n"
+        "from rovid.commands.cli import main; main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "pip install 'rovid[app]'" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_what_is_not_there_is_told_at_once(tmp_path: Path) -> None:
+    done = run_rovid("open", tmp_path / "no_such", "--no-browser")
+    assert done.code == 2
+    assert "no such file or folder" in done.err
