@@ -192,7 +192,7 @@ def surveyed(looked: Looked, asked: Asked | None = None, hand: Hand | None = Non
     RovidError
         As for `survey`.
     """
-    asked, hand = asked or Asked(), hand or Hand()
+    asked = asked or Asked()
     named = profile(asked.vehicle) if asked.vehicle else None
     # What is read stays as it is: somebody may ask again.
     looked = replace(looked, problems=list(looked.problems))
@@ -202,7 +202,8 @@ def surveyed(looked: Looked, asked: Asked | None = None, hand: Hand | None = Non
     alike = None if told or asked.axis is not YAW else _alike(list(commands_of(guesses)))
     if alike:
         told, guesses = alike, _recognised(looked, asked, alike)
-    guesses = hand.over(guesses)
+    if hand is not None:
+        guesses = hand.over(guesses)
     headings = [one.measured for one in guesses.values() if one.signals]
     curve = _Curve.of(looked.folder, list(commands_of(guesses)), told, looked.problems)
     return Survey(
@@ -223,7 +224,7 @@ def surveyed(looked: Looked, asked: Asked | None = None, hand: Hand | None = Non
             *(command.against for command in commands_of(guesses) if command.against),
             *_lacking(looked, guesses),
         ),
-        hand=hand,
+        hand=hand or Hand(),
     )
 
 

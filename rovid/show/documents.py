@@ -227,4 +227,4 @@ def _pushing(push: Push) -> Document:
 
 def clock_document(clock: Clock) -> Document:
     """How far the clock of a file is off: s and ppm to be added to it."""
-    return {**vars(clock), "certain": clock.certain}
+    return {**vars(clock), "given": list(clock.given), "certain": clock.certain}
