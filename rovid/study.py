@@ -36,7 +36,7 @@ from rovid.plan.programme import Limits
 from rovid.plan.run_design import Plan, belief_of, plan, require_drive
 from rovid.plan.worth import Belief
 from rovid.readers import read_campaign
-from rovid.readers.campaign import files_in
+from rovid.readers.campaign import Reading, files_in
 
 # Effects that a clock which is behind looks like.
 _LATE = ("command_delay", "thruster_lag")
@@ -291,6 +291,12 @@ def files_at_hand(paths: Sequence[Path]) -> list[Path]:
     if not paths:
         return []
     files = [path for path in files_in(paths) if path.is_file() and not PLAN.marks(path)]
+    return [*files, *settings_at_hand(paths)]
+
+
+def settings_at_hand(paths: Sequence[Path]) -> list[Path]:
+    """The rovid.toml of ``paths`` and its thrust curves, as far as they are there."""
+    files: list[Path] = []
     # Whatever is wrong with rovid.toml is said by those who need it.
     with contextlib.suppress(ConfigError):
         config = find_config(paths)
@@ -310,8 +316,15 @@ def _require_channels(effect: Effect, logged: Collection[str]) -> None:
         raise ConfigError(text, where=effect.key, mend=mend)
 
 
-def open_study(paths: Sequence[Path], *, cutoff: float | None = None, axis: Axis = YAW) -> Study:
-    """Read whatever ``paths`` hold.
+def open_study(
+    paths: Sequence[Path],
+    *,
+    cutoff: float | None = None,
+    axis: Axis = YAW,
+    reading: Reading | None = None,
+    without: Collection[Path] = (),
+) -> Study:
+    """Read whatever ``paths`` hold; ``reading`` and ``without`` as in `read_campaign`.
 
     Raises
     ------
@@ -325,7 +338,7 @@ def open_study(paths: Sequence[Path], *, cutoff: float | None = None, axis: Axis
             raise ConfigError(text, where="--axis", mend="Give logs, or leave --axis out.")
         return Study(paths=tuple(paths), vehicle=vehicle_of_tables(paths), steady=steady, sine=sine)
     config = load_config(find_config(paths), axis)
-    campaign = read_campaign(paths, config)
+    campaign = read_campaign(paths, config, reading=reading, without=without)
     vehicle = config.vehicle.used(campaign.trials)
     runs = prepare(campaign, vehicle, cutoff=cutoff)
     return Study(paths=tuple(paths), vehicle=vehicle, campaign=campaign, runs=runs, settings=config.settings)

@@ -24,6 +24,7 @@ HOUSE = [
     "parameters",
     "study",
     "compare",
+    "watch",
     "control",
     "export",
     "inspect",

@@ -28,6 +28,7 @@ COMMANDS = (
     "fit_thruster",
     "simulate",
     "plan",
+    "watch",
     "control",
     "export",
     "report",

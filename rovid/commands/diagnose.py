@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from rovid.commands.manual import Page
 from rovid.commands.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
 from rovid.commands.session import (
     claim_of_model,
     compile_beside,
     console,
+    diagnosed,
     opened,
     print_json,
     put,
     remembered,
-    standing_now,
     stored_at,
     working,
 )
@@ -50,7 +48,6 @@ def diagnose(
 ) -> None:
     """Say what the simulation gets wrong, and why."""
     compile_beside()
-    from rovid.parameters.agreement import disagreement
     from rovid.show.account import show_diagnosis
     from rovid.show.diagnosis_documents import diagnosis_document
     from rovid.show.terminal import show_caution, show_warnings
@@ -59,14 +56,10 @@ def diagnose(
     paths = logs or remembered(stored)
     claim = claim_of_model(stored, paths, force=force)
     study = opened(paths, cutoff, stored.axis)
-    stored, notes = standing_now(stored, study)
     with working("Diagnosing …") as report:
-        diagnosis = study.diagnosis(report, drag=stored.drag())
-    diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *notes))
-    if (side := diagnosis.extended) is not None:
-        apart = disagreement(stored.entries_of(study.paths), side.estimate)
-        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *apart))
-        put(stored, claim, study, side.estimate, seen=diagnosis.seen)
+        diagnosis = diagnosed(stored, study, report)
+    if diagnosis.extended is not None:
+        put(stored, claim, study, diagnosis.extended.estimate, seen=diagnosis.seen)
     if json:
         print_json(diagnosis_document(diagnosis, study))
     else:

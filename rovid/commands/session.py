@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from rovid.campaign.axis import Axis
     from rovid.campaign.guesswork import Guesswork
+    from rovid.diagnose.record import Diagnosis
     from rovid.ground.files import Claim, Output
     from rovid.identify.estimate import Estimate
     from rovid.parameters.parameters import Parameters
@@ -106,6 +107,19 @@ def put(
     if estimate.method in WHOLE:
         remember(written, claim, seen)
     return written
+
+
+def diagnosed(stored: Parameters, study: Study, report: Callable[[str], None]) -> Diagnosis:
+    """The diagnosis, with what ``stored`` says of the same logs by other methods."""
+    from rovid.parameters.agreement import disagreement
+
+    stored, notes = standing_now(stored, study)
+    diagnosis = study.diagnosis(report, drag=stored.drag())
+    diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *notes))
+    if (side := diagnosis.extended) is not None:
+        apart = disagreement(stored.entries_of(study.paths), side.estimate)
+        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *apart))
+    return diagnosis
 
 
 def opened(paths: Sequence[Path], cutoff: float | None, axis: Axis) -> Study:

@@ -14,6 +14,11 @@ def to_json(document: Any) -> str:
     return json_lines(json.dumps(_finite(document), indent=2, ensure_ascii=False))
 
 
+def to_json_line(document: Any) -> str:
+    """The same on one line, for a stream of documents."""
+    return json_lines(json.dumps(_finite(document), ensure_ascii=False))
+
+
 def _finite(value: Any) -> Any:
     if isinstance(value, dict):
         return {encodable(str(key)): _finite(item) for key, item in value.items()}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import filecmp
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +18,7 @@ from rovid.campaign.tables import CURVE_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS
 from rovid.campaign.trial import Campaign, Remark, Trial
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import LogError, nearest
+from rovid.ground.files.form import PLAN
 from rovid.ground.places import require, search
 from rovid.readers.formats import READERS, joined_with, read_log
 
@@ -31,6 +32,8 @@ _TABLES = (
 )
 
 Progress = Callable[[Path, int], None]
+# As `trials_of`, which reads a log anew each time.
+Reading = Callable[[Path, Config, str, list[Remark]], list[Trial]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +45,14 @@ class _File:
     asked: bool
 
 
-def read_campaign(paths: Sequence[Path], config: Config, progress: Progress | None = None) -> Campaign:
+def read_campaign(
+    paths: Sequence[Path],
+    config: Config,
+    progress: Progress | None = None,
+    *,
+    reading: Reading | None = None,
+    without: Collection[Path] = (),
+) -> Campaign:
     """Every log in ``paths``.
 
     Parameters
@@ -54,6 +64,10 @@ def read_campaign(paths: Sequence[Path], config: Config, progress: Progress | No
     progress
         Called with each file and its size in bytes after it is read. Without it, a bar is shown on stderr where
         that is a terminal and the logs are large.
+    reading
+        What reads a log; `trials_of` where none is given.
+    without
+        Files that are taken not to be there.
 
     Raises
     ------
@@ -62,11 +76,11 @@ def read_campaign(paths: Sequence[Path], config: Config, progress: Progress | No
     ConfigError
         rovid.toml does not map a format that is there.
     """
-    logs, remarks = find_logs(paths, config)
+    logs, remarks = find_logs(paths, config, without)
     trials = []
     with _shown(logs, progress) as advance:
         for name, path in logs:
-            trials += trials_of(path, config, name, remarks)
+            trials += (reading or trials_of)(path, config, name, remarks)
             advance(path, _size(path))
     if not trials:
         raise LogError("nothing is left of these logs.", where=config.path, mend="Correct [[leave_out]].")
@@ -103,8 +117,12 @@ def _medians(trials: Sequence[Trial]) -> dict[str, float]:
     return medians
 
 
-def find_logs(paths: Sequence[Path], config: Config) -> tuple[list[tuple[str, Path]], list[Remark]]:
+def find_logs(
+    paths: Sequence[Path], config: Config, without: Collection[Path] = ()
+) -> tuple[list[tuple[str, Path]], list[Remark]]:
     """(name, file) of every log in ``paths`` by name, copies left out, and what was noticed; nothing is read yet.
+
+    Files in ``without`` are taken not to be there.
 
     Raises
     ------
@@ -112,7 +130,8 @@ def find_logs(paths: Sequence[Path], config: Config) -> tuple[list[tuple[str, Pa
         A path does not exist, or there are no logs.
     """
     remarks: list[Remark] = []
-    files = _named(_once(_search_all(paths, remarks), remarks))
+    there = [one for one in _search_all(paths, remarks) if one.path not in without]
+    files = _named(_once(there, remarks))
     if config.maps("nmea"):
         files = _without_companions(files)
     if config.join is not None:
@@ -222,6 +241,9 @@ def _is_csv_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
     if time not in names and any(columns <= names for columns in _TABLES):
         if one.asked:
             remarks.append(_skipped(one.name, "it is a table, no log"))
+        return False
+    if not one.asked and PLAN.marks(one.path):
+        remarks.append(_skipped(one.name, "it is a command file of rovid plan, no log"))
         return False
     if one.asked or names & mapped:
         return True

@@ -23,6 +23,7 @@ TOPICS = (
     "diagnose",
     "compare",
     "plan",
+    "watch",
     "control",
     "export",
     "report",

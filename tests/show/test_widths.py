@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -37,6 +38,7 @@ OF_A_DAY = (
     "export json -p lag.toml --force",
     "diagnose -p diagnosed.toml day",
     "compare lag.toml diagnosed.toml",
+    'watch -p watched.toml day --once --until "inertia 2 %" -o next_run.csv',
     "report --no-diagnosis --no-control --no-export --force",
 )
 OF_OTHERS = (
@@ -116,7 +118,7 @@ def test_output_fits_and_numbers_are_whole(
         printed = {}
         for width in (*WIDTHS, WIDE):
             monkeypatch.setenv("COLUMNS", str(width))
-            done = rovid(*command.split())
+            done = rovid(*shlex.split(command))
             assert (command, done.code, done.err) == (command, 0, "")
             printed[width] = done.out
         for width in WIDTHS:
