@@ -88,10 +88,12 @@ def put(
     estimate: Estimate,
     *options: str,
     seen: Mapping[str, float] | None = None,
+    for_good: bool = True,
 ) -> Parameters:
     """Put an estimate into the parameter file, with what it comes of, and take out what no longer holds beside it.
 
-    A model of all at once goes into the history too; ``seen`` is what of the effects looked for would have been seen.
+    A model of all at once goes into the history too, if ``for_good``: of a day that goes on not each step does.
+    ``seen`` is what of the effects looked for would have been seen.
     """
     from rovid.parameters.agreement import WHOLE
     from rovid.parameters.history import remember
@@ -104,7 +106,7 @@ def put(
         return held.with_estimate(estimate, replace(origin, options=given))
 
     written = update(stored, claim, change)
-    if estimate.method in WHOLE:
+    if for_good and estimate.method in WHOLE:
         remember(written, claim, seen)
     return written
 

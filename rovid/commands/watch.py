@@ -100,7 +100,7 @@ def watch(
     claim = claim_of([stored.output, commands], [folder], force=force)
 
     def keep(study: Study, estimate: Estimate) -> None:
-        put(stored, claim, study, estimate)
+        put(stored, claim, study, estimate, for_good=False)
 
     def write(plan: Plan) -> Path:
         claim.write({commands: command_text(plan)})
