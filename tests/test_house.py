@@ -31,6 +31,7 @@ HOUSE = [
     "show",
     "report",
     "app",
+    "fleet",
     "commands",
 ]
 ROOT = Path(rovid.__file__).parent

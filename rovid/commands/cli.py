@@ -33,6 +33,7 @@ COMMANDS = (
     "export",
     "report",
     "open",
+    "fleet",
     "help",
 )
 _MODULES = {name.replace("_", "-"): import_module(f"rovid.commands.{name}") for name in COMMANDS}

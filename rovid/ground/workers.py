@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+# In the environment of a process that is one of several: how many cores are its own.
+SHARE = "ROVID_CORES"
 _NAME = "rovid-worker"
 # s; Python's own 5 ms are as long as several passes over the readings.
 _TURN = 2e-5
@@ -39,4 +41,5 @@ def _handing_over() -> Iterator[None]:
 
 def cores() -> int:
     """How many this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(there, int(os.environ.get(SHARE, there)))

@@ -18,11 +18,11 @@ from rovid.ground.files import Claim, Output
 from rovid.ground.files.form import COMPARISON
 from rovid.ground.numbers import plus_minus
 from rovid.model.simulation import TrialSimulation
-from rovid.report.page import page_environment
 from rovid.report.plots.before_after import before_after
 from rovid.report.plots.canvas import WIDTH, inline
 from rovid.report.plots.compared import drags, ratios
 from rovid.report.table import Grid, Table, of_numbers, of_text, of_unlike
+from rovid.report.templating import environment_of
 from rovid.report.text import number, title, unit
 from rovid.show.comparison import headline, named, reasons, shared_in_words, sure_in_words, title_of_cause
 
@@ -45,7 +45,7 @@ def write_comparison(
     OutputError
         It cannot be written; one that was there stays whole.
     """
-    environment = page_environment()
+    environment = environment_of()
     environment.globals["guess"] = guess
     today = datetime.now(UTC).date()
     context: dict[str, Any] = {

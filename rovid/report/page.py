@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from rovid.campaign.vehicle import Vehicle, box_inertia
 from rovid.diagnose.experiments import deciding_experiment, next_experiment
 from rovid.diagnose.record import Diagnosis
 from rovid.effects import effect_named, restoring_of
-from rovid.ground.errors import visible
 from rovid.ground.files import Claim, Output
 from rovid.ground.files.form import PAGE, png_form
 from rovid.ground.numbers import plus_minus
@@ -28,13 +27,10 @@ from rovid.report.answer import answer_of, size_of
 from rovid.report.assets import read_assets
 from rovid.report.evidence import Evidence
 from rovid.report.residual import left_by_all, sizes
-from rovid.report.text import arm, column, number, prose, steady_state, title, unit
+from rovid.report.templating import environment_of
+from rovid.report.text import arm, steady_state, title, unit
 from rovid.report.viewer import viewer_document
-from rovid.show.folding import bound
 from rovid.show.verdict import sureness
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
 
 # Which side of a box lies along the axis that it turns about.
 _ALONG = {"roll": "long", "pitch": "wide", "yaw": "high"}
@@ -89,39 +85,10 @@ def write_report(folder: Path, evidence: Evidence, *, claim: Claim | None = None
 
 def render_page(evidence: Evidence, album: Album, *, today: date) -> str:
     """The page as HTML, with the plots of ``album``."""
-    environment = page_environment()
+    environment = environment_of()
     # Every table asks for it: those of macros too, which see no other context.
     environment.globals["guess"] = evidence.vehicle.guess
     return environment.get_template("page.html.j2").render(_context(evidence, album, today))
-
-
-def page_environment() -> Environment:
-    """What fills in the templates: all is escaped, and what is not seen becomes visible."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-    from markupsafe import Markup
-
-    def shown(value: object) -> object:
-        if isinstance(value, str) and not isinstance(value, Markup):
-            return visible(value)
-        return value
-
-    environment = Environment(
-        loader=PackageLoader("rovid.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        # What was escaped already is ours, line ends included.
-        finalize=shown,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["bound"] = bound
-    environment.filters["number"] = number
-    environment.filters["prose"] = prose
-    environment.filters["unit"] = unit
-    environment.filters["plain"] = lambda value, significant=4: column([value], significant)[0]
-    environment.filters["short"] = lambda value: column([value], 2)[0]
-    environment.globals["plus_minus"] = plus_minus
-    return environment
 
 
 def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:

@@ -29,8 +29,8 @@ from rovid.export.target import Target
 from rovid.export.uuv import export_yaml
 from rovid.model.model import Model
 from rovid.parameters.parameters import Entry
-from rovid.report.page import page_environment
 from rovid.report.plots import canvas
+from rovid.report.templating import environment_of
 from tests.conftest import Rovid
 from tests.hostile import NAMES, STEERING
 from tests.whole.test_bad_input import assert_one_message, folder  # noqa: F401 - a fixture
@@ -121,7 +121,7 @@ def test_the_yaml_of_uuv_holds_numbers_alone() -> None:
 
 @pytest.mark.parametrize("name", [*NAMES, os.fsdecode(b"\xff")])
 def test_page_and_plots_hold_any_name(name: str) -> None:
-    template = page_environment().from_string("<p title='{{ name }}'>{{ name }}</p><script>{{ name|tojson }}</script>")
+    template = environment_of().from_string("<p title='{{ name }}'>{{ name }}</p><script>{{ name|tojson }}</script>")
     page = template.render(name=name)
     page.encode()
     assert not STEERING.search(page)

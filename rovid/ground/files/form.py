@@ -22,20 +22,23 @@ class Form:
     replaced
         Whether a file with the mark may be replaced. A log or a rovid.toml is the user's as soon as it is written: the
         mark only says that the same might stand there already.
+    reach
+        How many bytes of a file the mark is looked for in; -1: all of them.
     """
 
     words: str
     mark: re.Pattern[bytes]
     replaced: bool = True
+    reach: int = _HEAD
 
     def marks(self, path: Path) -> bool:
         """Whether the file bears the mark."""
         with path.open("rb") as stream:
-            return self.mark.search(stream.read(_HEAD)) is not None
+            return self.mark.search(stream.read(self.reach)) is not None
 
 
-def _form(words: str, mark: bytes, *, replaced: bool = True) -> Form:
-    return Form(words=words, mark=re.compile(mark, re.MULTILINE | re.DOTALL), replaced=replaced)
+def _form(words: str, mark: bytes, *, replaced: bool = True, reach: int = _HEAD) -> Form:
+    return Form(words=words, mark=re.compile(mark, re.MULTILINE | re.DOTALL), replaced=replaced, reach=reach)
 
 
 def export_mark(name: str) -> str:
@@ -81,6 +84,10 @@ PARAMETERS = _form("a parameter file", rb'^schema = "rovid-parameters/[0-9]+"\s*
 HISTORY = _form("a history of parameters", rb'\A\{"schema": "rovid-history/[0-9]+"')
 PAGE = _form("a page of rovid report", rb'^<meta name="generator" content="rovid [^"]*">$')
 COMPARISON = _form("a page of rovid compare", rb'^<meta name="generator" content="rovid compare [^"]*">$')
+FLEET_PAGE = _form("a page of rovid fleet", rb'^<meta name="generator" content="rovid-fleet [^"]*">$')
+# Parquet says at its end what it is.
+FLEET_TABLE = _form("a table of rovid fleet", rb'\APAR1.*"schema": "rovid-fleet/[0-9]', reach=-1)
+CAMPAIGN = _form("a campaign's diagnosis by rovid fleet", rb'\A\{\s*"schema": "rovid-campaign/[0-9]')
 C_SOURCE = _form("a controller in C", rb"\A/\* Heading controller, .{0,80} Written by rovid ")
 PYTHON_SOURCE = _form("a controller in Python", rb'\A"""Heading controller, .{0,80} Written by rovid ')
 # The first name of the header is quoted, which it need not be, another is not: nobody else writes CSV so, all read it.

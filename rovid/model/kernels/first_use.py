@@ -38,6 +38,12 @@ def begin() -> None:
             _BEGUN.append(Second(f"import {__name__} as first_use; first_use.work()", _LONG))
 
 
+def compile_now() -> None:
+    """Compile it in this process, before others are started that would each do so."""
+    for _ in compiled_in_order():
+        pass
+
+
 def long(loop: Function) -> Function:
     """A ``loop`` that takes long to compile: where there is a second process, it waits for that to have done so."""
     name = f"{loop.__module__}.{loop.__qualname__}"

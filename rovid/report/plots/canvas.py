@@ -36,6 +36,7 @@ STYLE: dict[str, Any] = {
     "axes.spines.top": False,
     "axes.titlelocation": "left",
     "axes.titlesize": 10,
+    "date.converter": "concise",
     "figure.dpi": 130,
     "figure.facecolor": "white",
     "font.size": 10,

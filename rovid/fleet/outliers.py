@@ -1,0 +1,68 @@
+"""Campaigns that are not like the rest of the fleet, by a rule that one bad campaign cannot bend."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovid.fleet.fleet import Fleet, Value
+
+# Campaigns that have the parameter; of fewer none is told from the rest.
+LEAST = 5
+# Robust standard deviations; Iglewicz and Hoaglin (1993) take as many.
+LIMIT = 3.5
+# A normal scatter's standard deviation over the median of its distances.
+_NORMAL = 1.4826
+RULE = (
+    f"Out of line is a campaign whose parameter lies more than {LIMIT:g} times √(S² + s²) from the fleet's median: S "
+    f"is {_NORMAL} times the median distance from it, s the campaign's own standard error. Parameters positive "
+    f"throughout are compared by their logarithms. At least {LEAST} campaigns have to have the parameter."
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outlier:
+    """A parameter that is out of line; ``distance`` in the rule's units, signed."""
+
+    campaign: str
+    vehicle: str
+    name: str
+    value: Value
+    median: float
+    distance: float
+
+
+def outliers(fleet: Fleet) -> list[Outlier]:
+    """All of them, the farthest first."""
+    found = [one for name in fleet.parameters for one in _of(fleet, name)]
+    return sorted(found, key=lambda one: (-abs(one.distance), one.campaign, one.name))
+
+
+def _of(fleet: Fleet, name: str) -> list[Outlier]:
+    known = [(record, fleet.values[record.campaign].get(name)) for record in fleet.done]
+    there = [(record, one) for record, one in known if one is not None and not math.isnan(one.error)]
+    if len(there) < LEAST:
+        return []
+    values = np.array([one.value for _, one in there])
+    errors = np.array([one.error for _, one in there])
+    median = float(np.median(values))
+    if (values > 0.0).all():
+        values, errors = np.log(values), errors / values
+    apart = values - np.median(values)
+    scatter = _NORMAL * float(np.median(np.abs(apart)))
+    size = np.sqrt(scatter**2 + errors**2)
+    distances = np.divide(apart, size, out=np.zeros(len(there)), where=size > 0.0)
+    return [
+        Outlier(
+            campaign=record.campaign,
+            vehicle=record.vehicle or "",
+            name=name,
+            value=one,
+            median=median,
+            distance=float(distance),
+        )
+        for (record, one), distance in zip(there, distances, strict=True)
+        if abs(distance) > LIMIT
+    ]

@@ -1,0 +1,212 @@
+"""A fleet as a page: what was found when, each parameter's history, causes that come and go, what is out of line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import pairwise
+from typing import Any
+from urllib.parse import quote
+
+from markupsafe import Markup
+
+from rovid import __version__
+from rovid.campaign.axis import axis_named
+from rovid.campaign.guesswork import Guesswork
+from rovid.effects import effect_named
+from rovid.fleet.fleet import Fleet, causes, verdict
+from rovid.fleet.outliers import RULE, Outlier, outliers
+from rovid.fleet.plots import VERDICTS, history, timeline
+from rovid.fleet.record import Record
+from rovid.fleet.shrink import Shrunk
+from rovid.ground.errors import visible
+from rovid.ground.numbers import plus_minus, significant
+from rovid.report.plots.canvas import inline
+from rovid.report.table import Grid, Table, of_text, of_unlike
+from rovid.report.templating import environment_of
+from rovid.report.text import NOTHING, title, unit
+from rovid.show.verdict import listed
+
+FOUND, SUSPECTED, ABSENT = "found", "suspected", "·"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """A picture in the page, in words too."""
+
+    svg: Markup
+    alt: str
+
+
+def fleet_page(fleet: Fleet, means: Sequence[Shrunk]) -> str:
+    """The page as HTML; it needs no other file, and links each campaign's own diagnosis beside it."""
+    far = outliers(fleet)
+    environment = environment_of("rovid.fleet")
+    environment.globals["guess"] = Guesswork()
+    return environment.get_template("fleet.html.j2").render(
+        fleet=fleet,
+        version=__version__,
+        axis=axis_named(fleet.axis).name,
+        span=_span(fleet),
+        headline=headline(fleet),
+        changes=list(changes(fleet)),
+        guessed=[one.campaign for one in fleet.done if one.diagnosis and one.diagnosis["guessed"]],
+        far=far,
+        rule=RULE,
+        campaigns=_campaigns(fleet),
+        timeline=_timeline(fleet),
+        histories=list(_histories(fleet, far, means)),
+        causes=_causes(fleet),
+        outliers=_outliers(far),
+        means=_means(fleet, means),
+    )
+
+
+def headline(fleet: Fleet) -> str:
+    """All of it in a line."""
+    parts = [f"{_count(len(fleet.records), 'campaign')} of {_count(len(fleet.vehicles), 'vehicle')}"]
+    said = [verdict(record) for record in fleet.done]
+    for key, (*_, words) in VERDICTS.items():
+        if key in said:
+            parts.append(f"{words} in {said.count(key)}")
+    if fleet.failed:
+        parts.append(f"no diagnosis of {len(fleet.failed)}")
+    return f"{parts[0]}: {', '.join(parts[1:])}." if len(parts) > 1 else f"{parts[0]}."
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def changes(fleet: Fleet) -> Iterator[str]:
+    """Causes that come and go: each vehicle's, from one campaign to the next that was diagnosed."""
+    for vehicle, records in fleet.vehicles.items():
+        for before, after in pairwise(records):
+            was, now = set(causes(before, "findings")), set(causes(after, "findings"))
+            for words, those in (("came", now - was), ("went", was - now)):
+                if those:
+                    names = listed([_words(fleet, effect) for effect in sorted(those)])
+                    yield f"{vehicle or 'No name'}: {names} {words} between {before.campaign} and {after.campaign}."
+
+
+def _words(fleet: Fleet, effect: str) -> str:
+    return axis_named(fleet.axis).words(effect_named(effect).title)
+
+
+def _span(fleet: Fleet) -> str:
+    """From when to when."""
+    starts = [record.start for record in fleet.done if record.start is not None]
+    if not starts:
+        return ""
+    first, last = (datetime.fromtimestamp(start, UTC) for start in (min(starts), max(starts)))
+    return f"{first:%Y-%m-%d}" if first.date() == last.date() else f"{first:%Y-%m-%d} to {last:%Y-%m-%d}"
+
+
+def _campaigns(fleet: Fleet) -> Grid:
+    """Every campaign, vehicle by vehicle in the order of time, and those that failed."""
+    table = Table(
+        "Every campaign; its name leads to its whole diagnosis.",
+        *map(of_text, ("campaign", "vehicle", "start, UTC", "verdict", "causes", "suspects")),
+    )
+    for record in _in_order(fleet):
+        said = verdict(record)
+        words = VERDICTS[said][-1] if said else "no diagnosis"
+        why = record.error or ", ".join(_words(fleet, effect) for effect in causes(record, "findings")) or NOTHING
+        may_be = ", ".join(_words(fleet, effect) for effect in causes(record, "suspects")) or NOTHING
+        table.add(_link(record), record.vehicle or NOTHING, _start(record), words, why, may_be)
+    return table.grid()
+
+
+def _in_order(fleet: Fleet) -> list[Record]:
+    return [*(record for records in fleet.vehicles.values() for record in records), *fleet.failed]
+
+
+def _start(record: Record) -> str:
+    return NOTHING if record.start is None else f"{datetime.fromtimestamp(record.start, UTC):%Y-%m-%d %H:%M}"
+
+
+def _link(record: Record) -> Markup:
+    """A campaign's name, which leads to its file."""
+    place = quote(f"campaigns/{record.campaign}.json")
+    return Markup('<a href="{}">{}</a>').format(place, visible(record.campaign))
+
+
+def _timeline(fleet: Fleet) -> Picture | None:
+    if all(record.start is None for record in fleet.done):
+        return None
+    alt = "A row for each vehicle, a mark for each campaign at its date; the table below says the same."
+    return Picture(svg=inline(timeline(fleet), "timeline"), alt=alt)
+
+
+def _histories(fleet: Fleet, far: Sequence[Outlier], means: Sequence[Shrunk]) -> Iterator[Picture]:
+    by_name = {one.name: one for one in means}
+    for place, name in enumerate(fleet.parameters):
+        out_of_line = {one.campaign for one in far if one.name == name}
+        alt = f"{title(name)} of each campaign with its 95 % interval, vehicle by vehicle."
+        yield Picture(svg=inline(history(fleet, name, out_of_line, by_name.get(name)), f"history{place}"), alt=alt)
+
+
+def _causes(fleet: Fleet) -> Grid | None:
+    """Which cause was named where; None where none was anywhere."""
+    kinds = ("findings", "suspects")
+    effects = sorted({effect for record in fleet.done for kind in kinds for effect in causes(record, kind)})
+    if not effects:
+        return None
+    heads = [of_text(_words(fleet, effect)) for effect in effects]
+    table = Table("Causes by campaign, in the order of time.", of_text("vehicle"), of_text("campaign"), *heads)
+    for vehicle, records in fleet.vehicles.items():
+        for record in records:
+            found, suspected = (causes(record, kind) for kind in kinds)
+            cells = [FOUND if one in found else SUSPECTED if one in suspected else ABSENT for one in effects]
+            table.add(vehicle, _link(record), *cells)
+    return table.grid()
+
+
+def _outliers(far: Sequence[Outlier]) -> Grid:
+    table = Table(
+        "Out of line with the fleet, the farthest first.",
+        of_text("campaign"),
+        of_text("vehicle"),
+        of_text("parameter"),
+        of_unlike("value"),
+        of_unlike("median of the fleet"),
+        of_unlike("distance"),
+    )
+    for one in far:
+        value = f"{plus_minus(one.value.value, one.value.error)} {unit(one.value.unit)}".strip()
+        table.add(one.campaign, one.vehicle, title(one.name), value, significant(one.median, 4), f"{one.distance:+.1f}")
+    return table.grid()
+
+
+def _means(fleet: Fleet, means: Sequence[Shrunk]) -> Grid | None:
+    """The hierarchical means; None where none was asked for, or can be had."""
+    if not means:
+        return None
+    table = Table(
+        "The fleet's means, and how its vehicles scatter about them.",
+        of_text("parameter"),
+        of_unlike("mean"),
+        of_unlike("between vehicles"),
+        of_unlike("between a vehicle's campaigns"),
+    )
+    for one in means:
+        table.add(
+            title(one.name),
+            f"{plus_minus(one.mean.value, one.mean.error)} {unit(fleet.units[one.name])}".strip(),
+            *(
+                f"{100.0 * each:.2g} %" if one.logarithmic else significant(each, 2)
+                for each in (one.between, one.within)
+            ),
+        )
+    return table.grid()
+
+
+def summary(fleet: Fleet) -> dict[str, Any]:
+    """What `rovid fleet --json` says of the fleet as a whole."""
+    return {
+        "changes": list(changes(fleet)),
+        "outliers": [
+            {"campaign": one.campaign, "parameter": one.name, "distance": one.distance} for one in outliers(fleet)
+        ],
+    }

@@ -1,0 +1,121 @@
+"""A fleet's pictures: what was found when, and how each parameter went from campaign to campaign."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from datetime import UTC, datetime
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rovid.fleet.fleet import Fleet, Value, verdict
+from rovid.fleet.record import Record
+from rovid.fleet.shrink import Shrunk
+from rovid.ground.errors import visible
+from rovid.report.plots.canvas import BLACK, ORANGE, PALE, RED, sheet, shortened, styled
+from rovid.report.text import title, unit
+
+# Verdict -> marker, its colour and filling, and its words.
+VERDICTS: Mapping[str, tuple[str, str, Literal["full", "none"], str]] = {
+    "found": ("o", ORANGE, "full", "cause found"),
+    "suspected": ("o", ORANGE, "none", "suspected"),
+    "unexplained": ("s", ORANGE, "none", "unexplained"),
+    "nothing_found": ("o", BLACK, "full", "nothing found"),
+    "too_little_data": ("x", BLACK, "full", "too little data"),
+}
+# Standard errors to either side of a 95 % interval.
+_INTERVAL = 1.96
+_ROW = 0.32  # in, of a vehicle
+# Dates below the points of a history, and letters of a vehicle's name above them, in the width of the page.
+_DATES, _LETTERS = 9, 90
+
+
+@styled
+def timeline(fleet: Fleet) -> Figure:
+    """A row for each vehicle, a mark for each of its campaigns that has a date."""
+    rows = list(fleet.vehicles.items())
+    figure, ((panel,),) = sheet([(_ROW * (len(rows) + 1), 1)], left=2.2, top=0.45, bottom=0.5)
+    for said, (marker, colour, filling, words) in VERDICTS.items():
+        dated = [
+            (record.start, place)
+            for place, (_, records) in enumerate(rows)
+            for record in records
+            if record.start is not None and verdict(record) == said
+        ]
+        if dated:
+            when = np.array([start for start, _ in dated]).astype("datetime64[s]")
+            look: dict[str, Any] = {"color": colour, "markersize": 7.0, "label": words}
+            panel.plot(when, [place for _, place in dated], marker, fillstyle=filling, **look)
+    panel.set_yticks(range(len(rows)), [_shown(name, 26) for name, _ in rows])
+    panel.set_ylim(len(rows) - 0.3, -0.7)
+    panel.margins(x=0.04)
+    panel.grid(visible=True, axis="y")
+    figure.legend(ncols=5, loc="upper left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.1, handlelength=1.0)
+    return figure
+
+
+@styled
+def history(fleet: Fleet, name: str, out_of_line: Collection[str], mean: Shrunk | None) -> Figure:
+    """A parameter with its 95 % intervals, vehicle by vehicle, each in the order of time."""
+    groups = _groups(fleet, name)
+    figure, ((panel,),) = sheet([(1.9, 1)], left=0.95, right=0.15, top=0.55, bottom=0.5)
+    at, ticks = 0, []
+    for vehicle, known in groups.items():
+        first = at
+        for record, one in known:
+            _mark(panel, at, one, RED if record.campaign in out_of_line else BLACK)
+            if mean is not None and record.campaign in mean.values:
+                _mark(panel, at + 0.3, mean.values[record.campaign], PALE)
+            ticks.append((at, _date(record)))
+            at += 1
+        share = _LETTERS * (at - first + 1) // (sum(map(len, groups.values())) + len(groups))
+        # Along x by the data, along y by the panel.
+        above = panel.get_xaxis_transform()
+        panel.text(first - 0.4, 1.03, _shown(vehicle, max(share, 4)), transform=above, fontsize=9)
+        if first:
+            panel.axvline(first - 1.0, color="#e2e2e2", linewidth=1.0)
+        at += 1
+    values = [one.value for known in groups.values() for _, one in known]
+    middle = float(np.median(values)) if mean is None else mean.mean.value
+    panel.axhline(middle, color=BLACK if mean is None else PALE, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
+    some = ticks[:: max(1, math.ceil(len(ticks) / _DATES))]
+    panel.set_xticks([place for place, _ in some], [text for _, text in some], fontsize=8)
+    panel.set_xlim(-0.7, at - 1.3)
+    panel.locator_params(axis="y", nbins=5)
+    panel.grid(visible=False, axis="x")
+    shown = unit(fleet.units[name])
+    figure.text(0.005, 0.985, f"{title(name)}{', ' if shown else ''}{shown}", fontsize=10, va="top")
+    return figure
+
+
+def _groups(fleet: Fleet, name: str) -> Mapping[str, list[tuple[Record, Value]]]:
+    """Vehicle -> its campaigns that have the parameter."""
+    groups = {}
+    for vehicle, records in fleet.vehicles.items():
+        known = [(record, one) for record in records if (one := fleet.values[record.campaign].get(name)) is not None]
+        if known:
+            groups[vehicle] = known
+    return groups
+
+
+def _mark(panel: Axes, at: float, one: Value, colour: str) -> None:
+    if math.isfinite(one.error):
+        reach = _INTERVAL * one.error
+        panel.plot([at, at], [one.value - reach, one.value + reach], color=colour, linewidth=1.6, zorder=2)
+    panel.plot([at], [one.value], "o", color=colour, markersize=4.5, zorder=3)
+
+
+def _date(record: Record) -> str:
+    return _shown(record.campaign, 12) if record.start is None else f"{_instant(record.start):%Y-%m-%d}"
+
+
+def _shown(name: str, length: int) -> str:
+    """A name from elsewhere; labels of ticks are not looked through when the figure is made into SVG."""
+    return shortened(visible(name), length)
+
+
+def _instant(start: float) -> datetime:
+    return datetime.fromtimestamp(start, UTC)

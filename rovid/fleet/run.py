@@ -1,0 +1,210 @@
+"""All campaigns of a fleet: those that are done already, and the others on all cores or on a cluster."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from rovid import __version__
+from rovid.fleet.alone import diagnosed
+from rovid.fleet.fleet import Fleet
+from rovid.fleet.folders import Place, places_in
+from rovid.fleet.page import fleet_page
+from rovid.fleet.record import Record, Task, digest_of, read_record
+from rovid.fleet.shrink import Shrunk, shrunk
+from rovid.fleet.table import table_of
+from rovid.ground.errors import ConfigError
+from rovid.ground.files import Claim, Output
+from rovid.ground.files.form import CAMPAIGN, FLEET_PAGE, FLEET_TABLE
+from rovid.ground.workers import cores, spread
+
+# s to find a cluster.
+_KNOCKING = 20.0
+_EXTRA = "Install it with `pip install 'rovid[fleet]'`."
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How a fleet is diagnosed.
+
+    Attributes
+    ----------
+    axis, cutoff
+        As for one campaign.
+    jobs
+        Campaigns at a time; None: as many as there are cores.
+    cluster
+        Address of a Dask scheduler; empty: this machine.
+    patience
+        s that each campaign is given.
+    shrink
+        Whether sister vehicles are taken to be like each other.
+    """
+
+    axis: str = "yaw"
+    cutoff: float | None = None
+    jobs: int | None = None
+    cluster: str = ""
+    patience: float = 3600.0
+    shrink: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Written:
+    """What a fleet came to, and where it is; ``anew`` counts the campaigns that were not done already."""
+
+    fleet: Fleet
+    table: Path
+    page: Path
+    anew: int
+
+
+def run_fleet(
+    folders: Sequence[Path],
+    out: Path,
+    options: Options,
+    *,
+    force: bool = False,
+    report: Callable[[str], None] = lambda _: None,
+) -> Written:
+    """Diagnose every campaign of ``folders`` and write the table and the page into ``out``.
+
+    Each campaign's diagnosis is written as soon as it is there, and is not made again.
+
+    Raises
+    ------
+    ConfigError
+        A library is missing, there is no such folder, or no such cluster.
+    OutputError
+        ``out`` cannot be written, or holds other files of these names.
+    """
+    for package in ("joblib", "pyarrow"):
+        _require(package, f"-o {out}")
+    places = places_in(folders, out)
+    files = {place.name: Output(out / "campaigns" / f"{place.name}.json", CAMPAIGN) for place in places}
+    table, page = Output(out / "fleet.parquet", FLEET_TABLE), Output(out / "index.html", FLEET_PAGE)
+    claim = Claim([table, page, *files.values()], force=force)
+    report("Looking for what is done already …")
+    tasks = spread(lambda place: _task(place, options), places)
+    kept = _kept(out / "campaigns")
+    # A campaign is known by what is in its logs, whatever it is called by now.
+    holding = {task.name: (task, kept.get(task.digest)) for task in tasks}
+    records = {
+        name: replace(done, campaign=name, folder=task.folder)
+        for name, (task, done) in holding.items()
+        if done is not None and done.holds_for(task, options.patience)
+    }
+    todo = [task for task in tasks if task.name not in records]
+    for count, record in enumerate(_diagnosed(todo, options, report), 1):
+        claim.write({files[record.campaign]: record.text})
+        records[record.campaign] = record
+        report(f"{count} of {len(todo)} campaigns: {record.campaign} took {record.took:.0f} s …")
+    fleet = Fleet(axis=options.axis, records=tuple(records[place.name] for place in places))
+    means: tuple[Shrunk, ...] = shrunk(fleet) if options.shrink else ()
+    report("Writing the table and the page …")
+    diagnoses = {files[record.campaign]: record.text for record in fleet.records}
+    claim.write({**diagnoses, table: table_of(fleet, means), page: fleet_page(fleet, means)})
+    return Written(fleet=fleet, table=table.path, page=page.path, anew=len(todo))
+
+
+def _kept(folder: Path) -> dict[str, Record]:
+    """The records in a folder, by their digests."""
+    found = [read_record(path) for path in sorted(folder.rglob("*.json"))] if folder.is_dir() else []
+    return {record.digest: record for record in found if record is not None}
+
+
+def _task(place: Place, options: Options) -> Task:
+    folder = place.folder
+    return Task(
+        name=place.name,
+        folder=str(folder),
+        axis=options.axis,
+        cutoff=options.cutoff,
+        digest=digest_of(folder, options.axis, options.cutoff),
+    )
+
+
+def _diagnosed(tasks: Sequence[Task], options: Options, report: Callable[[str], None]) -> Iterator[Record]:
+    """Each as soon as it is there."""
+    if not tasks:
+        return
+    from joblib import Parallel, delayed
+
+    jobs = options.jobs or cores()
+    with contextlib.ExitStack() as stack:
+        if options.cluster:
+            jobs, each = stack.enter_context(_cluster(options)), 1
+        else:
+            stack.enter_context(_here())
+            each = max(1, cores() // min(jobs, len(tasks)))
+            _compile(report)
+        report(f"Diagnosing {len(tasks)} campaigns, {jobs} at a time …")
+        # The work is done by processes that the threads wait for.
+        parallel = Parallel(n_jobs=jobs, batch_size=1, pre_dispatch="2*n_jobs", return_as="generator_unordered")
+        yield from parallel(delayed(diagnosed)(task, options.patience, each) for task in tasks)
+
+
+def _here() -> Any:
+    from joblib import parallel_config
+
+    return parallel_config(backend="threading")
+
+
+@contextlib.contextmanager
+def _cluster(options: Options) -> Iterator[int]:
+    """The cluster in the place of this machine's cores; how many campaigns it does at a time.
+
+    Raises
+    ------
+    ConfigError
+        It is not there, has no worker, or one of another version.
+    """
+    where = f"--cluster {options.cluster}"
+    distributed = _require("distributed", where)
+    from joblib import parallel_config
+
+    try:
+        client = distributed.Client(options.cluster, timeout=_KNOCKING, set_as_default=True)
+    except (OSError, ValueError, TimeoutError) as error:
+        mend = "Give the address that `dask scheduler` prints, as tcp://127.0.0.1:8786."
+        raise ConfigError("there is no Dask scheduler.", where=where, mend=mend) from error
+    with client:
+        threads = client.nthreads()
+        if not threads:
+            raise ConfigError("has no workers.", where=where, mend="Start some: `dask worker ADDRESS`.")
+        for worker, version in client.run(_version).items():
+            if version != __version__:
+                found = f"rovid {version}" if version else "no rovid"
+                raise ConfigError(f"worker {worker} has {found}; {__version__} was expected.", where=where)
+        most = sum(threads.values())
+        with parallel_config(backend="dask", wait_for_workers_timeout=_KNOCKING):
+            yield min(most, options.jobs or most)
+
+
+def _version() -> str:
+    """The version of rovid that a worker has; empty where it has none."""
+    try:
+        import rovid
+    except ImportError:
+        return ""
+    return rovid.__version__
+
+
+def _require(package: str, where: str) -> Any:
+    try:
+        return import_module(package)
+    except ImportError as error:
+        raise ConfigError(f"needs the package {package}.", where=where, mend=_EXTRA) from error
+
+
+def _compile(report: Callable[[str], None]) -> None:
+    """Once for all of the processes to come, each of which would do it by itself."""
+    from rovid.model.kernels import compile_now, is_compiled
+
+    if not is_compiled():
+        report("Compiling the simulation for this machine, once …")
+        compile_now()

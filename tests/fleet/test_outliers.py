@@ -1,0 +1,36 @@
+"""What is out of line with the fleet."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rovid.fleet.outliers import outliers
+from tests.fleet.conftest import Made, fleet_of
+
+
+def test_one_in_ten_is_named_and_does_not_hide_itself(made: Made) -> None:
+    values = [100.0, 101.0, 99.0, 100.5, 99.5, 100.2, 98.8, 101.3, 100.1, 150.0]
+    fleet = fleet_of(*(made(f"{k}", {"inertia": (v, 1.0)}) for k, v in enumerate(values)))
+    (found,) = outliers(fleet)
+    assert (found.campaign, found.name, found.value.value) == ("9", "inertia", 150.0)
+    assert found.distance > 10.0
+
+
+def test_what_is_vague_is_not_out_of_line(made: Made) -> None:
+    values = [(100.0, 1.0)] * 4 + [(101.0, 1.0)] * 4 + [(150.0, 40.0)]
+    assert outliers(fleet_of(*(made(f"{k}", {"inertia": v}) for k, v in enumerate(values)))) == []
+
+
+def test_of_four_none_is_told_from_the_rest(made: Made) -> None:
+    values = [100.0, 100.0, 100.0, 1000.0]
+    assert outliers(fleet_of(*(made(f"{k}", {"inertia": (v, 1.0)}) for k, v in enumerate(values)))) == []
+
+
+def test_of_normal_scatter_hardly_any_is(made: Made) -> None:
+    rng = np.random.default_rng(3)
+    count = 0
+    for _ in range(50):
+        values = 1000.0 * np.exp(0.05 * rng.normal(size=20))
+        records = [made(f"{k:02}", {"inertia": (float(v), 0.03 * float(v))}) for k, v in enumerate(values)]
+        count += len(outliers(fleet_of(*records)))
+    assert count <= 10  # of 1000

@@ -1,0 +1,94 @@
+"""The fleet's page: what it says, and that nothing of a name does anything in it."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote
+
+from rovid.fleet.fleet import Fleet
+from rovid.fleet.page import changes, fleet_page, headline
+from rovid.fleet.record import Record
+from rovid.fleet.shrink import shrunk
+from rovid.ground.files.form import FLEET_PAGE, PAGE
+from tests.fleet.conftest import Made, fleet_of
+
+DAY = 86400.0
+
+
+def seasons(made: Made) -> Fleet:
+    records = []
+    for vehicle in ("one", "two"):
+        for k in range(4):
+            lag = ("thruster_lag",) if k in {1, 2} else ()
+            value = 100.0 + k + (60.0 if (vehicle, k) == ("two", 3) else 0.0)
+            record = made(
+                f"{vehicle}/{k}", {"inertia": (value, 1.0)}, vehicle=vehicle, start=1.7e9 + 90 * k * DAY, causes=lag
+            )
+            records.append(record)
+    return fleet_of(*records, Record(campaign="zz", folder="", digest="", error="no logs", failure="input"))
+
+
+def test_causes_come_and_go_in_the_order_of_time(made: Made) -> None:
+    assert list(changes(seasons(made)))[:2] == [
+        "one: thruster lag came between one/0 and one/1.",
+        "one: thruster lag went between one/2 and one/3.",
+    ]
+
+
+def test_the_headline_counts(made: Made) -> None:
+    said = "9 campaigns of 2 vehicles: cause found in 4, nothing found in 4, no diagnosis of 1."
+    assert headline(seasons(made)) == said
+    assert headline(fleet_of(made("a", {}, suspects=("bias_torque",)))) == "1 campaign of 1 vehicle: suspected in 1."
+
+
+class _Seen(HTMLParser):
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.links: list[str] = []
+        self.sources: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        for key, value in attrs:
+            if key == "href" and tag == "a":
+                self.links.append(value or "")
+            elif key in {"src", "srcset", "data"}:
+                self.sources.append(value or "")
+
+
+def test_everything_is_on_the_page_and_nothing_is_fetched(made: Made) -> None:
+    fleet = seasons(made)
+    text = fleet_page(fleet, shrunk(fleet))
+    seen = _Seen(text)
+    assert seen.sources == []
+    assert "script" not in seen.tags
+    assert {f"campaigns/{record.campaign}.json" for record in fleet.records} <= set(map(unquote, seen.links))
+    for words in ("no logs", "Sister vehicles", "two/3 (inertia)", "2023-11-14 22:13", "prefers-color-scheme: dark"):
+        assert words in text
+    assert text.count("<svg") == 2  # what was found when, and one parameter
+    assert not re.search(r"url\((?!#)", text)
+    assert "Sister vehicles" not in fleet_page(fleet, ())
+
+
+def test_a_name_does_nothing_there(made: Made) -> None:
+    name = '<script>alert("1")</script>\u202e'
+    text = fleet_page(fleet_of(made(name, {"inertia": (1.0, 1.0)}, vehicle=name, start=1.0)), ())
+    assert "<script" not in text
+    assert "\u202e" not in text
+
+
+def test_a_fleet_without_dates_or_diagnoses_has_a_page_too(made: Made) -> None:
+    assert "The logs tell no date" in fleet_page(fleet_of(made("a", {"inertia": (1.0, 0.0)})), ())
+    assert "No campaign says what they are." in fleet_page(
+        fleet_of(Record(campaign="a", folder="", digest="", error="no logs")), ()
+    )
+
+
+def test_the_page_is_told_from_a_report(made: Made, tmp_path: Path) -> None:
+    (tmp_path / "index.html").write_text(fleet_page(fleet_of(made("a", {})), ()), encoding="utf-8")
+    assert FLEET_PAGE.marks(tmp_path / "index.html")
+    assert not PAGE.marks(tmp_path / "index.html")

@@ -1,0 +1,30 @@
+"""The fleet's pictures show every campaign."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rovid.fleet.plots import history, timeline
+from rovid.report.plots.canvas import BLACK, RED
+from tests.fleet.conftest import Made, fleet_of
+
+
+def test_each_campaign_has_its_mark_and_its_interval(made: Made) -> None:
+    records = [made(f"{k}", {"inertia": (100.0 + k, 2.0)}, vehicle=f"{k % 2}", start=1e9 + k) for k in range(6)]
+    figure = history(fleet_of(*records, made("x", {})), "inertia", {"3"}, None)
+    (panel,) = figure.axes
+    marks = [line for line in panel.lines if line.get_marker() == "o"]
+    assert sorted(float(np.asarray(line.get_ydata())[0]) for line in marks) == [100.0 + k for k in range(6)]
+    assert [np.asarray(line.get_ydata())[0] for line in marks if line.get_color() == RED] == [103.0]
+    spans = [np.ptp(np.asarray(line.get_ydata())) for line in panel.lines if line.get_color() in {RED, BLACK}]
+    assert sum(np.isclose(span, 2 * 1.96 * 2.0) for span in spans) == 6
+    assert {text.get_text() for text in panel.texts} == {"0", "1"}
+
+
+def test_what_was_found_when_has_a_row_for_each_vehicle(made: Made) -> None:
+    records = [made(f"{k}", {}, vehicle=f"v{k % 3}", start=1.7e9 + 1e6 * k, causes=("x",) * (k > 3)) for k in range(6)]
+    figure = timeline(fleet_of(*records, made("undated", {})))
+    (panel,) = figure.axes
+    assert [label.get_text() for label in panel.get_yticklabels()] == ["one", "v0", "v1", "v2"]
+    counts = {str(line.get_label()): len(np.asarray(line.get_xdata())) for line in panel.lines}
+    assert counts == {"cause found": 2, "nothing found": 4}

@@ -1,0 +1,250 @@
+"""`rovid fleet`: the same table on one core, two, a cluster and after a kill; what fails costs its own row."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+from rovid.fleet import alone
+from tests.conftest import ROOT, Rovid, run_rovid
+from tests.fleet.conftest import GOOD
+
+LOST = "lost & found"
+CLUSTER = """
+import sys
+from distributed import LocalCluster
+if __name__ == "__main__":
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        print(cluster.scheduler_address, flush=True)
+        sys.stdin.read()
+"""
+# What becomes of three processes, by the campaign.
+DYING = """
+import json, os, sys, time
+name = json.loads(sys.argv[1])["name"]
+if name == "alpha/summer": os.kill(os.getpid(), 9)
+if name == "spring": time.sleep(600)
+if name == "beta/summer": os._exit(3)
+"""
+REPORT = '<meta name="generator" content="rovid 0.2.0">\n'
+NAMES = ["alpha/summer", "beta/summer", LOST, "spring"]
+
+
+@pytest.fixture(scope="module")
+def done(sea: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """The fleet, diagnosed by two processes at a time; nobody writes there."""
+    out = tmp_path_factory.mktemp("done") / "out"
+    return out, run_rovid("fleet", sea, "-o", out, "--jobs", 2, "--json").document
+
+
+def command(sea: Path, out: Path, *more: str) -> list[str]:
+    return [sys.executable, "-m", "rovid", "fleet", str(sea), "-o", str(out), *more]
+
+
+def rows(out: Path) -> pd.DataFrame:
+    return pd.read_parquet(out / "fleet.parquet").set_index("campaign")
+
+
+def without(done: Path, out: Path, *names: str) -> Path:
+    """A copy of what was done, with nothing of some campaigns, and no table and no page."""
+    shutil.copytree(done, out)
+    for name in ("fleet.parquet", "index.html", *(f"campaigns/{name}.json" for name in names)):
+        (out / name).unlink()
+    return out
+
+
+def test_each_campaign_has_its_row(done: tuple[Path, dict[str, Any]]) -> None:
+    out, document = done
+    table = rows(out)
+    assert list(table.index) == NAMES == [one["campaign"] for one in document["campaigns"]]
+    good = table[table["error"].isna()]
+    assert len(good) == len(GOOD)
+    assert list(good["vehicle"]) == ["Älpha", "Beta", "Älpha"]
+    assert list(table.loc["alpha/summer", "findings"]) == ["thruster_lag"]
+    assert (good["seconds"] > 200.0).all()
+    assert good["start"].notna().all()
+    # 5 January 2026, when the first run with a clock began.
+    assert {f"{start:%Y-%m-%d}" for start in good["start"]} == {"2026-01-05"}
+    deviation = (good["inertia"] - 5057.0) / good["inertia_standard_error"]
+    assert deviation.abs().max() < 4.0
+    assert table["thruster_lag.time_constant"].notna().sum() == 1
+    lost = table.loc[LOST]
+    assert "no rovid.toml" in lost["error"]
+    assert lost[["vehicle", "verdict", "inertia", "seconds"]].isna().all()
+
+
+def test_the_columns_say_their_units(done: tuple[Path, dict[str, Any]]) -> None:
+    schema = pq.read_schema(done[0] / "fleet.parquet")
+    assert schema.field("inertia").metadata == {b"unit": b"kg m^2"}
+    assert schema.field("thruster_lag.time_constant_standard_error").metadata == {b"unit": b"s"}
+    assert [name for name in schema.names if name in {"campaign", "vehicle", "start", "verdict", "findings"}] == [
+        "campaign", "vehicle", "start", "verdict", "findings",
+    ]  # fmt: skip
+    assert schema.names[-2:] == ["seconds", "error"]
+
+
+def test_each_diagnosis_is_kept_whole(done: tuple[Path, dict[str, Any]], sea: Path, rovid: Rovid) -> None:
+    kept = json.loads((done[0] / "campaigns" / "spring.json").read_text())
+    assert kept["schema"] == "rovid-campaign/1"
+    assert kept["diagnosis"] == rovid("diagnose", sea / "alpha/spring", "--json").document
+
+
+def test_what_is_done_is_not_done_again(done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(done[0], out)
+    again = run_rovid("fleet", sea, "-o", out, "--json").document
+    assert again["diagnosed_anew"] == 0
+    for name in ("fleet.parquet", "index.html"):
+        assert (out / name).read_bytes() == (done[0] / name).read_bytes()
+    # The same folder under another name, since its neighbour is not given.
+    alone_now = run_rovid("fleet", sea / "alpha", "-o", out, "--json").document
+    assert [one["campaign"] for one in alone_now["campaigns"]] == ["spring", "summer"]
+
+
+def test_logs_that_changed_are_diagnosed_anew(
+    done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(sea, tmp_path / "sea")
+    shutil.copytree(done[0], tmp_path / "out")
+    log = tmp_path / "sea/alpha/spring/down.csv"
+    log.write_text("\n".join(log.read_text().splitlines()[:-100]) + "\n")
+    # What has to be done fails, so that this is quick; what is done does not.
+    monkeypatch.setattr(alone, "_CODE", "raise SystemExit('once more')")
+    document = run_rovid("fleet", tmp_path / "sea", "-o", tmp_path / "out", "--json").document
+    assert document["diagnosed_anew"] == 1
+    errors = {one["campaign"]: one["error"] for one in document["campaigns"] if one["error"]}
+    assert errors["spring"] == "its process ended with status 1: once more"
+    assert set(errors) == {"spring", LOST}
+
+
+def test_killed_and_started_again_it_comes_to_the_same_bytes(
+    done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path
+) -> None:
+    out = without(done[0], tmp_path / "out", "beta/summer", "spring")
+    kept = out / "campaigns"
+    with subprocess.Popen(command(sea, out, "--jobs", "1"), cwd=ROOT, stdout=subprocess.DEVNULL) as process:
+        deadline = time.monotonic() + 100.0
+        while not (kept / "beta/summer.json").exists() and time.monotonic() < deadline:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGKILL)
+    before = {path: path.read_bytes() for path in kept.rglob("*.json")}
+    assert len(before) == len(NAMES) - 1
+    assert not (out / "fleet.parquet").exists()
+    document = run_rovid("fleet", sea, "-o", out, "--jobs", 1, "--json").document
+    assert document["diagnosed_anew"] == 1
+    assert {path: path.read_bytes() for path in before} == before
+    assert (out / "fleet.parquet").read_bytes() == (done[0] / "fleet.parquet").read_bytes()
+    assert (out / "index.html").read_bytes() == (done[0] / "index.html").read_bytes()
+
+
+def test_on_a_dask_cluster_of_two_workers_it_comes_to_the_same_bytes(
+    done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path
+) -> None:
+    out = without(done[0], tmp_path / "out", LOST, "spring")
+    with subprocess.Popen(
+        [sys.executable, "-c", CLUSTER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT
+    ) as cluster:
+        assert cluster.stdout is not None
+        address = cluster.stdout.readline().strip()
+        ran = subprocess.run(
+            command(sea, out, "--cluster", address), cwd=ROOT, capture_output=True, text=True, check=False
+        )
+    assert ran.returncode == 0, ran.stderr
+    assert (out / "fleet.parquet").read_bytes() == (done[0] / "fleet.parquet").read_bytes()
+    assert (out / "index.html").read_bytes() == (done[0] / "index.html").read_bytes()
+
+
+def test_a_process_that_dies_or_takes_too_long_costs_its_own_row(
+    sea: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(alone, "_CODE", DYING + alone._CODE)  # noqa: SLF001 - what the process runs
+    out = tmp_path / "out"
+    fleet = (sea / "alpha", sea / "beta/summer")
+    document = run_rovid("fleet", *fleet, "-o", out, "--timeout", 4, "--json").document
+    errors = {one["campaign"]: one["error"] for one in document["campaigns"]}
+    assert errors["alpha/summer"] == "its process was ended by SIGKILL."
+    assert errors["spring"] == "no diagnosis within 4 s; --timeout gives it longer."
+    assert errors["beta/summer"] == "its process ended with status 3"
+    # What was ended from outside is tried again; what was too slow only if it is given longer.
+    monkeypatch.setattr(alone, "_CODE", "raise SystemExit('tried')")
+    for seconds, tried in ((3, {"alpha/summer", "beta/summer"}), (30, {"alpha/summer", "beta/summer", "spring"})):
+        document = run_rovid("fleet", *fleet, "-o", out, "--timeout", seconds, "--json").document
+        assert {one["campaign"] for one in document["campaigns"] if "tried" in one["error"]} == tried
+
+
+def test_memory_is_given_back_between_campaigns(done: tuple[Path, dict[str, Any]]) -> None:
+    peaks = [one["peak_memory_bytes"] for one in done[1]["campaigns"] if one["error"] is None]
+    # Each begins with a process as fresh as the first one's.
+    assert len(peaks) == len(GOOD)
+    assert max(peaks) < 1.3 * min(peaks)
+
+
+def test_the_row_of_a_folder_that_is_not_there_says_so(
+    done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(done[0], tmp_path / "out")
+    document = run_rovid("fleet", sea, tmp_path / "gone", "-o", tmp_path / "out", "--json").document
+    error = {one["campaign"]: one["error"] for one in document["campaigns"]}["gone"]
+    assert error is not None
+    assert "there is no such file or folder" in error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("gone", "-o", "out"), "gone: there is no such folder"),
+        (("sea", "-o", "sea/alpha/spring/out"), "lies in the campaign"),
+        (("sea", "-o", "out", "--cluster", "tcp://127.0.0.1:9"), "there is no Dask scheduler"),
+        (("sea", "-o", "taken"), "is not a table of rovid fleet"),
+        (("sea", "-o", "reported"), "is not a page of rovid fleet"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_line(
+    arguments: tuple[str, ...], said: str, sea: Path, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rovid.fleet.run._KNOCKING", 0.5)
+    (here / "sea").symlink_to(sea)
+    for name, text in (("taken/fleet.parquet", "PAR1 of somebody"), ("reported/index.html", REPORT)):
+        (here / name).parent.mkdir()
+        (here / name).write_text(text)
+    ended = run_rovid("fleet", *arguments)
+    assert ended.code == 2
+    assert said in ended.err
+    assert "Traceback" not in ended.err
+    assert (here / "taken/fleet.parquet").read_text() == "PAR1 of somebody"
+    assert (here / "reported/index.html").read_text() == REPORT
+
+
+def test_a_missing_library_is_named_with_the_extra_that_has_it(sea: Path, tmp_path: Path) -> None:
+    code = "import sys; sys.modules['pyarrow'] = None; from rovid.commands.cli import main; main()"
+    ended = subprocess.run(
+        [sys.executable, "-c", code, "fleet", sea, "-o", tmp_path / "out"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 2
+    assert "needs the package pyarrow. Install it with `pip install 'rovid[fleet]'`." in ended.stderr
+
+
+def test_sisters_are_told_by_each_other_where_asked(
+    done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(done[0], tmp_path / "out")
+    shutil.copytree(sea / "beta/summer", tmp_path / "gamma")
+    document = run_rovid("fleet", sea, tmp_path / "gamma", "-o", tmp_path / "out", "--shrink", "--json").document
+    assert document["diagnosed_anew"] == 0  # the same logs are known by what is in them
+    table = rows(tmp_path / "out")
+    assert (table["inertia_shrunk_standard_error"] < 1.2 * table["inertia_standard_error"]).sum() == 4
+    assert "inertia_shrunk" not in rows(done[0]).columns
