@@ -111,8 +111,8 @@ def report(
         said = {**guess_document(guess), "warnings": cautions(guess, [*begun, *evidence.notes])}
         print_json({"schema": "rovid-report/1", **axis_document(stored.axis), **told, **paths, **said})
         return
-    console().print(answer, highlight=False)
     show_caution(console(), guess)
     show_warnings(console(), [*begun, *evidence.notes])
+    console().print(answer, highlight=False)
     for path in written.values():
         console().print(path, highlight=False, soft_wrap=True)

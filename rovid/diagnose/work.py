@@ -243,20 +243,30 @@ class Work:
     def confidence(self, cause: Cause, held_out_gain: float) -> float:
         """Probability that ``cause``, or one not told from it, acts; on trials not fitted it has to gain too."""
         # A signal that the cause follows, or that follows it, is not another cause.
-        worths = {rival.effect.id: rival.worth for rival in cause.rivals if not is_signal(rival.effect)}
-        worths[cause.effect.id] = cause.worth
+        worths = {rival.effect.id: self._sure_worth(rival) for rival in cause.rivals if not is_signal(rival.effect)}
+        worths[cause.effect.id] = own = self._sure_worth(cause)
         others = undecided(cause, self.margin(cause.worth))
         alike = [cause.effect.id, *[effect.id for effect in others]]
         rest = self.search.without(self.final, cause.effect)
         white = self.final.is_white
         # Part of it may be no more than how nature's form of the others differs from the equations'.
         doubt = self.search.form_doubt(rest, white=white)
-        less = max(cause.worth - held_out_gain, 0.0) + doubt
+        less = max(own - held_out_gain, 0.0) + doubt
         for name in worths:
             worths[name] -= less
-        most = surest(held_out_gain - doubt, cause.worth - doubt, white=white)
+        most = surest(held_out_gain - doubt, own - doubt, white=white)
         sure = confidence(worths, alike, self.search.tried, most=most)
         return sure if white else min(sure, stands_out(self.final, cause.effect))
+
+    def _sure_worth(self, one: Cause | Rival) -> float:
+        """What it is worth, less what the best of so many forms, as of one for each trial, gains by chance.
+
+        Where the model does not explain the data to the noise, odds were held against campaigns without that.
+        """
+        if not self.final.is_white:
+            return one.worth
+        forms = sum(candidate.id == one.effect.id for candidate in self.search.candidates)
+        return one.worth - math.log(max(forms, 1))
 
     def margin(self, worth: float) -> float:
         """By so much a rival is beaten of a cause that is worth so much.
@@ -283,7 +293,7 @@ class Work:
         doubt = self.search.form_doubt(self.final, white=white)
 
         def odds(names: Collection[Rival], less: float = 0.0, most: float = 1.0) -> float:
-            worths = {rival.effect.id: rival.worth - doubt - less for rival in left}
+            worths = {rival.effect.id: self._sure_worth(rival) - doubt - less for rival in left}
             return confidence(worths, [rival.effect.id for rival in names], self.search.tried, most=most)
 
         # Whether one acts takes a fit: only those are asked that are possible if they do.
@@ -299,8 +309,9 @@ class Work:
                 continue
             alike = [other for other in near if acts(other)]
             gain = log_likelihood(self.folds(rival.fitted)) - log_likelihood(self.folds(self.final))
-            most = surest(gain - doubt, rival.worth - doubt, white=white)
-            sure = odds([rival, *alike], max(rival.worth - gain, 0.0), most)
+            own = self._sure_worth(rival)
+            most = surest(gain - doubt, own - doubt, white=white)
+            sure = odds([rival, *alike], max(own - gain, 0.0), most)
             if not white:
                 sure = min(sure, stands_out(rival.fitted, rival.effect))
             if (said := calibrated(sure, white=white)) >= POSSIBLE:
