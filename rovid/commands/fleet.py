@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
+from rovid.commands import completion
 from rovid.commands.manual import Page
-from rovid.commands.options import AxisName, Cutoff, Force, Json
+from rovid.commands.options import Cutoff, Force, Json
 from rovid.commands.session import console, print_json, working
 
 PAGE = Page(
@@ -60,7 +61,15 @@ def fleet(
         bool,
         typer.Option("--shrink", help="Take the vehicles for sisters: columns of what each is by the others' help."),
     ] = False,
-    axis: AxisName = None,
+    axis: Annotated[
+        str | None,
+        typer.Option(
+            metavar="AXIS",
+            help="Degree of freedom: yaw, surge, sway, heave, roll or pitch; yaw if not given.",
+            autocompletion=completion.axes,
+            show_default=False,
+        ),
+    ] = None,
     cutoff: Cutoff = None,
     force: Force = False,
     json: Json = False,

@@ -28,6 +28,7 @@ TOPICS = (
     "export",
     "report",
     "open",
+    "fleet",
     "confusion",
     "hard",
     "effects",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from rovid.fleet.record import Record
 from rovid.fleet.run import Written
 from rovid.fleet.said import fleet_document, show_fleet
 from rovid.ground.screen import Screen
+from tests.conftest import ROOT
 from tests.fleet.conftest import Made, fleet_of
 
 
@@ -40,4 +42,10 @@ def test_the_document_has_every_campaign(written: Written) -> None:
     assert [one["campaign"] for one in document["campaigns"]] == ["alpha", "beta/lost"]
     assert document["campaigns"][0]["findings"] == ["thruster_lag"]
     assert document["campaigns"][1]["error"].startswith("no rovid.toml")
+    section = (
+        (ROOT / "docs/files.md").read_text(encoding="utf-8").partition("### `rovid-fleet/1`")[2].partition("\n### ")[0]
+    )
+    told = set(re.findall(r"`(\w+)`", section))
+    assert set(document) - {"schema"} <= told
+    assert set(document["campaigns"][0]) <= told
     assert document["changes"] == document["outliers"] == []
