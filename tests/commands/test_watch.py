@@ -79,9 +79,15 @@ class Watcher:
 def watching(*arguments: object) -> Iterator[Watcher]:
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     command = [sys.executable, "-m", "rovid", "watch", *map(str, arguments), "--json"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": path}
-    ) as process:
+    # Where the tests run in the background a shell has Ctrl-C ignored, which a child would inherit.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": path}
+        )
+    finally:
+        signal.signal(signal.SIGINT, before)
+    with process:
         try:
             yield Watcher(process)
         finally:
