@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 from rovid.campaign.axis import axis_named
 from rovid.fleet.record import Record
@@ -14,11 +16,25 @@ from rovid.model.names import base_names
 
 @dataclass(frozen=True)
 class Value:
-    """A parameter in one campaign; the standard error is NaN where it is not known."""
+    """A parameter in one campaign.
+
+    Attributes
+    ----------
+    error
+        Standard error; NaN where it is not known.
+    placeholder
+        Whether it hangs on a guessed arm or thrust curve, and compares with no other.
+    """
 
     value: float
     error: float
     unit: str
+    placeholder: bool = False
+
+    @property
+    def compares(self) -> bool:
+        """Whether it can be held against another campaign's."""
+        return self.error > 0.0 and not self.placeholder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,9 +67,9 @@ class Fleet:
 
     @cached_property
     def vehicles(self) -> Mapping[str, tuple[Record, ...]]:
-        """Vehicle -> its campaigns in the order of time, those without a date last; what failed is of no vehicle."""
+        """Vehicle -> its campaigns in the order of time, those without a date last; no vehicle has what failed."""
         done = sorted(self.done, key=lambda one: (one.start is None, one.start or 0.0, one.campaign))
-        names = sorted({one.vehicle or "" for one in done})
+        names = sorted({one.vehicle or "" for one in done}, key=_counted)
         return {name: tuple(one for one in done if (one.vehicle or "") == name) for name in names}
 
     @property
@@ -77,13 +93,22 @@ def verdict(record: Record) -> str | None:
     return None if record.diagnosis is None else str(record.diagnosis["verdict"])
 
 
+def guessed(record: Record) -> list[str]:
+    """What of the vehicle `rovid init` made up, by name."""
+    return [] if record.diagnosis is None else list(record.diagnosis["guessed"])
+
+
+def _counted(name: str) -> list[tuple[int, str]]:
+    """By what names are sorted, their numbers as numbers: 2 before 10."""
+    return [(int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"(\d+)", name)]
+
+
 def _values(record: Record) -> Mapping[str, Value]:
     diagnosis = record.diagnosis or {}
     side = diagnosis.get("extended") or diagnosis.get("base") or {"parameters": {}}
-    found = side["parameters"].items()
-    return {name: Value(one["value"], _error(one), one["unit"]) for name, one in found if one["value"] is not None}
+    return {name: _value(one) for name, one in side["parameters"].items() if one["value"] is not None}
 
 
-def _error(one: Mapping[str, float | None]) -> float:
-    error = one["standard_error"]
-    return math.nan if error is None else error
+def _value(one: Mapping[str, Any]) -> Value:
+    error = math.nan if one["standard_error"] is None else one["standard_error"]
+    return Value(one["value"], error, one["unit"], one.get("placeholder", False))

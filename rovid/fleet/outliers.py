@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,7 +41,7 @@ def outliers(fleet: Fleet) -> list[Outlier]:
 
 def _of(fleet: Fleet, name: str) -> list[Outlier]:
     known = [(record, fleet.values[record.campaign].get(name)) for record in fleet.done]
-    there = [(record, one) for record, one in known if one is not None and not math.isnan(one.error)]
+    there = [(record, one) for record, one in known if one is not None and one.compares]
     if len(there) < LEAST:
         return []
     values = np.array([one.value for _, one in there])
@@ -52,8 +51,7 @@ def _of(fleet: Fleet, name: str) -> list[Outlier]:
         values, errors = np.log(values), errors / values
     apart = values - np.median(values)
     scatter = _NORMAL * float(np.median(np.abs(apart)))
-    size = np.sqrt(scatter**2 + errors**2)
-    distances = np.divide(apart, size, out=np.zeros(len(there)), where=size > 0.0)
+    distances = apart / np.sqrt(scatter**2 + errors**2)
     return [
         Outlier(
             campaign=record.campaign,

@@ -15,7 +15,7 @@ from rovid import __version__
 from rovid.campaign.axis import axis_named
 from rovid.campaign.guesswork import Guesswork
 from rovid.effects import effect_named
-from rovid.fleet.fleet import Fleet, causes, verdict
+from rovid.fleet.fleet import Fleet, causes, guessed, verdict
 from rovid.fleet.outliers import RULE, Outlier, outliers
 from rovid.fleet.plots import VERDICTS, history, timeline
 from rovid.fleet.record import Record
@@ -51,7 +51,7 @@ def fleet_page(fleet: Fleet, means: Sequence[Shrunk]) -> str:
         span=_span(fleet),
         headline=headline(fleet),
         changes=list(changes(fleet)),
-        guessed=[one.campaign for one in fleet.done if one.diagnosis and one.diagnosis["guessed"]],
+        caution=caution(fleet),
         far=far,
         rule=RULE,
         campaigns=_campaigns(fleet),
@@ -73,6 +73,16 @@ def headline(fleet: Fleet) -> str:
     if fleet.failed:
         parts.append(f"no diagnosis of {len(fleet.failed)}")
     return f"{parts[0]}: {', '.join(parts[1:])}." if len(parts) > 1 else f"{parts[0]}."
+
+
+def caution(fleet: Fleet) -> str:
+    """Which campaigns hang on guesses, as `rovid diagnose` says it of one; empty where none does."""
+    names = [record.campaign for record in fleet.done if guessed(record)]
+    if not names:
+        return ""
+    more = f" and {len(names) - 5} more" if len(names) > 5 else ""
+    found = f"Arms or thrust curves are guesses in {', '.join(names[:5])}{more}"
+    return f"{found}: inertia and drag there are placeholders, and are compared with no other's."
 
 
 def _count(number: int, what: str) -> str:

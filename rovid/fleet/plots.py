@@ -78,8 +78,8 @@ def history(fleet: Fleet, name: str, out_of_line: Collection[str], mean: Shrunk 
         if first:
             panel.axvline(first - 1.0, color="#e2e2e2", linewidth=1.0)
         at += 1
-    values = [one.value for known in groups.values() for _, one in known]
-    middle = float(np.median(values)) if mean is None else mean.mean.value
+    values = [one.value for known in groups.values() for _, one in known if one.compares]
+    middle = mean.mean.value if mean is not None else float(np.median(values)) if values else math.nan
     panel.axhline(middle, color=BLACK if mean is None else PALE, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
     some = ticks[:: max(1, math.ceil(len(ticks) / _DATES))]
     panel.set_xticks([place for place, _ in some], [text for _, text in some], fontsize=8)
@@ -105,7 +105,8 @@ def _mark(panel: Axes, at: float, one: Value, colour: str) -> None:
     if math.isfinite(one.error):
         reach = _INTERVAL * one.error
         panel.plot([at, at], [one.value - reach, one.value + reach], color=colour, linewidth=1.6, zorder=2)
-    panel.plot([at], [one.value], "o", color=colour, markersize=4.5, zorder=3)
+    fill: Literal["full", "none"] = "none" if one.placeholder else "full"
+    panel.plot([at], [one.value], "o", color=colour, markersize=4.5, fillstyle=fill, zorder=3)
 
 
 def _date(record: Record) -> str:

@@ -6,8 +6,8 @@ from typing import Any
 
 from rich.console import Console
 
-from rovid.fleet.fleet import causes, verdict
-from rovid.fleet.page import headline, summary
+from rovid.fleet.fleet import causes, guessed, verdict
+from rovid.fleet.page import caution, headline, summary
 from rovid.fleet.record import Record
 from rovid.fleet.run import Written
 from rovid.fleet.table import SCHEMA
@@ -35,6 +35,7 @@ def _campaign(record: Record) -> dict[str, Any]:
         "verdict": verdict(record),
         "findings": causes(record, "findings"),
         "suspects": causes(record, "suspects"),
+        "guessed": guessed(record),
         "took_seconds": record.took,
         "peak_memory_bytes": record.peak_memory,
         "error": record.error,
@@ -50,4 +51,6 @@ def show_fleet(console: Console, written: Written) -> None:
         rows.add_row(record.campaign, record.vehicle or "–", (verdict(record) or "no diagnosis").replace("_", " "), why)
     console.print(rows)
     console.print(headline(fleet))
+    if said := caution(fleet):
+        console.print(said, style="bold")
     console.print(str(written.page), highlight=False, soft_wrap=True)

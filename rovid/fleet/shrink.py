@@ -61,7 +61,7 @@ def _shrunk(fleet: Fleet, name: str) -> Shrunk | None:
         record.campaign: (vehicle, fleet.values[record.campaign][name])
         for vehicle, records in fleet.vehicles.items()
         for record in records
-        if name in fleet.values[record.campaign] and fleet.values[record.campaign][name].error > 0.0
+        if name in fleet.values[record.campaign] and fleet.values[record.campaign][name].compares
     }
     unit = fleet.units[name]
     if len(known) < LEAST or not unit:

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from rovid import __version__
-from rovid.fleet.fleet import Fleet, causes, verdict
+from rovid.fleet.fleet import Fleet, causes, guessed, verdict
 from rovid.fleet.shrink import Shrunk
 
 SCHEMA = "rovid-fleet/1"
@@ -32,6 +32,7 @@ def table_of(fleet: Fleet, means: Sequence[Shrunk]) -> bytes:
         "findings": (texts, [causes(record, "findings") for record in records], ""),
         "suspects": (texts, [causes(record, "suspects") for record in records], ""),
     }
+    columns["guessed"] = (texts, [guessed(record) for record in records], "")
     for name in fleet.parameters:
         values = [fleet.values[record.campaign].get(name) for record in records]
         columns |= _pair(name, values, fleet.units[name], number)

@@ -60,15 +60,18 @@ def made() -> Made:
         start: float | None = None,
         causes: tuple[str, ...] = (),
         suspects: tuple[str, ...] = (),
+        guessed: bool = False,
     ) -> Record:
-        parameters = {
-            key: {"value": value, "standard_error": error, "unit": "kg m^2"} for key, (value, error) in values.items()
+        parameters: dict[str, Any] = {
+            key: {"value": value, "standard_error": error, "unit": "kg m^2"}
+            | ({"placeholder": True} if guessed else {})
+            for key, (value, error) in values.items()
         }
         diagnosis: dict[str, Any] = {
             "verdict": "found" if causes else "suspected" if suspects else "nothing_found",
             "findings": [{"effect": effect} for effect in causes],
             "suspects": [{"effect": effect} for effect in suspects],
-            "guessed": [],
+            "guessed": ["yaw_arm of fore"] if guessed else [],
             "base": {"parameters": parameters},
             "extended": None,
         }

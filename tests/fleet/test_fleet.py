@@ -31,3 +31,9 @@ def test_what_failed_has_neither_verdict_nor_causes(made: Made) -> None:
     assert (verdict(LOST), causes(LOST, "findings")) == (None, [])
     found = made("a", {}, causes=("thruster_lag",))
     assert (verdict(found), causes(found, "findings"), causes(found, "suspects")) == ("found", ["thruster_lag"], [])
+
+
+def test_vehicles_are_in_the_order_of_their_names_and_numbers(made: Made) -> None:
+    names = ["rov 10", "rov 2", "", "Älpha", "rov 2b"]
+    fleet = fleet_of(*(made(f"{k}", {}, vehicle=name) for k, name in enumerate(names)))
+    assert list(fleet.vehicles) == ["", "rov 2", "rov 2b", "rov 10", "Älpha"]

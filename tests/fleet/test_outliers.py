@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from rovid.fleet.outliers import outliers
+from rovid.fleet.page import fleet_page
+from rovid.fleet.shrink import shrunk
 from tests.fleet.conftest import Made, fleet_of
 
 
@@ -34,3 +36,15 @@ def test_of_normal_scatter_hardly_any_is(made: Made) -> None:
         records = [made(f"{k:02}", {"inertia": (float(v), 0.03 * float(v))}) for k, v in enumerate(values)]
         count += len(outliers(fleet_of(*records)))
     assert count <= 10  # of 1000
+
+
+def test_placeholders_are_compared_with_nothing(made: Made) -> None:
+    real = [made(f"{k}", {"inertia": (100.0 + k, 1.0)}) for k in range(5)]
+    fleet = fleet_of(*real, *(made(f"guess{k}", {"inertia": (1.0, 0.01)}, guessed=True) for k in range(6)))
+    assert outliers(fleet) == []
+    (mean,) = shrunk(fleet)
+    assert set(mean.values) == {f"{k}" for k in range(5)}
+    assert mean.mean.value > 99.0
+    assert "Arms or thrust curves are guesses in guess0, guess1, guess2, guess3, guess4 and 1 more:" in fleet_page(
+        fleet, ()
+    )

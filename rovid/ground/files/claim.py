@@ -10,6 +10,7 @@ import signal
 import stat
 import tempfile
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,8 +60,9 @@ class Claim:
     def __init__(self, outputs: Sequence[Output], *, force: bool = False, protected: Iterable[Path] = ()) -> None:
         self._force = force
         self._protected = tuple(protected)
+        targets = Counter(output.target for output in outputs)
         for output in outputs:
-            if sum(other.target == output.target for other in outputs) > 1:
+            if targets[output.target] > 1:
                 raise OutputError("is the place of two outputs.", where=output.path, mend=_ELSEWHERE)
             try:
                 settle(_standing(output.target.parent))
