@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
-from rovid.effects import effect_named
+from rovid.effects import CATALOGUE
 
 LEVELS = (0.50, 0.80, 0.95)
 PLAIN = ("inertia", "quadratic_drag", "linear_drag")
 GROUPS = ("nothing hidden", "cause named", "cause not named")
+# What says how large a cause is.
+SIZES = {effect.id: effect.parameters[0].name for effect in CATALOGUE}
 _BINS = 10
 Record = dict[str, Any]
 
@@ -59,10 +61,11 @@ def readings_of(record: Record) -> Iterable[Record]:
         if name in side["parameters"]:
             yield _reading(name, side["parameters"][name], truth["parameters"][name], group_of(record))
     for finding in said["findings"]:
-        # Another form of the cause has another parameter.
-        size = effect_named(finding["effect"]).parameters[0].name
+        size = SIZES[finding["effect"]]
         key = f"{finding['effect']}.{size}"
-        if key in truth["parameters"] and not finding["form"] and size in finding["parameters"]:
+        # Another form of the cause has another parameter; of thrusters the first one is unlike.
+        own = finding["form"] in {None, "fore"}
+        if key in truth["parameters"] and own and size in finding["parameters"]:
             yield _reading(key, finding["parameters"][size], truth["parameters"][key], "size")
 
 

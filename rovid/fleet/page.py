@@ -14,7 +14,7 @@ from markupsafe import Markup
 from rovid import __version__
 from rovid.campaign.axis import axis_named
 from rovid.campaign.guesswork import Guesswork
-from rovid.effects import effect_named
+from rovid.effects import CATALOGUE
 from rovid.fleet.fleet import Fleet, causes, guessed, verdict
 from rovid.fleet.outliers import RULE, Outlier, outliers
 from rovid.fleet.plots import VERDICTS, history, timeline
@@ -28,6 +28,7 @@ from rovid.report.templating import environment_of
 from rovid.report.text import NOTHING, title, unit
 from rovid.show.verdict import listed
 
+_TITLES = {effect.id: effect.title for effect in CATALOGUE}
 FOUND, SUSPECTED, ABSENT = "found", "suspected", "·"
 
 
@@ -101,7 +102,7 @@ def changes(fleet: Fleet) -> Iterator[str]:
 
 
 def _words(fleet: Fleet, effect: str) -> str:
-    return axis_named(fleet.axis).words(effect_named(effect).title)
+    return axis_named(fleet.axis).words(_TITLES[effect])
 
 
 def _span(fleet: Fleet) -> str:

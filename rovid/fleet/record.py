@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +85,19 @@ class Record:
     def text(self) -> str:
         """The file's content."""
         return to_json({"schema": SCHEMA, **asdict(self)}) + "\n"
+
+    @property
+    def lean(self) -> Record:
+        """It with that alone of its diagnosis which the table and the page need: of many not all is kept in memory."""
+        if self.diagnosis is None:
+            return self
+        lean = {key: self.diagnosis[key] for key in ("verdict", "guessed")}
+        for kind in ("findings", "suspects"):
+            lean[kind] = [{"effect": one["effect"]} for one in self.diagnosis[kind]]
+        for side in ("base", "extended"):
+            known = self.diagnosis[side]
+            lean[side] = known and {"parameters": known["parameters"]}
+        return replace(self, diagnosis=lean)
 
     def holds_for(self, task: Task, patience: float) -> bool:
         """Whether the diagnosis would come to the same again, as far as that can be told."""

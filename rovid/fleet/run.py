@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -90,31 +90,35 @@ def run_fleet(
     claim = Claim([table, page, *files.values()], force=force)
     report("Looking for what is done already …")
     tasks = spread(lambda place: _task(place, options), places)
-    kept = _kept(out / "campaigns")
-    # A campaign is known by what is in its logs, whatever it is called by now.
-    holding = {task.name: (task, kept.get(task.digest)) for task in tasks}
-    records = {
-        name: replace(done, campaign=name, folder=task.folder)
-        for name, (task, done) in holding.items()
-        if done is not None and done.holds_for(task, options.patience)
-    }
+    records = {record.campaign: record for record in _done(tasks, files, out, claim, options.patience)}
     todo = [task for task in tasks if task.name not in records]
     for count, record in enumerate(_diagnosed(todo, options, report), 1):
         claim.write({files[record.campaign]: record.text})
-        records[record.campaign] = record
+        records[record.campaign] = record.lean
         report(f"{count} of {len(todo)} campaigns: {record.campaign} took {record.took:.0f} s …")
     fleet = Fleet(axis=options.axis, records=tuple(records[place.name] for place in places))
     means: tuple[Shrunk, ...] = shrunk(fleet) if options.shrink else ()
     report("Writing the table and the page …")
-    diagnoses = {files[record.campaign]: record.text for record in fleet.records}
-    claim.write({**diagnoses, table: table_of(fleet, means), page: fleet_page(fleet, means)})
+    claim.write({table: table_of(fleet, means), page: fleet_page(fleet, means)})
     return Written(fleet=fleet, table=table.path, page=page.path, anew=len(todo))
 
 
-def _kept(folder: Path) -> dict[str, Record]:
-    """The records in a folder, by their digests."""
-    found = [read_record(path) for path in sorted(folder.rglob("*.json"))] if folder.is_dir() else []
-    return {record.digest: record for record in found if record is not None}
+def _done(
+    tasks: Sequence[Task], files: Mapping[str, Output], out: Path, claim: Claim, patience: float
+) -> Iterator[Record]:
+    """What holds already, lean; of a campaign by another name than last time it is written under the new one."""
+    there = sorted(out.rglob("*.json"))
+    by_digest = {record.digest: path for path in there if (record := read_record(path)) is not None}
+    for task in tasks:
+        own = files[task.name]
+        for path in (own.path, by_digest.get(task.digest, own.path)):
+            record = read_record(path)
+            if record is not None and record.holds_for(task, patience):
+                now = replace(record, campaign=task.name, folder=task.folder)
+                if now != record or path != own.path:
+                    claim.write({own: now.text})
+                yield now.lean
+                break
 
 
 def _task(place: Place, options: Options) -> Task:

@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
 
+from rovid.effects import CATALOGUE
 from rovid.fleet.fleet import Fleet
 from rovid.fleet.page import changes, fleet_page, headline
 from rovid.fleet.record import Record
@@ -35,6 +36,12 @@ def test_causes_come_and_go_in_the_order_of_time(made: Made) -> None:
         "one: thruster lag came between one/0 and one/1.",
         "one: thruster lag went between one/2 and one/3.",
     ]
+
+
+def test_every_cause_has_its_words(made: Made) -> None:
+    causes = tuple(effect.id for effect in CATALOGUE)
+    text = fleet_page(fleet_of(made("a", {}, causes=causes[::2], suspects=causes[1::2])), ())
+    assert all(effect.title in text for effect in CATALOGUE)
 
 
 def test_the_headline_counts(made: Made) -> None:

@@ -108,7 +108,9 @@ def test_what_is_done_is_not_done_again(done: tuple[Path, dict[str, Any]], sea: 
         assert (out / name).read_bytes() == (done[0] / name).read_bytes()
     # The same folder under another name, since its neighbour is not given.
     alone_now = run_rovid("fleet", sea / "alpha", "-o", out, "--json").document
+    assert alone_now["diagnosed_anew"] == 0
     assert [one["campaign"] for one in alone_now["campaigns"]] == ["spring", "summer"]
+    assert json.loads((out / "campaigns/summer.json").read_text())["campaign"] == "summer"
 
 
 def test_logs_that_changed_are_diagnosed_anew(
