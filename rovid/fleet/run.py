@@ -103,12 +103,11 @@ def run_fleet(
     return Written(fleet=fleet, table=table.path, page=page.path, anew=len(todo))
 
 
-def _done(
-    tasks: Sequence[Task], files: Mapping[str, Output], out: Path, claim: Claim, patience: float
-) -> Iterator[Record]:
+def _done(tasks: Sequence[Task], files: Mapping[str, Output], out: Path, claim: Claim, patience: float) -> list[Record]:
     """What holds already, lean; of a campaign by another name than last time it is written under the new one."""
     there = sorted(out.rglob("*.json"))
     by_digest = {record.digest: path for path in there if (record := read_record(path)) is not None}
+    held, moved = [], {}
     for task in tasks:
         own = files[task.name]
         for path in (own.path, by_digest.get(task.digest, own.path)):
@@ -116,9 +115,13 @@ def _done(
             if record is not None and record.holds_for(task, patience):
                 now = replace(record, campaign=task.name, folder=task.folder)
                 if now != record or path != own.path:
-                    claim.write({own: now.text})
-                yield now.lean
+                    moved[own] = now.text
+                held.append(now.lean)
                 break
+    # Not before all are read: two campaigns may have changed their names with each other.
+    if moved:
+        claim.write(moved)
+    return held
 
 
 def _task(place: Place, options: Options) -> Task:

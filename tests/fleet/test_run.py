@@ -113,6 +113,21 @@ def test_what_is_done_is_not_done_again(done: tuple[Path, dict[str, Any]], sea: 
     assert json.loads((out / "campaigns/summer.json").read_text())["campaign"] == "summer"
 
 
+def test_two_that_changed_names_are_not_diagnosed_anew(
+    done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(sea, tmp_path / "sea")
+    out = shutil.copytree(done[0], tmp_path / "out")
+    spring, summer, aside = (tmp_path / "sea/alpha" / name for name in ("spring", "summer", "aside"))
+    for old, new in ((spring, aside), (summer, spring), (aside, summer)):
+        old.rename(new)
+    again = run_rovid("fleet", tmp_path / "sea", "-o", out, "--json").document
+    assert again["diagnosed_anew"] == 0
+    was, now = rows(done[0]), rows(out)
+    for one, other in (("spring", "alpha/summer"), ("alpha/summer", "spring"), ("beta/summer", "beta/summer")):
+        pd.testing.assert_series_equal(now.loc[one], was.loc[other], check_names=False)
+
+
 def test_logs_that_changed_are_diagnosed_anew(
     done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
