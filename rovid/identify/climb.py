@@ -98,7 +98,6 @@ def climb(misfit: Misfit, start: FloatArray, *, iterations: int = ITERATIONS, to
         if gained < tolerance:
             end = End.REACHED
             break
-    misfit.forget()
     return Climb(here.x, here.cost, end)
 
 

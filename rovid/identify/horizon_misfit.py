@@ -105,18 +105,12 @@ class HorizonMisfit(Misfit):
     @classmethod
     def of_each(cls, pairs: Sequence[tuple[Self, FloatArray]]) -> list[Innovations]:
         """As `innovations_of`, of misfits of the same records, each at a point of its own; on all cores at once."""
-        return spread(lambda pair: pair[0].once(pair[1]), pairs)
-
-    def once(self, x: FloatArray) -> Innovations:
-        """As `innovations`, and nothing is kept for the next time."""
-        found = self._innovations(x)
-        self.forget()
-        return found
+        return spread(lambda pair: pair[0].innovations(pair[1]), pairs)
 
     def _innovations(self, x: FloatArray) -> Innovations:
         model = self.coordinates.model(x)
         with np.errstate(over="ignore", invalid="ignore"):
-            error = predictions(self.records, model, self.drives(model))
+            error = predictions(self.records, model, self.records.drives_between(model))
             if self.counted is not None:
                 error = error[self.counted]
             # Even a model that runs away is to be compared with others.

@@ -89,7 +89,7 @@ class InnovationMisfit(Misfit):
             alike.setdefault((misfit.is_wide, len(model.wave), *model.terms.kinds.tolist()), []).append(at)
         groups = [few for places in alike.values() for few in _by(LANES, places)]
         found: dict[int, Innovations] = {}
-        every = spread(lambda few: _once([pairs[at] for at in few]), groups)
+        every = spread(lambda few: _side_by_side([pairs[at] for at in few]), groups)
         for few, series in zip(groups, every, strict=True):
             found.update(zip(few, series, strict=True))
         return [found[at] for at in range(len(pairs))]
@@ -139,14 +139,6 @@ def _by(count: int, every: Sequence[One]) -> list[Sequence[One]]:
     return [every[first : first + count] for first in range(0, len(every), count)]
 
 
-def _once(pairs: Sequence[tuple[InnovationMisfit, FloatArray]]) -> list[Innovations]:
-    """As `_side_by_side`, and nothing is kept for the next time."""
-    found = _side_by_side(pairs)
-    for misfit, _ in pairs:
-        misfit.forget()
-    return found
-
-
 def _side_by_side(pairs: Sequence[tuple[InnovationMisfit, FloatArray]]) -> list[Innovations]:
     """Innovations of up to LANES models of the same terms and the same records, by one pass over the readings."""
     from rovid.model.kernels import innovations, innovations_wide
@@ -158,7 +150,7 @@ def _side_by_side(pairs: Sequence[tuple[InnovationMisfit, FloatArray]]) -> list[
     models += models[-1:] * (LANES - len(pairs))
     once = {id(model): records.seen(model) for model in models}
     seen = [once[id(model)] for model in models]
-    drives = [misfit.drives(model) for (misfit, _), model in zip(every, models, strict=True)]
+    drives = [records.drives_between(model) for model in models]
     driven = Driven.of(drives, [angle for angle, _ in seen])
     abreast = Abreast.of(models, [misfit.noise(x) for misfit, x in every])
     errors, variances = (innovations_wide if first.is_wide else innovations)(records.logged, driven, abreast)

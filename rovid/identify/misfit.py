@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self
 
@@ -15,11 +15,8 @@ from rovid.ground.arrays import BoolArray, FloatArray, IntArray
 from rovid.identify.coordinates import Coordinates
 from rovid.identify.records import Records
 from rovid.identify.scoring import Innovations, Slopes, costs, slopes_between, total_cost
-from rovid.model.drive import Drive
 from rovid.model.model import Model
 
-# How many drives are kept as one climbs: where one is, and the latest two beside it.
-_DRIVES = 3
 # A disturbance as large as the torque in use has no limit at all.
 UNLIMITED = 1.0
 
@@ -55,7 +52,6 @@ class Misfit(ABC):
     limit: float = UNLIMITED
     effects: tuple[Effect, ...] = ()
     counted: BoolArray | None = None
-    _drives: dict[tuple[float, ...], Drive] = field(default_factory=dict, init=False, repr=False)
 
     method: ClassVar[str]
     remembered: ClassVar[int]
@@ -234,20 +230,6 @@ class Misfit(ABC):
         if self.profiled:
             sides = [side._replace(variance=centre.variance) for side in sides]
         return slopes_between(centre, sides, step, self.weight)
-
-    def drives(self, model: Model) -> Drive:
-        """What drives the runs after the effects between command and torque, held between the instants."""
-        key = model.drivetrain.values
-        drives = self._drives.pop(key, None) or self.records.drives_between(model)
-        # The slopes along all other parameters ask for the same again, and so does the next step.
-        self._drives[key] = drives
-        for old in list(self._drives)[:-_DRIVES]:
-            self._drives.pop(old, None)
-        return drives
-
-    def forget(self) -> None:
-        """Let go of the drives that were kept."""
-        self._drives.clear()
 
 
 def _sums_over(group: IntArray, rows: FloatArray) -> FloatArray:

@@ -24,8 +24,13 @@ class Acting(NamedTuple):
         return self.effect.values(self.numbers)
 
 
-def that_act(every: Sequence[Acting], where: type[Act]) -> Iterator[tuple[Act, Values]]:
-    """What those do that act ``where``, one of `rovid.effects.acts`, and their parameters."""
+def each_that(every: Sequence[Acting], where: type[Act]) -> Iterator[tuple[Acting, Act]]:
+    """Those that act ``where``, one of `rovid.effects.acts`, and what they do there."""
     for one in every:
         if isinstance(one.effect.acts, where):
-            yield one.effect.acts, one.values
+            yield one, one.effect.acts
+
+
+def that_act(every: Sequence[Acting], where: type[Act]) -> Iterator[tuple[Act, Values]]:
+    """What those do that act ``where``, and their parameters."""
+    return ((act, one.values) for one, act in each_that(every, where))

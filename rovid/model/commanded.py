@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Self
 
@@ -13,7 +13,11 @@ from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
 from rovid.effects.actuation import Actuation, actuation
 from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.recent import Recent
 from rovid.model.drive import Intervals
+
+# Bytes of what effects made of commands that are kept: models that are compared share most of it.
+_KEPT = 32_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +33,15 @@ class Commanded:
     at
         Of each trial from which of the log's instants to the next of them it is asked what drives the vehicle; from
         each to the next if None.
+    recent
+        What effects made of it, by them and their parameters.
     """
 
     vehicle: Vehicle
     where: Actuation
     held: FloatArray
     at: Sequence[IntArray] | None = None
+    recent: Recent = field(default_factory=lambda: Recent(_KEPT), init=False, repr=False)
 
     @classmethod
     def of(

@@ -139,6 +139,12 @@ class Drive:
         )
 
     @property
+    def nbytes(self) -> int:
+        """Bytes that it takes by itself: zeros are shared with all others."""
+        every = self.torque, self.moment, self.beside, self.scatter
+        return sum(one.nbytes for one in every if one is not _ZEROS.get(one.shape))
+
+    @property
     def is_told(self) -> bool:
         """Whether effects may be told anything beside the torque."""
         return self.beside is not _untold(len(self.torque))

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
 from rovid.effects.actuation import SPEEDS, Actuation
-from rovid.effects.base import Actuating, OnCommand, OnThrust, OnTorque, Term, Values
+from rovid.effects.base import Actuating, OnCommand, OnThrust, OnTorque, Term
 from rovid.ground.arrays import FloatArray
-from rovid.model.acting import Acting, that_act
+from rovid.model.acting import Acting, each_that, that_act
 from rovid.model.commanded import Commanded
 from rovid.model.drive import MOST_PARTS, Drive
 
@@ -32,11 +33,6 @@ class Drivetrain:
         return not asked and not any(effect.actuates for effect in effects)
 
     @property
-    def values(self) -> tuple[float, ...]:
-        """Parameters on which the drive depends."""
-        return tuple(float(value) for one in self.acting if one.effect.actuates for value in one.numbers)
-
-    @property
     def parts(self) -> int:
         """How many parts each interval between two instants has to be cut into for the drive."""
         is_quick = any(isinstance(one.effect.acts, Actuating) and one.effect.acts.quick for one in self.acting)
@@ -50,42 +46,56 @@ class Drivetrain:
 
     def driven(self, given: Commanded) -> Drive:
         """As ``drive``, of what was commanded in several trials."""
-        where, thrust = given.where, self.thrust(given)
-        torque, scatter = where.summed(thrust, where.arms), None
-        for act, values in that_act(self.acting, OnTorque):
+        return given.recent.of(("drive", *self._told()), lambda: self._driven(given))
+
+    def _driven(self, given: Commanded) -> Drive:
+        where = given.where
+        thrust, made_of = self._thrust(given, self.acting)
+        made_of = (*made_of, None)
+        torque, scatter = given.recent.of(made_of, lambda: where.summed(thrust, where.arms)), None
+        for one, act in each_that(self.acting, OnTorque):
             if act.scatter is not None:
-                more = act.scatter(where, torque, values)
+                more = act.scatter(where, torque, one.values)
                 scatter = more if scatter is None else scatter + more
-            torque = act.change(where, torque, values)
+            made_of = (*made_of, one.effect, *one.numbers)
+            torque = given.recent.of(made_of, partial(act.change, where, torque, one.values))
         beside = self._beside(where, thrust)
         if given.intervals is None:
             return Drive.held(torque, beside, scatter, where.begins)
         return Drive.over(given.intervals, torque, beside, scatter)
+
+    def _told(self) -> Iterator[Hashable]:
+        """All that a drive is made of: effects, with their parameters where these change it."""
+        for one in self.acting:
+            if one.effect.actuates or one.effect.races or set(one.effect.needs) & set(SPEEDS):
+                yield one.effect
+            if one.effect.actuates:
+                yield from one.numbers.tolist()
 
     def thrust(self, given: Commanded, *, bent: bool = True) -> FloatArray:
         """(m, k) thrust in N at the instants of ``given.where``, after every effect up to it.
 
         ``bent`` includes effects that are anchored.
         """
-        where = given.where
-        if any(isinstance(one.effect.acts, OnCommand) for one in self.acting):
-            commands = given.commands
-            for act, values in self._that_bend(OnCommand, bent=bent):
-                commands = act.change(where, commands, values)
-            # No effect asks for more than the bench curve has.
-            thrust = given.vehicle.thrust(np.clip(commands, *where.ends.T))
-        else:
-            thrust = given.thrust
-        for act, values in self._that_bend(OnThrust, bent=bent):
-            thrust = act.change(where, thrust, values)
-        return thrust
+        acting = (
+            self.acting if bent else [one for one in self.acting if not getattr(one.effect.acts, "anchored", False)]
+        )
+        return self._thrust(given, acting)[0]
 
-    def _that_bend(
-        self, where: type[OnCommand | OnThrust], *, bent: bool
-    ) -> Iterator[tuple[OnCommand | OnThrust, Values]]:
-        for act, values in that_act(self.acting, where):
-            if bent or not act.anchored:
-                yield act, values
+    def _thrust(self, given: Commanded, acting: Sequence[Acting]) -> tuple[FloatArray, tuple[Hashable, ...]]:
+        """As ``thrust``, after such effects; and what it is made of."""
+        where, commands, thrust, made_of = given.where, given.commands, given.thrust, tuple[Hashable, ...]()
+        for one, act in each_that(acting, OnCommand):
+            made_of = (*made_of, one.effect, *one.numbers)
+            commands = given.recent.of(made_of, partial(act.change, where, commands, one.values))
+        if made_of:
+            made_of = (*made_of, "thrust")
+            # No effect asks for more than the bench curve has.
+            thrust = given.recent.of(made_of, lambda: given.vehicle.thrust(np.clip(commands, *where.ends.T)))
+        for one, bend in each_that(acting, OnThrust):
+            made_of = (*made_of, one.effect, *one.numbers)
+            thrust = given.recent.of(made_of, partial(bend.change, where, thrust, one.values))
+        return thrust, made_of
 
     def _beside(self, where: Actuation, thrust: FloatArray) -> FloatArray | None:
         """(m, 3) what effects are told of each instant of ``where``, see `Drive`; None where they ask for nothing.

@@ -125,7 +125,7 @@ def test_two_that_changed_names_are_not_diagnosed_anew(
     assert again["diagnosed_anew"] == 0
     was, now = rows(done[0]), rows(out)
     for one, other in (("spring", "alpha/summer"), ("alpha/summer", "spring"), ("beta/summer", "beta/summer")):
-        pd.testing.assert_series_equal(now.loc[one], was.loc[other], check_names=False)
+        assert repr(now.loc[one].to_dict()) == repr(was.loc[other].to_dict())
 
 
 def test_logs_that_changed_are_diagnosed_anew(

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from rovid.ground.workers import spread
+from rovid.ground.workers import cores, spread
 
 
 def test_results_stand_in_the_order_of_what_they_are_of() -> None:
@@ -19,14 +19,62 @@ def test_results_stand_in_the_order_of_what_they_are_of() -> None:
     assert spread(late, range(5)) == [0, 1, 4, 9, 16]
 
 
-def test_a_worker_spreads_nothing_further() -> None:
-    def inner(_: int) -> set[str]:
-        return set(spread(lambda _: threading.current_thread().name, range(20)))
+def slow_name(_: int) -> str:
+    time.sleep(0.002)
+    return threading.current_thread().name
 
-    # Each worker did all of its own work.
-    assert all(len(names) == 1 for names in spread(inner, range(4)))
+
+def test_no_more_are_at_work_than_there_are_cores() -> None:
+    at_work, most, lock = 0, 0, threading.Lock()
+
+    def leaf(_: int) -> None:
+        nonlocal at_work, most
+        with lock:
+            at_work += 1
+            most = max(most, at_work)
+        time.sleep(0.002)
+        with lock:
+            at_work -= 1
+
+    spread(lambda _: spread(leaf, range(5)), range(10))
+    assert most == cores()
+
+
+@pytest.mark.skipif(cores() < 2, reason="one core alone")
+def test_who_has_nothing_left_to_do_helps() -> None:
+    def threads(number: int) -> int:
+        # The others are done at once; whether they are free already is known to nobody here.
+        for _ in range(500 if number == 0 else 0):
+            names = spread(slow_name, range(4))
+            if len(set(names)) > 1:
+                return len(set(names))
+        return 0
+
+    assert spread(threads, range(2))[0] > 1
 
 
 def test_a_failure_comes_back() -> None:
     with pytest.raises(ZeroDivisionError):
         spread(lambda number: 1 // number, [1, 0])
+
+
+def test_after_a_failure_nothing_more_is_begun() -> None:
+    begun = []
+
+    def failing(number: int) -> None:
+        begun.append(number)
+        if number == 0:
+            raise ZeroDivisionError
+        time.sleep(0.01)
+
+    with pytest.raises(ZeroDivisionError):
+        spread(failing, range(100))
+    assert len(begun) <= 2 * cores()
+
+
+def test_however_deep_it_is_spread_it_ends() -> None:
+    def deep(depth: int) -> int:
+        time.sleep(0.001)
+        return 1 + sum(spread(deep, [depth - 1] * 3)) if depth else 1
+
+    assert deep(6) == sum(3**k for k in range(7))

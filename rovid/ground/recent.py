@@ -1,0 +1,56 @@
+"""What was worked out lately, so that it need not be again: as much of it as there is room for."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Hashable
+from typing import Any, Protocol, TypeVar
+
+
+class Sized(Protocol):
+    """What says how many bytes it takes."""
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes."""
+
+
+Made = TypeVar("Made", bound=Sized)
+
+
+class Recent:
+    """What was made, by all that it was made of; what has not been asked for the longest goes first.
+
+    Of ``most`` bytes all together. Threads may ask for the same at the same time, and make it twice.
+    """
+
+    def __init__(self, most: int) -> None:
+        self.most = most
+        self._made: dict[Hashable, Any] = {}
+        self._bytes = 0
+        self._lock = threading.Lock()
+
+    def of(self, key: Hashable, make: Callable[[], Made]) -> Made:
+        """What is kept under ``key``, or else what ``make`` gives, which is kept where there is room for it at all."""
+        with self._lock:
+            found: Made | None = self._taken(key)
+            if found is not None:
+                self._keep(key, found)
+                return found
+        made = make()
+        if made.nbytes <= self.most:
+            with self._lock:
+                self._taken(key)
+                self._keep(key, made)
+                while self._bytes > self.most:
+                    self._taken(next(iter(self._made)))
+        return made
+
+    def _taken(self, key: Hashable) -> Any:
+        found = self._made.pop(key, None)
+        self._bytes -= 0 if found is None else found.nbytes
+        return found
+
+    def _keep(self, key: Hashable, made: Any) -> None:
+        self._made[key] = made
+        self._bytes += made.nbytes

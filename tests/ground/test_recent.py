@@ -1,0 +1,45 @@
+"""What was worked out lately."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rovid.ground.arrays import FloatArray
+from rovid.ground.recent import Recent
+
+ROOM = 80  # bytes, of ten numbers
+
+
+def counted(made: list[str], key: str, count: int) -> FloatArray:
+    made.append(key)
+    return np.full(count, float(len(made)))
+
+
+def test_the_same_is_not_made_twice() -> None:
+    recent, made = Recent(ROOM), list[str]()
+    first, again = (recent.of("a", lambda: counted(made, "a", 3)) for _ in range(2))
+    assert again is first
+    assert made == ["a"]
+
+
+def test_what_was_asked_for_longest_ago_goes_first() -> None:
+    recent, made = Recent(ROOM), list[str]()
+    for key in ("a", "b", "a", "c", "a", "b"):
+        recent.of(key, lambda key=key: counted(made, key, 4))  # type: ignore[misc]  # bound at once
+    # Two have room: c took the place of b, and b then that of c.
+    assert made == ["a", "b", "c", "b"]
+
+
+def test_what_has_no_room_at_all_is_not_kept_and_drives_nothing_out() -> None:
+    recent, made = Recent(ROOM), list[str]()
+    for key in ("small", "large", "large", "small"):
+        recent.of(key, lambda key=key: counted(made, key, 50 if key == "large" else 1))  # type: ignore[misc]  # as above
+    assert made == ["small", "large", "large"]
+
+
+def test_a_failure_leaves_nothing_behind() -> None:
+    recent = Recent(ROOM)
+    with pytest.raises(ZeroDivisionError):
+        recent.of("a", lambda: np.ones(1 // 0))
+    assert recent.of("a", lambda: np.ones(1)) == 1.0
