@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,14 +14,14 @@ from rovid.ground.arrays import FloatArray
 from rovid.ground.workers import spread
 from rovid.identify.fitted import Fitted
 from rovid.identify.misfit import Misfit
-from rovid.identify.scoring import Innovations, Slopes
+from rovid.identify.scoring import Innovations, NormalEquations, Slopes
 
 # Of the best candidate's promise, as far as its fit begins by keeping it: who promises less is not fitted.
 _PROMISE = 0.1
 _FITTED = 7
 _FORMS_FITTED = 3
 ITERATIONS = 25
-# Innovations, of all starts together, that are held at once: some 300 MB with their slopes.
+# Innovations, of all starts together, that are held at once: some 80 MB.
 _INNOVATIONS = 5_000_000
 # Sizes to begin with, as shares of what the slopes ask for: where they mislead, that may be far too much.
 _SHARES = (1.0, 0.3, 0.1)
@@ -60,8 +60,7 @@ class Promise:
 def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
     """What each of ``forms`` promises to gain, from the slopes alone."""
     known = current.misfit.looked(current.x)
-    here, (centre, _) = current.misfit.slopes(current.x, known), known
-    past = _Complement(here)
+    past, (centre, _) = _Complement(list(current.misfit.slopes(current.x, known))), known
     misfits = [current.misfit.like((*current.effects, form)) for form in forms]
     begun = [(misfit, misfit.coordinates.starts()) for misfit in misfits]
     promises = []
@@ -69,7 +68,7 @@ def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
         pairs = [(misfit, np.concatenate((current.x, begin))) for misfit, starts in few for begin in starts]
         found = iter(current.misfit.of_each(pairs))
         items = [(misfit, starts, [next(found) for _ in starts]) for misfit, starts in few]
-        promises += spread(lambda item: _promise(*item, centre, here, past), items)
+        promises += spread(lambda item: _promise(*item, centre, past), items)
     return promises
 
 
@@ -112,18 +111,26 @@ def _begun(current: Fitted, promise: Promise) -> Fitted:
 
 
 class _Complement:
-    """What directions have past what the fitted parameters can do by themselves, by their products alone."""
+    """What directions have past what the fitted parameters can do by themselves, by their products alone.
 
-    def __init__(self, here: Slopes) -> None:
+    ``here`` are the slopes by those parameters, some innovations after the other.
+    """
+
+    def __init__(self, here: Sequence[Slopes]) -> None:
         self.here = here
-        self.inverse = np.linalg.pinv(here.information, rcond=1e-12)
+        self.gradient, information = NormalEquations.of(here)
+        self.inverse = np.linalg.pinv(information, rcond=1e-12)
 
-    def __call__(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(s,) pull of the residual on (2N, s) ``directions``, and (s, s) their information."""
-        shared = self.here.matrix.T @ directions
-        taken = self.inverse @ shared
-        pull = taken.T @ self.here.gradient - directions.T @ self.here.residual
-        return pull, directions.T @ directions - shared.T @ taken
+    def __call__(self, directions: Iterable[Slopes]) -> tuple[FloatArray, FloatArray]:
+        """(s,) pull of the residual on s directions, and (s, s) their information; of as many innovations at a time."""
+        along, power, shared = list[FloatArray](), list[FloatArray](), list[FloatArray]()
+        for here, one in zip(self.here, directions, strict=True):
+            along.append(one.gradient)
+            power.append(one.information)
+            shared.append(here.with_others(one))
+        both = np.sum(shared, axis=0)
+        taken = self.inverse @ both
+        return taken.T @ self.gradient - np.sum(along, axis=0), np.sum(power, axis=0) - both.T @ taken
 
 
 def _promise(
@@ -131,19 +138,18 @@ def _promise(
     begins: list[FloatArray],
     sides: list[Innovations],
     centre: Innovations,
-    here: Slopes,
     past: _Complement,
 ) -> Promise:
     """Of the last effect of ``misfit``, with the innovations at each of its starts."""
     form = misfit.effects[-1]
-    raw = misfit.slopes_between(centre, sides, np.ones(len(sides))).matrix
     # A drag that falls with the rate runs away from one start, and may hold from another.
     with np.errstate(over="ignore", invalid="ignore"):
-        bears = np.flatnonzero(np.isfinite(np.einsum("nk,nk->k", raw, raw)))
+        pull, information = past(misfit.slopes_between(centre, sides, np.ones(len(sides))))
+    bears = np.flatnonzero(np.isfinite(np.diag(information)))
     if not bears.size:
         return Promise(form, 0.0, begins[0], begins[0], 0.0)
     begins, sides = [begins[k] for k in bears], [sides[k] for k in bears]
-    pull, information = past(raw[:, bears])
+    pull, information = pull[bears], information[np.ix_(bears, bears)]
     if form.sizes > 1:
         return _of_several(misfit, begins, pull, information)
     power = np.diag(information)
@@ -157,7 +163,7 @@ def _promise(
     share = np.where(power > 1e-9, pull / np.maximum(power, 1e-9), 0.0)
     gains = np.where((share > 0.0) | (not one_sided), 0.5 * share * pull, 0.0)
     # Where slopes mislead, as at a threshold, what is gained there without any fit may tell more.
-    outright = here.cost - np.array([misfit.cost_of(side) for side in sides])
+    outright = misfit.cost_of(centre) - np.array([misfit.cost_of(side) for side in sides])
     unscaled = begins[int(np.argmax(outright))]
     if outright.max() > gains.max():
         return Promise(form, float(outright.max()), unscaled, unscaled, shown)

@@ -12,7 +12,7 @@ import numpy as np
 
 from rovid.ground.arrays import BoolArray, FloatArray
 from rovid.identify.coordinates import LOGARITHMS
-from rovid.identify.scoring import Innovations
+from rovid.identify.scoring import Innovations, NormalEquations
 
 if TYPE_CHECKING:
     from rovid.identify.misfit import Misfit
@@ -83,8 +83,7 @@ def climb(misfit: Misfit, start: FloatArray, *, iterations: int = ITERATIONS, to
     # Points and gradients of before.
     been: list[tuple[FloatArray, FloatArray]] = []
     for _ in range(iterations):
-        slopes = misfit.slopes(here.x, here.known)
-        gradient, information = slopes.gradient, slopes.information
+        gradient, information = NormalEquations.of(misfit.slopes(here.x, here.known))
         if not np.isfinite(information).all():
             end = End.RUNAWAY
             break

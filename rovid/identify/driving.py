@@ -41,7 +41,7 @@ class Driving:
     inertia: float
     position_noise: float
     steps: list[IntArray] | None
-    _commanded: dict[int, Commanded] = field(default_factory=dict, init=False, repr=False)
+    _commanded: dict[int, tuple[Commanded, Intervals | None]] = field(default_factory=dict, init=False, repr=False)
 
     def at_instants(self, model: Model) -> Drive:
         """Of all runs, at all instants of their logs."""
@@ -53,14 +53,14 @@ class Driving:
         """Of all runs, from each of their steps to the next."""
         if self.vehicle is None or model.drivetrain.is_plain:
             return self._held_between
-        return model.drivetrain.driven(self._given(self.vehicle, model))
+        return model.drivetrain.driven(*self._given(self.vehicle, model))
 
-    def _given(self, vehicle: Vehicle, model: Model) -> Commanded:
-        """What was commanded, each interval cut as finely as ``model`` asks for."""
+    def _given(self, vehicle: Vehicle, model: Model) -> tuple[Commanded, Intervals | None]:
+        """What was commanded, each interval cut as finely as ``model`` asks for; and between which steps."""
         parts = min(self._parts, model.drivetrain.parts)
         if parts not in self._commanded:
-            trials = [run.trial for run in self.runs]
-            self._commanded[parts] = Commanded.of(vehicle, trials, parts, self.steps)
+            given = Commanded.of(vehicle, [run.trial for run in self.runs], parts)
+            self._commanded[parts] = given, None if self.steps is None else given.between(self.steps)
         return self._commanded[parts]
 
     @cached_property

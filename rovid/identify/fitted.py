@@ -16,7 +16,7 @@ from rovid.identify.climb import ITERATIONS, TOLERANCE, End, climb
 from rovid.identify.information import inverted, sandwiched
 from rovid.identify.misfit import Key, Misfit
 from rovid.identify.records import Records
-from rovid.identify.scoring import Slopes
+from rovid.identify.scoring import Scatter
 from rovid.identify.whiteness import are_white, whitening_gain
 from rovid.model.model import Model
 from rovid.model.simulation import compare, simulated_rate
@@ -160,32 +160,24 @@ class Fitted:
         """(p, p) of all parameters: inverse information, or the sandwich that allows for coloured innovations."""
         coordinates = self.misfit.coordinates
         # All of them, a drag at its bound too: to take its zero for certain would make the rest look certain.
-        here = self.misfit.flatter_slopes(self.x)
+        records = self.records
+        groupings = [self.misfit.of_counted(groups) for groups in (records.block, records.trial)]
+        here = Scatter.of(self.misfit.flatter_slopes(self.x), groupings if sandwich else [])
         shown, size = coordinates.of_model(self.x)
-        if not np.isfinite(here.matrix).all():
+        if not np.isfinite(here.information).all():
             # A model that runs away so near to this one tells nothing of it.
             return np.diag(np.full(len(size), math.inf))
         plain = spread = inverted(here.information)
         if sandwich:
-            spread = self._by_scatter(here, plain)
+            spread = _by_scatter(plain, *here.scores)
+            # What has no slope has no scatter of it either, which is no certainty.
+            flat = np.diag(here.information) == 0.0
+            spread = np.where(flat | flat[:, np.newaxis], plain, spread)
         inflated = float(np.median(np.sqrt(np.diag(spread)[:3] / np.diag(plain)[:3])))
         spread = self._along_stairs(spread, inflated)
         held = coordinates.held()
         spread = np.where(held | held[:, np.newaxis], 0.0, spread)
         return np.asarray(spread[np.ix_(shown, shown)] * np.outer(size, size))
-
-    def _by_scatter(self, here: Slopes, plain: FloatArray) -> FloatArray:
-        """The sandwich of the coordinates, by stretches of time and by runs; ``plain`` is the inverse information."""
-        spread = sandwiched(plain, self.misfit.scores(here, self.records.block))
-        by_run = self.misfit.scores(here, self.records.trial)
-        if len(by_run) >= _FEWEST_RUNS:
-            # Each kind of run may ask for parameters of its own, where the model's form is not nature's.
-            ratio = np.diag(sandwiched(plain, by_run)) / np.maximum(np.diag(spread), 1e-300)
-            wider = np.sqrt(np.maximum(ratio, 1.0))
-            spread = spread * np.outer(wider, wider)
-        # What has no slope has no scatter of it either, which is no certainty.
-        flat = np.asarray(~here.matrix.any(axis=0))
-        return np.where(flat | flat[:, np.newaxis], plain, spread)
 
     def _along_stairs(self, spread: FloatArray, inflated: float) -> FloatArray:
         """``spread`` with what is known of coordinates along which there are no slopes."""
@@ -227,3 +219,14 @@ def climbed(misfit: Misfit, start: FloatArray, *, iterations: int = ITERATIONS, 
     climbing = climb(misfit, start, iterations=iterations, tolerance=tolerance)
     left = tolerance if climbing.end is End.REACHED else math.inf
     return Fitted(misfit, climbing.x, climbing.cost, left)
+
+
+def _by_scatter(plain: FloatArray, by_block: FloatArray, by_run: FloatArray) -> FloatArray:
+    """(p, p) sandwich by the scores of stretches of time and of runs; ``plain`` is the inverse information."""
+    spread = sandwiched(plain, by_block)
+    if len(by_run) < _FEWEST_RUNS:
+        return spread
+    # Each kind of run may ask for parameters of its own, where the model's form is not nature's.
+    ratio = np.diag(sandwiched(plain, by_run)) / np.maximum(np.diag(spread), 1e-300)
+    wider = np.sqrt(np.maximum(ratio, 1.0))
+    return np.asarray(spread * np.outer(wider, wider))

@@ -71,14 +71,15 @@ class InnovationMisfit(Misfit):
         groups = _by(LANES - 1, near)
         found = spread(lambda few: _side_by_side([(self, point) for point in (x, *few)]), groups)
         first = found[0][0] if centre is None else centre
-        sides = []
         # Of a model that runs away both may be infinite.
         with np.errstate(over="ignore", invalid="ignore"):
-            for own, *others in found:
+            for own, *others in found[0 if first is not found[0][0] else 1 :]:
                 for side in others:
-                    error = first.error + (side.error - own.error)
-                    sides.append(Innovations(error, first.variance + (side.variance - own.variance)))
-        return [first, *sides]
+                    # In place: there are many of them, and nobody else has them.
+                    for here, there, series in zip(own, first, side, strict=True):
+                        np.subtract(series, here, out=series)
+                        np.add(series, there, out=series)
+        return [first, *(side for _, *others in found for side in others)]
 
     @classmethod
     def of_each(cls, pairs: Sequence[tuple[Self, FloatArray]]) -> list[Innovations]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self
@@ -163,31 +163,30 @@ class Misfit(ABC):
         """(n,) those of (N,) ``series`` that belong to innovations that count."""
         return series if self.counted is None else series[self.counted]
 
-    def scores(self, here: Slopes, group: IntArray) -> FloatArray:
-        """(m, p) gradient of the cost over each (N,) ``group``; their scatter tells what the information does not."""
-        group = self.of_counted(group)
-        score = here.matrix * here.residual[:, None]
-        # Those of the innovations, and of their variances below.
-        score = score[: len(group)] + score[len(group) :]
-        return _sums_over(group, score)
-
     def looked(self, x: FloatArray) -> tuple[Innovations, list[Innovations]]:
         """What `innovations` gives at ``x``, and one step aside along as many coordinates as come free with it."""
         centre, *sides = self.about(x, self._aside(x, self._free[: self.spare]))
         return centre, sides
 
-    def slopes(self, x: FloatArray, known: tuple[Innovations, Sequence[Innovations]] | None = None) -> Slopes:
-        """Slopes at ``x`` by forward differences, backward at an upper bound; on all cores at once.
+    def slopes(self, x: FloatArray, known: tuple[Innovations, Sequence[Innovations]] | None = None) -> Iterator[Slopes]:
+        """Slopes at ``x``, some innovations after the other.
 
-        ``known`` is what was `looked` at already.
+        By forward differences, backward at an upper bound; on all cores at once. ``known`` is what was `looked` at
+        already.
         """
+        return self.slopes_between(*self._beside(x, known), self._inward(x))
+
+    def _beside(
+        self, x: FloatArray, known: tuple[Innovations, Sequence[Innovations]] | None
+    ) -> tuple[Innovations, list[Innovations]]:
+        """Innovations at ``x``, and one step aside along each coordinate."""
         centre, sides = self.looked(x) if known is None else known
         _, *others = self.about(x, self._aside(x, self._free[len(sides) :]), centre)
         # Along a coordinate that has no choice nothing changes.
         every = [centre] * len(x)
         for at, side in zip(self._free, [*sides, *others], strict=True):
             every[at] = side
-        return self.slopes_between(centre, every, self._inward(x))
+        return centre, every
 
     @cached_property
     def _free(self) -> list[int]:
@@ -204,36 +203,32 @@ class Misfit(ABC):
         step = self._inward(x) if step is None else step
         return [x + step[k] * (np.arange(len(x)) == k) for k in coordinates]
 
-    def flatter_slopes(self, x: FloatArray) -> Slopes:
+    def flatter_slopes(self, x: FloatArray) -> Iterator[Slopes]:
         """As ``slopes``, but of the slopes ahead and behind the flatter for each innovation.
 
         Where a change cuts an interval into one step more, innovations jump by a part of their error. Over the short
         step of a slope that is more than all others together, but on one side alone.
         """
-        here = self.slopes(x)
+        centre, sides = self._beside(x, None)
+        ahead = self.slopes_between(centre, sides, self._inward(x))
         if self.is_smooth:
-            return here
+            yield from ahead
+            return
         low, high = self.coordinates.bounds
         step = self.coordinates.steps(x)
         # At a bound there is one side, and along stairs all that is told is told by jumps.
         both = (x + step <= high) & (x - step >= low)
         both[self.coordinates.stairs()] = False
         twice = np.flatnonzero(both)
-        centre, *sides = self.about(x, self._aside(x, twice.tolist(), -step))
-        behind = self.slopes_between(centre, sides, -step[twice]).matrix
-        ahead = here.matrix[:, twice]
-        here.matrix[:, twice] = np.where(np.abs(behind) < np.abs(ahead), behind, ahead)
-        return here
+        centre, *sides = self.about(x, self._aside(x, twice.tolist(), -step), centre)
+        behind = self.slopes_between(centre, sides, -step[twice])
+        for here, back in zip(ahead, behind, strict=True):
+            forward = here.matrix[:, twice]
+            here.matrix[:, twice] = np.where(np.abs(back.matrix) < np.abs(forward), back.matrix, forward)
+            yield here
 
-    def slopes_between(self, centre: Innovations, sides: Sequence[Innovations], step: FloatArray) -> Slopes:
+    def slopes_between(self, centre: Innovations, sides: Sequence[Innovations], step: FloatArray) -> Iterator[Slopes]:
         """Slopes from the innovations at a point and one ``step`` aside along each coordinate."""
         if self.profiled:
             sides = [side._replace(variance=centre.variance) for side in sides]
         return slopes_between(centre, sides, step, self.weight)
-
-
-def _sums_over(group: IntArray, rows: FloatArray) -> FloatArray:
-    """(m, p) sums of the (N, p) ``rows`` of each group, in the order of the groups' numbers."""
-    used, number = np.unique(group, return_inverse=True)
-    sums = [np.bincount(number, weights=column, minlength=len(used)) for column in rows.T]
-    return np.column_stack(sums)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from rovid.ground.arrays import FloatArray
+from rovid.ground.arrays import FloatArray, IntArray
 
 # Innovations beyond so many standard deviations count in proportion, not squared (Huber 1964).
 OUTLIER = 5.0
 _FARTHEST = 1e100
+# Innovations whose slopes are held at once where sums are all that is asked for: a core's cache holds them.
+_AT_ONCE = 8192
 _WORST = 1e12
 
 
@@ -26,31 +28,59 @@ class Innovations(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """The cost about a point.
+    """The cost of some innovations about a point.
 
     Attributes
     ----------
-    cost
-        Negative log-likelihood.
+    rows
+        Which n of the N innovations they are.
     residual
-        (2N,) normalised innovations above, and what their squares are short of one below.
+        (2n,) normalised innovations above, and what their squares are short of one below.
     matrix
-        (2N, p) slopes of the same.
+        (2n, p) slopes of the same.
     """
 
-    cost: float
+    rows: slice
     residual: FloatArray
     matrix: FloatArray
 
     @property
     def gradient(self) -> FloatArray:
         """(p,) of the cost."""
-        return np.asarray(self.matrix.T @ self.residual)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(self.matrix.T @ self.residual)
 
     @property
     def information(self) -> FloatArray:
         """(p, p) curvature that the cost is expected to have (Fisher scoring)."""
-        return np.asarray(self.matrix.T @ self.matrix)
+        # A model that runs away has none, which whoever asks can see.
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(self.matrix.T @ self.matrix)
+
+    def with_others(self, others: Slopes) -> FloatArray:
+        """(p, s) what the information has between these p coordinates and s others of the same innovations."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(self.matrix.T @ others.matrix)
+
+    @property
+    def scores(self) -> FloatArray:
+        """(n, p) gradient of what each innovation adds to the cost."""
+        above, below = np.split(self.matrix * self.residual[:, None], 2)
+        return np.asarray(above + below)
+
+
+class NormalEquations(NamedTuple):
+    """(p,) gradient and (p, p) information of the cost of all innovations about a point."""
+
+    gradient: FloatArray
+    information: FloatArray
+
+    @classmethod
+    def of(cls, pieces: Iterable[Slopes]) -> Self:
+        """The sums over all ``pieces``."""
+        sums = zip(*((piece.gradient, piece.information) for piece in pieces), strict=True)
+        gradient, information = (sum(each) for each in sums)
+        return cls(np.asarray(gradient), np.asarray(information))
 
 
 def costs(error: FloatArray, variance: FloatArray) -> FloatArray:
@@ -74,13 +104,53 @@ def total_cost(here: Innovations, weight: float | FloatArray) -> float:
     return total if math.isfinite(total) else _WORST
 
 
+@dataclass(frozen=True, eq=False)
+class Scatter:
+    """The information about a point, and how the gradient scatters, which may be more.
+
+    Attributes
+    ----------
+    information
+        (p, p) of all innovations.
+    scores
+        Of each grouping of the innovations the (m, p) gradients of the cost over each of m groups.
+    """
+
+    information: FloatArray
+    scores: list[FloatArray]
+
+    @classmethod
+    def of(cls, pieces: Iterable[Slopes], groupings: Sequence[IntArray]) -> Self:
+        """By (N,) numbers of groups, of which there may be several ways to group them."""
+        numbered = [np.unique(groups, return_inverse=True) for groups in groupings]
+        information, scores = list[FloatArray](), [list[FloatArray]() for _ in groupings]
+        for piece in pieces:
+            information.append(piece.information)
+            columns = piece.scores.T
+            for (used, number), found in zip(numbered, scores, strict=True):
+                sums = [np.bincount(number[piece.rows], weights=column, minlength=len(used)) for column in columns]
+                found.append(np.column_stack(sums))
+        return cls(np.sum(information, axis=0), [np.sum(found, axis=0) for found in scores])
+
+
 def slopes_between(
     centre: Innovations,
     sides: Sequence[Innovations],
     step: FloatArray,
     weight: float | FloatArray,
+    at_once: int = _AT_ONCE,
+) -> Iterator[Slopes]:
+    """Slopes from the innovations at a point and one ``step`` aside along each coordinate, some after the other."""
+    weights = np.broadcast_to(weight, centre.error.shape)
+    for begin in range(0, max(len(weights), 1), at_once):
+        rows = slice(begin, begin + at_once)
+        here, *there = (Innovations(error[rows], variance[rows]) for error, variance in (centre, *sides))
+        yield _slopes(rows, here, there, step, weights[rows])
+
+
+def _slopes(
+    rows: slice, centre: Innovations, sides: Sequence[Innovations], step: FloatArray, weight: FloatArray
 ) -> Slopes:
-    """Slopes from the innovations at a point and one ``step`` aside along each coordinate."""
     error, variance = centre
     root = np.sqrt(variance)
     z = error / root
@@ -96,4 +166,4 @@ def slopes_between(
             matrix[: len(z), k] = of_error / step[k] * (side - error)
             matrix[len(z) :, k] = of_variance / step[k] * (scatter - variance)
     short = (share - (robust * z) ** 2 / share) / math.sqrt(2.0)
-    return Slopes(total_cost(centre, weight), np.concatenate((robust * z, short)), matrix)
+    return Slopes(rows, np.concatenate((robust * z, short)), matrix)

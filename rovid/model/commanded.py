@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Self
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -30,9 +31,6 @@ class Commanded:
         What effects are told of the trials, with each interval between two of the log's instants cut into parts.
     held
         (n, k) commands at the log's instants.
-    at
-        Of each trial from which of the log's instants to the next of them it is asked what drives the vehicle; from
-        each to the next if None.
     recent
         What effects made of it, by them and their parameters.
     """
@@ -40,16 +38,18 @@ class Commanded:
     vehicle: Vehicle
     where: Actuation
     held: FloatArray
-    at: Sequence[IntArray] | None = None
     recent: Recent = field(default_factory=lambda: Recent(_KEPT), init=False, repr=False)
 
     @classmethod
-    def of(
-        cls, vehicle: Vehicle, trials: Sequence[Trial], parts: int = 1, at: Sequence[IntArray] | None = None
-    ) -> Self:
-        """In ``trials``, with each interval cut into ``parts``."""
-        where = Actuation.joined([actuation(vehicle, trial, parts) for trial in trials])
-        return cls(vehicle, where, np.concatenate([trial.commands for trial in trials]), at)
+    def of(cls, vehicle: Vehicle, trials: Sequence[Trial], parts: int = 1) -> Self:
+        """In ``trials``, with each interval cut into ``parts``; one for all who ask, as long as anybody has it."""
+        key = (vehicle, parts, *trials)
+        found = _SHARED.get(key)
+        if not isinstance(found, cls):
+            where = Actuation.joined([actuation(vehicle, trial, parts) for trial in trials])
+            found = cls(vehicle, where, np.concatenate([trial.commands for trial in trials]))
+            _SHARED[key] = found
+        return found
 
     @cached_property
     def commands(self) -> FloatArray:
@@ -63,9 +63,17 @@ class Commanded:
 
     @cached_property
     def intervals(self) -> Intervals | None:
-        """Over which the drive is taken together; None where it is asked for at each instant of ``where``."""
-        if self.at is None and self.where.parts == 1:
+        """Between the log's instants; None where these are all that there are."""
+        if self.where.parts == 1:
             return None
+        counts = np.diff(self.where.begins)
+        return self.between([np.arange((count - 1) // self.where.parts + 1) for count in counts.tolist()])
+
+    def between(self, at: Sequence[IntArray]) -> Intervals:
+        """Of each trial from each of the log's instants ``at`` to the next of them."""
         times = [self.where.time[one.rows] for one in self.where.trials]
-        at = [np.arange((len(time) - 1) // self.where.parts + 1) for time in times] if self.at is None else self.at
         return Intervals.of(times, [self.where.parts * here for here in at])
+
+
+# By the vehicle, the parts and the trials, which nobody else may be as long as it lasts.
+_SHARED: WeakValueDictionary[tuple[object, ...], Commanded] = WeakValueDictionary()

@@ -16,7 +16,7 @@ from rovid.effects.base import Actuating, OnCommand, OnThrust, OnTorque, Term
 from rovid.ground.arrays import FloatArray
 from rovid.model.acting import Acting, each_that, that_act
 from rovid.model.commanded import Commanded
-from rovid.model.drive import MOST_PARTS, Drive
+from rovid.model.drive import MOST_PARTS, Drive, Intervals
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +44,12 @@ class Drivetrain:
             return Drive.held(vehicle.torque(trial))
         return self.driven(Commanded.of(vehicle, [trial], self.parts))
 
-    def driven(self, given: Commanded) -> Drive:
-        """As ``drive``, of what was commanded in several trials."""
-        return given.recent.of(("drive", *self._told()), lambda: self._driven(given))
+    def driven(self, given: Commanded, over: Intervals | None = None) -> Drive:
+        """As ``drive``, of several trials; between the log's instants where not ``over`` others."""
+        over = given.intervals if over is None else over
+        return given.recent.of(("drive", over, *self._told()), lambda: self._driven(given, over))
 
-    def _driven(self, given: Commanded) -> Drive:
+    def _driven(self, given: Commanded, over: Intervals | None) -> Drive:
         where = given.where
         thrust, made_of = self._thrust(given, self.acting)
         made_of = (*made_of, None)
@@ -60,9 +61,9 @@ class Drivetrain:
             made_of = (*made_of, one.effect, *one.numbers)
             torque = given.recent.of(made_of, partial(act.change, where, torque, one.values))
         beside = self._beside(where, thrust)
-        if given.intervals is None:
+        if over is None:
             return Drive.held(torque, beside, scatter, where.begins)
-        return Drive.over(given.intervals, torque, beside, scatter)
+        return Drive.over(over, torque, beside, scatter)
 
     def _told(self) -> Iterator[Hashable]:
         """All that a drive is made of: effects, with their parameters where these change it."""

@@ -161,10 +161,13 @@ def _slopes(trial: Trial, belief: Belief, vehicle: Vehicle) -> tuple[FloatArray,
     misfit = InnovationMisfit(Readings(runs, vehicle, bare), UNLIMITED, model.effects)
     noise = max(belief.noise, _ROOM)
     x = misfit.coordinates.at_model(model, belief.disturbance + 1e-300, belief.memory, noise)
-    here = misfit.flatter_slopes(x)
-    count = len(here.residual) // 2
+    residual, matrix = list[FloatArray](), list[FloatArray]()
+    for piece in misfit.slopes(x):
+        count = len(piece.residual) // 2
+        residual.append(piece.residual[:count])
+        matrix.append(piece.matrix[:count])
     shown, size = misfit.coordinates.of_model(x)
-    return here.residual[:count], here.matrix[:count][:, shown] / size
+    return np.concatenate(residual), np.concatenate(matrix)[:, shown] / size
 
 
 def _told(trial: Trial, wrong: Belief, vehicle: Vehicle) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -104,11 +104,11 @@ class RunningAway:
     def looked(self, x: FloatArray) -> tuple[Innovations, list[Innovations]]:
         return self.innovations(x), []
 
-    def slopes(self, x: FloatArray, known: tuple[Innovations, list[Innovations]]) -> Slopes:
+    def slopes(self, x: FloatArray, known: tuple[Innovations, list[Innovations]]) -> Iterator[Slopes]:
         here, _ = known
         return self.slopes_between(here, [here], np.ones(len(x)))
 
-    def slopes_between(self, centre: Innovations, sides: Sequence[Innovations], step: FloatArray) -> Slopes:
+    def slopes_between(self, centre: Innovations, sides: Sequence[Innovations], step: FloatArray) -> Iterator[Slopes]:
         return slopes_between(centre, sides, step, 1.0)
 
 

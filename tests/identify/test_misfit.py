@@ -8,6 +8,7 @@ import pytest
 from rovid.effects import effect_named
 from rovid.identify.innovations import InnovationMisfit
 from rovid.identify.readings import Readings
+from rovid.identify.scoring import NormalEquations, Scatter, slopes_between
 from tests import synthetic
 from tests.predictions import NOISE, TIME, TORQUE
 
@@ -28,7 +29,7 @@ def test_the_gradient_is_the_slope_of_the_cost(misfit: InnovationMisfit) -> None
     x = misfit.coordinates.first()
     # Away from the best, so that there is a slope.
     x[0] += 0.2
-    gradient = misfit.slopes(x).gradient
+    gradient = NormalEquations.of(misfit.slopes(x)).gradient
     for at in range(3):
         aside = np.zeros(len(x))
         aside[at] = 1e-4
@@ -37,10 +38,27 @@ def test_the_gradient_is_the_slope_of_the_cost(misfit: InnovationMisfit) -> None
 
 
 def test_scores_of_all_stretches_add_up_to_the_gradient(misfit: InnovationMisfit) -> None:
-    here = misfit.slopes(misfit.coordinates.first())
-    scores = misfit.scores(here, misfit.records.block)
-    assert len(scores) == len(np.unique(misfit.records.block))
+    x, groups = misfit.coordinates.first(), misfit.records.block
+    here = NormalEquations.of(misfit.slopes(x))
+    scatter = Scatter.of(misfit.flatter_slopes(x), [groups])
+    (scores,) = scatter.scores
+    assert len(scores) == len(np.unique(groups))
     assert scores.sum(axis=0) == pytest.approx(here.gradient)
+    assert scatter.information == pytest.approx(here.information)
+    (whole,) = misfit.slopes(x)
+    assert scores[0] == pytest.approx(whole.scores[groups == groups[0]].sum(axis=0))
+
+
+@pytest.mark.parametrize("at_once", [1, 7, 599])
+def test_sums_are_those_of_all_innovations_however_many_are_taken_at_once(
+    misfit: InnovationMisfit, at_once: int
+) -> None:
+    x, step = misfit.coordinates.first(), np.full(6, 1e-3)
+    centre, *sides = misfit.about(x, list(x + np.diag(step)))
+    whole = NormalEquations.of(slopes_between(centre, sides, step, misfit.weight))
+    sums = NormalEquations.of(slopes_between(centre, sides, step, misfit.weight, at_once))
+    assert sums.gradient == pytest.approx(whole.gradient)
+    assert sums.information == pytest.approx(whole.information)
 
 
 def test_one_with_an_effect_looks_at_the_same_records(misfit: InnovationMisfit) -> None:

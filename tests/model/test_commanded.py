@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 
@@ -20,11 +23,23 @@ STEPS = [np.arange(first, len(log.time) - last, 7) for log, first, last in zip(L
 def test_trials_together_are_driven_as_each_by_itself(effect: Effect, parts: int, at: list[IntArray] | None) -> None:
     values = tuple(numbers(effect, start=True).tolist())
     model = Model(inertia=5e3, quadratic_drag=3e3, linear_drag=1e2, effects=(effect,), effect_values=values)
-    together = model.drivetrain.driven(Commanded.of(VEHICLE, LOGS, parts, at)).by_trial
+    given = Commanded.of(VEHICLE, LOGS, parts)
+    together = model.drivetrain.driven(given, None if at is None else given.between(at)).by_trial
     for number, found in enumerate(together):
-        steps = None if at is None else [at[number]]
-        alone = model.drivetrain.driven(Commanded.of(VEHICLE, [LOGS[number]], parts, steps))
+        one = Commanded.of(VEHICLE, [LOGS[number]], parts)
+        alone = model.drivetrain.driven(one, None if at is None else one.between([at[number]]))
         assert len(found.torque) == len(LOGS[number].time if at is None else at[number])
         for name in ("torque", "moment", "beside", "scatter"):
             # Sums over thrusters may be rounded otherwise.
             np.testing.assert_allclose(getattr(found, name), getattr(alone, name), rtol=1e-12, atol=1e-9)
+
+
+def test_what_was_commanded_is_there_once_as_long_as_anybody_has_it() -> None:
+    first = Commanded.of(VEHICLE, LOGS)
+    assert Commanded.of(VEHICLE, LOGS) is first
+    others = [Commanded.of(VEHICLE, LOGS[:2]), Commanded.of(VEHICLE, LOGS, 4), Commanded.of(VEHICLE, LOGS[::-1])]
+    assert all(other is not first for other in others)
+    gone = weakref.ref(first)
+    del first
+    gc.collect()
+    assert gone() is None
