@@ -18,9 +18,11 @@ from rovid.ground.arrays import BoolArray, FloatArray
 
 
 def read_only(values: ArrayLike) -> FloatArray:
-    """Copy of ``values`` as float64 that nobody can write to."""
-    array = np.array(values, dtype=np.float64)
-    array.setflags(write=False)
+    """``values`` as float64 that nobody can write to, copied where anybody could."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.flags.writeable:
+        array = array.copy()
+        array.setflags(write=False)
     return array
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,8 +21,6 @@ _PROMISE = 0.1
 _FITTED = 7
 _FORMS_FITTED = 3
 ITERATIONS = 25
-# Innovations, of all starts together, that are held at once: some 80 MB.
-_INNOVATIONS = 5_000_000
 # Sizes to begin with, as shares of what the slopes ask for: where they mislead, that may be far too much.
 _SHARES = (1.0, 0.3, 0.1)
 _FIRST_ITERATIONS = 4
@@ -63,26 +61,30 @@ def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
     past, (centre, _) = _Complement(list(current.misfit.slopes(current.x, known))), known
     misfits = [current.misfit.like((*current.effects, form)) for form in forms]
     begun = [(misfit, misfit.coordinates.starts()) for misfit in misfits]
-    promises = []
-    for few in _at_once(begun, len(centre.error)):
-        pairs = [(misfit, np.concatenate((current.x, begin))) for misfit, starts in few for begin in starts]
+
+    def promised(few: Sequence[int]) -> list[tuple[int, Promise]]:
+        # No more innovations are held than those of a few forms.
+        pairs = [(begun[at][0], np.concatenate((current.x, begin))) for at in few for begin in begun[at][1]]
         found = iter(current.misfit.of_each(pairs))
-        items = [(misfit, starts, [next(found) for _ in starts]) for misfit, starts in few]
-        promises += spread(lambda item: _promise(*item, centre, past), items)
-    return promises
+        sides = [[next(found) for _ in begun[at][1]] for at in few]
+        return [(at, _promise(*begun[at], own, centre, past)) for at, own in zip(few, sides, strict=True)]
+
+    promises = dict(pair for pairs in spread(promised, _abreast(begun, current.x)) for pair in pairs)
+    return [promises[at] for at in range(len(begun))]
 
 
-def _at_once(begun: Sequence[_Begun], innovations: int) -> Iterator[list[_Begun]]:
-    """Forms with their starts, some after the other, so that memory hardly grows with the logs."""
-    few, count = list[_Begun](), 0
-    for one in begun:
-        count += innovations * len(one[1])
-        if few and count > _INNOVATIONS:
-            yield few
-            few, count = [], innovations * len(one[1])
-        few.append(one)
-    if few:
-        yield few
+def _abreast(begun: Sequence[_Begun], x: FloatArray) -> list[list[int]]:
+    """Forms by their numbers, some together whose starts fill all lanes; those with most starts first."""
+    # Of those that may be side by side, how many starts each few have.
+    every: dict[Hashable, list[tuple[int, list[int]]]] = {}
+    for at in sorted(range(len(begun)), key=lambda at: -len(begun[at][1])):
+        misfit, starts = begun[at]
+        alike = every.setdefault(misfit.abreast(np.concatenate((x, starts[0]))), [])
+        lanes = misfit.spare + 1
+        place = next((place for place, (count, _) in enumerate(alike) if len(starts) <= -count % lanes), len(alike))
+        count, few = alike.pop(place) if place < len(alike) else (0, [])
+        alike.insert(place, (count + len(starts), [*few, at]))
+    return sorted((few for alike in every.values() for _, few in alike), key=lambda few: -len(begun[few[0]][1]))
 
 
 def fit_all(current: Fitted, promises: Sequence[Promise]) -> tuple[list[Fitted], list[Fitted]]:

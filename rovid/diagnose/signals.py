@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,11 +43,11 @@ def signal_causes(runs: Sequence[Run]) -> tuple[Effect, ...]:
     rates = {run.trial.name: _rate(run) / max(usual, 1e-12) for run in runs}
     causes: list[Effect] = []
     for name in signal_names(runs):
-        course = _standardised(runs, name)
-        if course is None:
+        signal = _signal(runs, name)
+        if signal is None:
             continue
         ways = [way for way in _PARAMETERS if (name, way) not in _CATALOGUED]
-        causes += [_cause(name, way, course, rates) for way in ways]
+        causes += [_cause(signal, way, rates) for way in ways]
     return tuple(causes)
 
 
@@ -81,20 +81,29 @@ def _values(trial: Trial, name: str) -> FloatArray:
     return np.asarray(values)
 
 
-def _standardised(runs: Sequence[Run], name: str) -> dict[str, FloatArray] | None:
-    """(n,) the signal in standard deviations from its mean, for each trial; None where it is not known or constant."""
+@dataclass(frozen=True, eq=False)
+class _Signal:
+    """A signal: (n,) for each trial, in its own unit, its mean and its standard deviation over all."""
+
+    name: str
+    values: Mapping[str, FloatArray]
+    mean: float
+    spread: float
+
+    def standardised(self, where: Actuation) -> FloatArray:
+        """(m,) in standard deviations from its mean; where it has no reading it is taken to be as usual."""
+        return np.nan_to_num((where.of_trials(self.values) - self.mean) / self.spread)
+
+
+def _signal(runs: Sequence[Run], name: str) -> _Signal | None:
+    """The signal ``name``; None where it is not known or constant."""
     every = np.concatenate([_values(run.trial, name) for run in runs])
     if not np.isfinite(every).any():
         return None
     mean, spread = float(np.nanmean(every)), float(np.nanstd(every))
     if not spread > 1e-9 * (abs(mean) + 1e-300):
         return None
-    courses = {}
-    for run in runs:
-        course = (_values(run.trial, name) - mean) / spread
-        # Where it has no reading it is taken to be as usual.
-        courses[run.trial.name] = np.nan_to_num(course)
-    return courses
+    return _Signal(name, {run.trial.name: _values(run.trial, name) for run in runs}, mean, spread)
 
 
 def _rate(run: Run) -> FloatArray:
@@ -106,20 +115,21 @@ def _rate(run: Run) -> FloatArray:
     return np.interp(middle, run.rates.time[known], run.rates.rate[known])
 
 
-def _cause(name: str, way: str, course: Mapping[str, FloatArray], rates: Mapping[str, FloatArray]) -> Effect:
+def _cause(signal: _Signal, way: str, rates: Mapping[str, FloatArray]) -> Effect:
     def driven(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
-        signal, rate = (where.of_trials(known) for known in (course, rates))
+        course = signal.standardised(where)
         size, *other = values.values()
         if way == "torque":
-            return torque + size * signal + other[0]
+            return torque + size * course + other[0]
         if way == "drag":
-            return torque - signal * rate * (size * np.abs(rate) + other[0])
-        return torque * (1.0 + size * signal)
+            rate = where.of_trials(rates)
+            return torque - course * rate * (size * np.abs(rate) + other[0])
+        return torque * (1.0 + size * course)
 
     return Effect(
-        id=_PREFIX + name,
+        id=_PREFIX + signal.name,
         form=way,
-        title=f"{_TITLES[way]} {name}",
+        title=f"{_TITLES[way]} {signal.name}",
         parameters=_PARAMETERS[way],
         equation="",
         fingerprint="residual torque that follows the signal",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self
@@ -101,6 +101,10 @@ class HorizonMisfit(Misfit):
         if centre is None:
             return spread(self._innovations, [x, *near])
         return [centre, *spread(self._innovations, near)]
+
+    def abreast(self, x: FloatArray) -> Hashable:  # noqa: ARG002 - as every misfit
+        """Itself: one is looked at after the other."""
+        return id(self)
 
     @classmethod
     def of_each(cls, pairs: Sequence[tuple[Self, FloatArray]]) -> list[Innovations]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, Self, TypeVar
@@ -84,16 +84,20 @@ class InnovationMisfit(Misfit):
     @classmethod
     def of_each(cls, pairs: Sequence[tuple[Self, FloatArray]]) -> list[Innovations]:
         """As `innovations_of`, of misfits of the same records, each at a point of its own; on all cores at once."""
-        alike: dict[tuple[int, ...], list[int]] = {}
+        alike: dict[Hashable, list[int]] = {}
         for at, (misfit, x) in enumerate(pairs):
-            model = misfit.coordinates.model(x)
-            alike.setdefault((misfit.is_wide, len(model.wave), *model.terms.kinds.tolist()), []).append(at)
+            alike.setdefault(misfit.abreast(x), []).append(at)
         groups = [few for places in alike.values() for few in _by(LANES, places)]
         found: dict[int, Innovations] = {}
         every = spread(lambda few: _side_by_side([pairs[at] for at in few]), groups)
         for few, series in zip(groups, every, strict=True):
             found.update(zip(few, series, strict=True))
         return [found[at] for at in range(len(pairs))]
+
+    def abreast(self, x: FloatArray) -> Hashable:
+        """The filter and the terms, which all lanes of a pass share."""
+        model = self.coordinates.model(x)
+        return self.is_wide, len(model.wave), *model.terms.kinds.tolist()
 
     @property
     def is_wide(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self
@@ -128,6 +128,10 @@ class Misfit(ABC):
     @abstractmethod
     def about(self, x: FloatArray, near: Sequence[FloatArray], centre: Innovations | None = None) -> list[Innovations]:
         """As `innovations_of`, of ``x`` and points so ``near`` that differences count; at ``x`` they are ``centre``."""
+
+    @abstractmethod
+    def abreast(self, x: FloatArray) -> Hashable:
+        """What those have in common that can be looked at side by side, as many as come free with one."""
 
     @classmethod
     @abstractmethod

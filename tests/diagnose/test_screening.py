@@ -94,6 +94,11 @@ class RunningAway:
         error = 3.0 * pattern * (1.0 - x[-1]) if x[-1] >= 0.0 else np.full(200, np.nan)
         return Innovations(error, np.ones(200) if x[-1] >= 0.0 else np.full(200, np.inf))
 
+    spare = 0
+
+    def abreast(self, _: FloatArray) -> int:
+        return 0
+
     @staticmethod
     def of_each(pairs: Sequence[tuple[RunningAway, FloatArray]]) -> list[Innovations]:
         return [misfit.innovations(x) for misfit, x in pairs]
