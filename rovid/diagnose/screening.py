@@ -21,6 +21,8 @@ _PROMISE = 0.1
 _FITTED = 7
 _FORMS_FITTED = 3
 ITERATIONS = 25
+# So many starts of one form are many.
+_MANY = 12
 # Sizes to begin with, as shares of what the slopes ask for: where they mislead, that may be far too much.
 _SHARES = (1.0, 0.3, 0.1)
 _FIRST_ITERATIONS = 4
@@ -69,7 +71,11 @@ def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
         sides = [[next(found) for _ in begun[at][1]] for at in few]
         return [(at, _promise(*begun[at], own, centre, past)) for at, own in zip(few, sides, strict=True)]
 
-    promises = dict(pair for pairs in spread(promised, _abreast(begun, current.x)) for pair in pairs)
+    tasks = _abreast(begun, current.x)
+    # One form of many starts fills all cores by itself, and takes memory enough.
+    first = sum(len(begun[few[0]][1]) > _MANY for few in tasks)
+    found = [*map(promised, tasks[:first]), *spread(promised, tasks[first:])]
+    promises = dict(pair for pairs in found for pair in pairs)
     return [promises[at] for at in range(len(begun))]
 
 
