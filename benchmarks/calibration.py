@@ -2,8 +2,8 @@
 
 Run ``python -m benchmarks.calibration --campaigns 2000 --state STATE --page docs/calibration.md``. Campaigns are drawn
 from the priors below by the simulator of tools/, which shares no code with rovid; `rovid fleet` diagnoses them, a chunk
-at a time, and sees files alone. Started again with the same STATE it goes on where it stopped; ``--campaigns 0`` writes
-the page of what there is.
+at a time, and sees files alone. STATE is a file, a campaign a line: started again with it the command goes on where it
+stopped, and ``--campaigns 0`` writes the page of what there is.
 """
 
 from __future__ import annotations
@@ -11,17 +11,16 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from benchmarks.calibration_page import write_page
+from benchmarks.calibration_page import PLAIN, SIZES, Record, write_page
 from tools.cases import CONTRACT_FORMS, Case, all_cases
 from tools.hidden import FORMS
 from tools.programme import campaign_for
@@ -29,13 +28,14 @@ from tools.trial_day import write_trial_day
 from tools.truth import VEHICLES, Truth
 
 PROJECT = Path(__file__).resolve().parents[1]
-PLAIN = ("inertia", "quadratic_drag", "linear_drag")
 # Standard deviations of the logarithms of what is drawn about each vehicle's own.
 SPREAD = {"inertia": 0.2, "quadratic_drag": 0.2, "linear_drag": 0.4, "disturbance": 0.4, "noise": 0.5}
 # In so many campaigns nothing is hidden.
 NOTHING = 1.0 / 3.0
 # A cause's size is drawn between these times the weak and the strong one of the sweep, flat in its logarithm.
 WEAKER, STRONGER = 0.7, 1.3
+# The form that rovid has a cause in, where it is not the simulator's first.
+OWN = {"drag_asymmetry": "whole", "wave_torque": "narrow_band"}
 # Runs of a campaign, of the programme's eighteen.
 RUNS = (6, 12)
 
@@ -90,32 +90,58 @@ def _cause(truth: Truth, rng: np.random.Generator) -> Case:
     low, high = (each.hidden[0].parameters[law.size] - law.null for each in (weak, strong))
     low, high = WEAKER * low, STRONGER * high
     size = law.null + low * (high / low) ** rng.random()
-    expected = {name: size if name == law.size else value for name, value in (weak.expected_parameters or {}).items()}
+    known = weak.expected_parameters or {law.size: size}
+    expected = {name: size if name == law.size else value for name, value in known.items()}
     hidden = replace(one, parameters={**one.parameters, law.size: size})
     return replace(weak, hidden=(hidden,), expected_parameters=expected)
 
 
 def _form(effect: str) -> str:
-    return CONTRACT_FORMS.get(effect, tuple(FORMS[effect]))[0]
+    return OWN.get(effect) or CONTRACT_FORMS.get(effect, tuple(FORMS[effect]))[0]
 
 
-def done_in(chunk: Path) -> Iterator[dict[str, Any]]:
-    """Truth and diagnosis of each campaign of a chunk."""
-    for truth in json.loads((chunk / "truth.json").read_text(encoding="utf-8")):
-        kept = chunk / "out" / "campaigns" / f"campaign_{truth['number']:05d}.json"
-        record = json.loads(kept.read_text(encoding="utf-8"))
-        yield {"truth": truth, "said": record["diagnosis"], "error": record["error"], "took": record["took"]}
+def diagnosed(seed: int, numbers: Sequence[int], jobs: int, timeout: float) -> Iterator[Record]:
+    """Draw the campaigns, diagnose them as a fleet, and keep what the page tells of each."""
+    with tempfile.TemporaryDirectory() as name:
+        logs, out = Path(name) / "logs", Path(name) / "out"
+        truths = [drawn(seed, number, logs / _folder(number)) for number in numbers]
+        command = [sys.executable, "-m", "rovid", "fleet", str(logs), "-o", str(out)]
+        command += ["--jobs", str(jobs), "--timeout", str(timeout), "--json"]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd=PROJECT)
+        for truth in truths:
+            kept = out / "campaigns" / f"{_folder(truth.number)}.json"
+            yield told(asdict(truth), json.loads(kept.read_text(encoding="utf-8")))
 
 
-def run_chunk(chunk: Path, seed: int, numbers: Sequence[int], jobs: int, timeout: float) -> None:
-    """Draw the campaigns, diagnose them as a fleet, and take the logs away, which can be drawn again."""
-    logs = chunk / "logs"
-    truths = [asdict(drawn(seed, number, logs / f"campaign_{number:05d}")) for number in numbers]
-    (chunk / "truth.json").write_text(json.dumps(truths, indent=1), encoding="utf-8")
-    command = [sys.executable, "-m", "rovid", "fleet", str(logs), "-o", str(chunk / "out")]
-    command += ["--jobs", str(jobs), "--timeout", str(timeout), "--json"]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd=PROJECT)
-    shutil.rmtree(logs)
+def _folder(number: int) -> str:
+    return f"campaign_{number:05d}"
+
+
+def told(truth: Record, kept: Record) -> Record:
+    """The truth of a campaign, and of what a fleet keeps of it as much as is held against that."""
+    said = kept["diagnosis"]
+    if said is not None:
+        side = said["extended"] or said["base"] or {"parameters": {}}
+        said = {
+            "verdict": said["verdict"],
+            "parameters": _sizes(side["parameters"], PLAIN),
+            "findings": [
+                {**_named(one), "form": one["form"], "parameters": _sizes(one["parameters"], [SIZES[one["effect"]]])}
+                for one in said["findings"]
+            ],
+            "suspects": [_named(one) for one in said["suspects"]],
+        }
+    return {"truth": truth, "said": said, "error": kept["error"], "took": kept["took"], "rovid": kept["rovid"]}
+
+
+def _named(one: Record) -> Record:
+    return {name: one[name] for name in ("effect", "confidence", "cannot_be_told_from")}
+
+
+def _sizes(parameters: Record, names: Sequence[str]) -> Record:
+    """Those of these names, with their intervals."""
+    some = {name: parameters[name] for name in names if name in parameters}
+    return {name: {key: one[key] for key in ("value", "interval_95")} for name, one in some.items()}
 
 
 def main() -> None:
@@ -123,23 +149,29 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--campaigns", type=int, default=2000)
     parser.add_argument("--chunk", type=int, default=20, help="campaigns drawn at a time")
-    parser.add_argument("--state", type=Path, required=True, help="folder for what is done")
+    parser.add_argument("--state", type=Path, required=True, help="file of what is done, a campaign a line")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--timeout", type=float, default=1200.0, help="s for a campaign")
     parser.add_argument("--page", type=Path, help="where to write the page, docs/calibration.md for instance")
     options = parser.parse_args()
-    place = options.state / f"seed_{options.seed}"
-    for first in range(0, options.campaigns, options.chunk):
-        chunk = place / f"chunk_{first:05d}"
-        numbers = range(first, min(first + options.chunk, options.campaigns))
-        chunk.mkdir(parents=True, exist_ok=True)
-        if (chunk / "truth.json").exists() and not (chunk / "logs").exists():
-            continue
-        run_chunk(chunk, options.seed, numbers, options.jobs, options.timeout)
-        print(f"{numbers[-1] + 1} of {options.campaigns} campaigns", file=sys.stderr, flush=True)
-    chunks = [one for one in sorted(place.glob("chunk_*")) if (one / "out" / "fleet.parquet").exists()]
-    records = [record for chunk in chunks for record in done_in(chunk)]
+    records = _read(options.state)
+    done = {record["truth"]["number"] for record in records}
+    left = [number for number in range(options.campaigns) if number not in done]
+    for first in range(0, len(left), options.chunk):
+        numbers = left[first : first + options.chunk]
+        records += list(diagnosed(options.seed, numbers, options.jobs, options.timeout))
+        lines = [json.dumps(record) for record in sorted(records, key=lambda one: int(one["truth"]["number"]))]
+        scratch = options.state.with_suffix(".part")
+        scratch.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        scratch.replace(options.state)
+        print(f"{len(records)} of {options.campaigns} campaigns", file=sys.stderr, flush=True)
     print(write_page(records, options.page, options.seed))
+
+
+def _read(state: Path) -> list[Record]:
+    if not state.exists():
+        return []
+    return [json.loads(line) for line in state.read_text(encoding="utf-8").splitlines()]
 
 
 if __name__ == "__main__":

@@ -55,11 +55,10 @@ def readings_of(record: Record) -> Iterable[Record]:
     large the scatter is.
     """
     said, truth = record["said"], record["truth"]
-    if said is None or not (side := said["extended"] or said["base"]):
+    if said is None:
         return
-    for name in PLAIN:
-        if name in side["parameters"]:
-            yield _reading(name, side["parameters"][name], truth["parameters"][name], group_of(record))
+    for name, here in said["parameters"].items():
+        yield _reading(name, here, truth["parameters"][name], group_of(record))
     for finding in said["findings"]:
         size = SIZES[finding["effect"]]
         key = f"{finding['effect']}.{size}"
@@ -89,15 +88,14 @@ def _head(records: Sequence[Record], seed: int) -> str:
     done = [record for record in records if record["said"] is not None]
     hidden = [record for record in done if record["truth"]["hidden"]]
     named = sum(group_of(record) == GROUPS[1] for record in hidden)
-    took = [record["took"] for record in done] or [math.nan]
     nothing = [record for record in done if not record["truth"]["hidden"]]
     false = sum(bool(record["said"]["findings"]) for record in nothing)
     return f"""\
 # Calibration: whether intervals and odds hold
 
 {len(records)} campaigns, seed {seed}, each drawn anew: vehicle, water, instruments, runs and what is hidden.
-`rovid fleet` diagnosed them, in {np.median(took):.0f} s each in the middle. The simulator shares no code with rovid,
-which sees files alone. Standard errors of shares say what so many campaigns can tell.
+`rovid fleet` diagnosed them. The simulator shares no code with rovid, which sees files alone. Standard errors of shares
+say what so many campaigns can tell. What was drawn and said of each is in `benchmarks/records/calibration.jsonl`.
 
 | drawn | from |
 |---|---|
@@ -113,10 +111,10 @@ Of {len(nothing)} with nothing hidden {false} {"has" if false == 1 else "have"} 
 
 <!-- test: not run; it takes a night -->
 ```sh
-python -m benchmarks.calibration --campaigns 2000 --state calibration --page docs/calibration.md
+python -m benchmarks.calibration --state benchmarks/records/calibration.jsonl --page docs/calibration.md
 ```
 
-draws, diagnoses and writes this page; stopped, and started again, it goes on where it was."""
+goes on with the campaigns, of which 2000 are asked for, and writes this page; without the file it begins anew."""
 
 
 def _coverage(readings: Sequence[Record]) -> str:

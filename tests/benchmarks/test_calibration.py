@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.calibration import NOTHING, drawn
+from benchmarks.calibration import NOTHING, drawn, told
 from benchmarks.calibration_page import group_of, odds_of, readings_of, write_page
 
 
@@ -48,12 +48,8 @@ def record(number: int, deviation: float, *, hidden: str | None = None, named: s
         ]
     plain = {"parameters": {name: said(name) for name in ("inertia", "quadratic_drag", "linear_drag")}}
     diagnosis = {"verdict": "found", "findings": findings, "suspects": [], "base": plain, "extended": None}
-    return {
-        "truth": {"number": number, "hidden": hidden, "parameters": truth},
-        "said": diagnosis,
-        "error": None,
-        "took": 3.0,
-    }
+    kept = {"diagnosis": diagnosis, "error": None, "took": 3.0, "rovid": "0.3.0"}
+    return told({"number": number, "hidden": hidden, "parameters": truth}, kept)
 
 
 def test_coverage_is_counted_by_what_was_hidden_and_named(tmp_path: Path) -> None:
