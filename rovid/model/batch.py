@@ -45,10 +45,14 @@ class Driven(NamedTuple):
 
     Attributes
     ----------
-    torque, moment, scatter, beside
-        (d, n) and (d, n, 3) of each of several drives, from each instant to the next, see `rovid.model.drive.Drive`.
+    torque, moment, scatter
+        (d, n) of each of several drives, from each instant to the next, see `rovid.model.drive.Drive`.
     drive
         (LANES,) which of them drives each lane.
+    beside
+        (b, n, 3) what effects are told beside the torque.
+    told
+        (LANES,) which of these each lane is told.
     angles
         (e, n) measured angle in rad without the instrument's deviation; NaN where not measured, in all or none.
     angle
@@ -58,8 +62,9 @@ class Driven(NamedTuple):
     torque: FloatArray
     moment: FloatArray
     scatter: FloatArray
-    beside: FloatArray
     drive: IntArray
+    beside: FloatArray
+    told: IntArray
     angles: FloatArray
     angle: IntArray
 
@@ -67,13 +72,15 @@ class Driven(NamedTuple):
     def of(cls, drives: Sequence[Drive], angles: Sequence[FloatArray]) -> Self:
         """Of a drive and (n,) angles for each lane."""
         distinct, drive = _distinct(drives)
+        beside, told = _distinct([one.beside for one in drives])
         seen, angle = _distinct(angles)
         return cls(
             _stacked([one.torque for one in distinct]),
             _stacked([one.moment for one in distinct]),
             _stacked([one.scatter for one in distinct]),
-            _stacked([one.beside for one in distinct]),
             drive,
+            _stacked(beside),
+            told,
             _stacked(seen),
             angle,
         )

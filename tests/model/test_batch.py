@@ -25,8 +25,13 @@ def test_what_lanes_share_stands_there_once() -> None:
     driven = Driven.of([first, second, first, second], [ANGLES[0], ANGLES[0], ANGLES[1], ANGLES[0]])
     assert driven.drive.tolist() == [0, 1, 0, 1]
     assert driven.angle.tolist() == [0, 0, 1, 0]
-    for name in ("torque", "moment", "beside", "scatter"):
+    for name in ("torque", "moment", "scatter"):
         np.testing.assert_array_equal(getattr(driven, name), np.stack([getattr(one, name) for one in DRIVES]))
+    # Neither of them tells effects anything besides.
+    assert driven.beside.shape == (1, 5, 3)
+    assert not driven.told.any()
+    telling = Drive.held(TORQUES[1], beside=np.ones((5, 3)))
+    assert Driven.of([first, telling], ANGLES).told.tolist() == [0, 1]
     np.testing.assert_array_equal(driven.angles, np.stack(ANGLES))
 
 

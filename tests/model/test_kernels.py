@@ -122,6 +122,30 @@ def test_the_filter_knows_how_well_it_knows_a_tank(frequency: float, gain: float
     assert (error[known, 0] - wanted[known, 0]) / np.sqrt(wanted[known, 1]) == pytest.approx(0.0, abs=0.02)
 
 
+@pytest.mark.parametrize(("name", "values"), [("wave_torque", (40.0, 0.9, 0.1)), ("tank_seiche", (0.2, 2.5, 0.03))])
+@pytest.mark.parametrize("drag", [60.0, 2000.0])
+def test_series_for_an_even_clock_are_good_to_a_few_millionths(
+    name: str, values: tuple[float, ...], drag: float
+) -> None:
+    rng = np.random.default_rng(seed := secrets.randbelow(10**6))
+    print(f"seed {seed}")
+    time = np.arange(0.0, 60.0, 0.2)
+    torque = 300.0 * np.sign(np.sin(2.0 * np.pi * time / 23.0))
+    model = Model(
+        inertia=500.0, quadratic_drag=drag, linear_drag=drag, effects=(effect_named(name),), effect_values=values
+    )
+    angle = np.cumsum(rng.normal(0.0, 0.01, len(time)))
+    # Each interval of another length, if by next to nothing: no series then.
+    uneven = np.asarray(time + 1e-7 * rng.uniform(size=len(time)))
+    noise = (3.0, 4.0, 5e-4, 1.0)
+    found, wanted = (
+        filtered(innovations_wide, Log(time=clock, angle=angle, first=(0.0, 0.1)), Drive.held(torque), model, noise)
+        for clock in (time, uneven)
+    )
+    assert found[1][1:, 0] == pytest.approx(wanted[1][1:, 0], rel=1e-5)
+    assert (found[0] - wanted[0])[1:, 0] / np.sqrt(wanted[1][1:, 0]) == pytest.approx(0.0, abs=3e-4)
+
+
 def in_a_tank(inertia: float, drag: float, values: tuple[float, ...]) -> Model:
     return Model(
         inertia=inertia,

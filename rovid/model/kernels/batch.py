@@ -45,7 +45,7 @@ def beside_of(driven: Any, k: int) -> Any:
     """In lanes, what effects are told of the instant ``k`` beside the torque."""
     race = surge = sway = alike(0.0)
     for i in range(LANES):
-        own = driven.drive[i]
+        own = driven.told[i]
         race = with_lane(race, i, driven.beside[own, k, 0])
         surge = with_lane(surge, i, driven.beside[own, k, 1])
         sway = with_lane(sway, i, driven.beside[own, k, 2])

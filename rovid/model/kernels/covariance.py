@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from rovid.ground.lanes import alike, read, write
 from rovid.ground.straight import straight
 from rovid.model.kernels.filter import NODES, WEIGHTS
@@ -14,6 +16,13 @@ from rovid.model.kernels.filter import NODES, WEIGHTS
 SIZE = 5
 # Of the series for the transition: good to 1e-4 at such steps.
 _ORDER = 4
+# Of the transition what the disturbance's row does not say, and of the noise what stands on and above the diagonal.
+_MOVED = tuple(SIZE * i + j for i in (0, 1, 3, 4) for j in range(SIZE))
+_GROWN = tuple(SIZE * i + j for i in range(SIZE) for j in range(i, SIZE))
+# How strongly the rate is damped at the points by which both are told, over a step; and by them the powers of that.
+DAMPED = 0.35 * (1.0 - np.cos((2.0 * np.arange(5) + 1.0) * np.pi / 10.0))
+POWERS = np.linalg.inv(np.vander(DAMPED, increasing=True))
+POINTS, SERIES = len(DAMPED), len(DAMPED) * (len(_MOVED) + len(_GROWN))
 
 
 class Swing(NamedTuple):
@@ -34,14 +43,41 @@ class Swing(NamedTuple):
 
 
 @straight
-def transition(swing: Any, h: float, fade: Any, f: Any) -> None:
-    """Write exp(slopes h) into ``f``, by its series; ``fade`` is what a step leaves of the disturbance.
+def add_point(powers: Any, point: int, f: Any, q: Any, series: Any) -> None:
+    """Add to the ``series`` of ``powers`` what ``f`` and ``q`` are at a ``point``."""
+    for n in range(POINTS):
+        weight = alike(powers[n, point])
+        for place, at in enumerate(_MOVED):
+            write(series, POINTS * place + n, read(series, POINTS * place + n) + weight * read(f, at))
+        for place, at in enumerate(_GROWN, start=len(_MOVED)):
+            write(series, POINTS * place + n, read(series, POINTS * place + n) + weight * read(q, at))
+
+
+@straight
+def by_series(series: Any, damped: Any, f: Any, q: Any) -> None:
+    """Write transition and noise by their ``series`` into ``f`` and ``q``, so strongly ``damped`` over a step."""
+    for place, at in enumerate(_MOVED):
+        write(f, at, _polynomial(series, POINTS * place, damped))
+    for place, at in enumerate(_GROWN, start=len(_MOVED)):
+        write(q, at, _polynomial(series, POINTS * place, damped))
+
+
+@straight
+def _polynomial(series: Any, at: int, x: Any) -> Any:
+    total = read(series, at + POINTS - 1)
+    for n in range(2, POINTS + 1):
+        total = total * x + read(series, at + POINTS - n)
+    return total
+
+
+@straight
+def transition(swing: Any, h: float, f: Any) -> None:
+    """Write exp(slopes h) into ``f``, by its series, but what a step leaves of the disturbance.
 
     Row by row: the derivative of the angle's row is the rate's, and so it is of the two states, the first of which is
     the integral of the other.
     """
     zero, one = alike(0.0), alike(1.0)
-    write(f, 2 * SIZE + 2, fade)
     for at in (0, 3):
         is_angle = at == 0
         y0, y1, y2, y3, y4 = zero, one if is_angle else zero, zero, zero, zero if is_angle else one

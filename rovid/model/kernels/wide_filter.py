@@ -10,14 +10,31 @@ import numpy as np
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import inlined, lean
-from rovid.ground.lanes import LANES, alike, exponential, lane, read, root, smaller, write
+from rovid.ground.lanes import LANES, alike, exponential, lane, largest, read, root, smaller, write
 from rovid.model.equation import Equation
 from rovid.model.kernels.batch import beside_of, body_of, clear, each, put
-from rovid.model.kernels.covariance import SIZE, Swing, add_noise, congruence, take, transition
+from rovid.model.kernels.covariance import (
+    DAMPED,
+    POINTS,
+    POWERS,
+    SERIES,
+    SIZE,
+    Swing,
+    add_noise,
+    add_point,
+    by_series,
+    congruence,
+    take,
+    transition,
+)
 from rovid.model.kernels.filter import FILTER_STEP_SHARE, SAME, filter_steps, pace_of
 from rovid.model.kernels.first_use import long
-from rovid.model.kernels.step import brakes, step
+from rovid.model.kernels.step import bare_step, brakes, step
 from rovid.model.kernels.torque import ROOM, torque_at
+
+# After so many intervals of one length series in the damping are worked out for it, which takes as long as ten steps
+# without them.
+_WORTH_A_SERIES = 32
 
 
 def innovations_wide(logged: Any, driven: Any, models: Any) -> tuple[FloatArray, FloatArray]:
@@ -30,8 +47,8 @@ def innovations_wide(logged: Any, driven: Any, models: Any) -> tuple[FloatArray,
     rows, count = TERM_STATES * len(models.terms.kinds), logged.row.max() + 1
     innovation, variance = np.empty((2, LANES, count))
     state, work = np.zeros((rows, LANES)), np.zeros((3, rows + ROOM, LANES))
-    matrices = np.zeros((4, SIZE * SIZE, LANES))
-    _filter(logged, driven, models, state, work, matrices, innovation, variance)
+    matrices, series = np.zeros((4, SIZE * SIZE, LANES)), np.zeros((SERIES, LANES))
+    _filter(logged, driven, models, state, work, matrices, series, innovation, variance)
     return innovation, variance
 
 
@@ -44,6 +61,7 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
     state: Any,
     work: Any,
     matrices: Any,
+    series: Any,
     innovation: Any,
     variance: Any,
 ) -> None:
@@ -65,6 +83,8 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
     else:
         rate_fourth, rate_fifth, fifth_rate, fifth_fourth, fifth_fifth = _ring(body, terms, inverse, state, work[0])
     pace, pull = pace_of(body, b + frequency), -body.stiffness * inverse
+    slopes = inverse, rate_fourth, rate_fifth, -b, fifth_rate, fifth_fourth, fifth_fifth
+    h, fade, mean, alike_so_far = 0.0, zero, zero, 0
     for run in range(len(logged.begins) - 1):
         clear(state)
         begin, end = logged.begins[run], logged.begins[run + 1]
@@ -79,7 +99,6 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
         if waves:
             write(p, 3 * SIZE + 3, power)
             write(p, 4 * SIZE + 4, power * frequency * frequency)
-        h, fade, mean = 0.0, zero, zero
         for k in range(begin, end):
             if k > begin:
                 push, beside = each(driven.torque, driven.drive, k - 1), beside_of(driven, k - 1)
@@ -89,6 +108,11 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
                     h = interval / steps
                     fade = exponential(-h * b)
                     mean = (1.0 - fade) * tau / h
+                    alike_so_far = 0
+                    write(f, 2 * SIZE + 2, fade)
+                alike_so_far += 1
+                if alike_so_far == _WORTH_A_SERIES:
+                    _expand(pull, slopes, h, drive, kicks, f, q, series)
                 shares = max(math.ceil(h * terms.fastest / FILTER_STEP_SHARE), 1)
                 for _ in range(steps):
                     faded, swung, slope, other = d * fade, zero, zero, d * mean
@@ -102,30 +126,22 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
                         late = bend + (h / 4.0) * (jerk + (h / 5.0) * jolt)
                         other = other + w + (h / 2.0) * (v + (h / 3.0) * late)
                     a = a - origin
-                    for _ in range(shares):
-                        r, a, damping = step(r, a, push, other, beside, equation, state, work, alike(h / shares))
+                    if len(terms.kinds) == 0:
+                        r, a, damping = bare_step(r, a, push + other, brake, h)
+                    else:
+                        for _ in range(shares):
+                            r, a, damping = step(r, a, push, other, beside, equation, state, work, alike(h / shares))
                     # What of it comes late in the step turns the vehicle less.
                     late = (swung - w + faded - d) * inverse * (-h * h / 12.0)
                     a = a + origin + late
                     r = r - damping * late
                     d, w, v = faded, swung, slope
                     # As in the other filter, no more than the series bear.
-                    swing = Swing(
-                        pull,
-                        -smaller(damping, 1.0 / h),
-                        inverse,
-                        rate_fourth,
-                        rate_fifth,
-                        -b,
-                        fifth_rate,
-                        fifth_fourth,
-                        fifth_fifth,
-                    )
-                    transition(swing, h, fade, f)
-                    clear(q)
-                    for source in range(2 if waves else 1):
-                        third, fifth = (drive, zero) if source == 0 else (zero, kicks)
-                        add_noise(swing, (zero, zero, third, zero, fifth), h, q)
+                    held = smaller(damping, 1.0 / h)
+                    if alike_so_far < _WORTH_A_SERIES:
+                        _move(pull, held, slopes, h, drive, kicks, f, q)
+                    else:
+                        by_series(series, held * h, f, q)
                     congruence(f, p, q, room)
                 late = each(driven.moment, driven.drive, k - 1) * inverse
                 a = a + late
@@ -155,6 +171,26 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
                     write(state, ringing, read(state, ringing) + p3 * by)
                     write(state, ringing + 1, read(state, ringing + 1) + p4 * by)
                 take(p, (p0, p1, p2, p3, p4), one)
+
+
+@lean
+def _move(pull: Any, damping: Any, slopes: Any, h: float, drive: Any, kicks: Any, f: Any, q: Any) -> None:
+    """Write transition and noise of a step of ``h`` s into ``f`` and ``q``, all but what is left of the disturbance."""
+    zero, swing = alike(0.0), Swing(pull, -damping, *slopes)
+    transition(swing, h, f)
+    clear(q)
+    add_noise(swing, (zero, zero, drive, zero, zero), h, q)
+    if largest(kicks) > 0.0:
+        add_noise(swing, (zero, zero, zero, zero, kicks), h, q)
+
+
+@lean
+def _expand(pull: Any, slopes: Any, h: float, drive: Any, kicks: Any, f: Any, q: Any, series: Any) -> None:
+    """Fill in the ``series`` in the damping of transition and noise, for steps of ``h`` s."""
+    clear(series)
+    for point in range(POINTS):
+        _move(pull, alike(DAMPED[point] / h), slopes, h, drive, kicks, f, q)
+        add_point(POWERS, point, f, q, series)
 
 
 @inlined
