@@ -194,13 +194,13 @@ def test_a_log_of_the_new_format_is_read(copy: Path, tmp_path: Path) -> None:
 
 def test_a_model_is_written_in_the_new_format(copy: Path, identified: Path) -> None:
     assert "plain-text" in run(copy, "-c", "from rovid.commands import completion; print(*completion.formats())")
-    said = json.loads(run(copy, "-m", "rovid", "export", "plain-text", "--json", cwd=identified))
+    said = json.loads(run(copy, "-m", "rovid", "export", "plain-text", "--json", cwd=identified, quick=False))
     assert said["file"] == "plain_text.txt"
     assert said["mismatch_of_what_is_held"]["yaw_rate_percent_of_range"] == 0.0
     assert [loss["what"] for loss in said["not_held"]] == ["mooring_line"]
     assert len((identified / said["file"]).read_text().splitlines()[1].split()) == 3
     # The mark in the file lets it be replaced.
-    run(copy, "-m", "rovid", "export", "plain-text", cwd=identified)
+    run(copy, "-m", "rovid", "export", "plain-text", cwd=identified, quick=False)
 
 
 def test_a_command_runs_and_has_a_page(copy: Path) -> None:
