@@ -1,3 +1,3 @@
 """rovid: from an underwater vehicle's trial logs to a dynamic model its owner can defend."""
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
