@@ -242,6 +242,6 @@ def _draw_odds(odds: Sequence[tuple[float, bool]], path: Path) -> None:
             doubt = math.sqrt(max(share * (1.0 - share), 0.25 / number) / number)
             panel.errorbar(sure[inside].mean(), share, yerr=doubt, fmt="o", color="#0072B2", capsize=3)
             panel.annotate(f" {number}", (float(sure[inside].mean()), share), fontsize=9, va="bottom")
-    panel.set(xlabel="confidence", ylabel="share that is right", xlim=(0, 1.02), ylim=(-0.03, 1.05))
+    panel.set(xlabel="confidence", ylabel="share that is right", xlim=(0, 1.12), ylim=(-0.03, 1.12))
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
