@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any, Literal
 
@@ -15,6 +16,7 @@ from rovid.fleet.fleet import Fleet, Value, verdict
 from rovid.fleet.record import Record
 from rovid.fleet.shrink import Shrunk
 from rovid.ground.errors import visible
+from rovid.ground.numbers import significant
 from rovid.report.plots.canvas import BLACK, ORANGE, PALE, RED, sheet, shortened, styled
 from rovid.report.text import title, unit
 
@@ -29,8 +31,10 @@ VERDICTS: Mapping[str, tuple[str, str, Literal["full", "none"], str]] = {
 # Standard errors to either side of a 95 % interval.
 _INTERVAL = 1.96
 _ROW = 0.32  # in, of a vehicle
+# Medians of vehicles that differ by more than this factor are not of sisters.
+_UNLIKE = 3.0
 # Dates below the points of a history, and letters of a vehicle's name above them, in the width of the page.
-_DATES, _LETTERS = 9, 90
+_DATES, _LETTERS = 9, 120
 
 
 @styled
@@ -49,7 +53,7 @@ def timeline(fleet: Fleet) -> Figure:
             when = np.array([start for start, _ in dated]).astype("datetime64[s]")
             look: dict[str, Any] = {"color": colour, "markersize": 7.0, "label": words}
             panel.plot(when, [place for _, place in dated], marker, fillstyle=filling, **look)
-    panel.set_yticks(range(len(rows)), [_shown(name, 26) for name, _ in rows])
+    panel.set_yticks(range(len(rows)), [_begun(name, 26) for name, _ in rows])
     panel.set_ylim(len(rows) - 0.3, -0.7)
     panel.margins(x=0.04)
     panel.grid(visible=True, axis="y")
@@ -59,36 +63,61 @@ def timeline(fleet: Fleet) -> Figure:
 
 @styled
 def history(fleet: Fleet, name: str, out_of_line: Collection[str], mean: Shrunk | None) -> Figure:
-    """A parameter with its 95 % intervals, vehicle by vehicle, each in the order of time."""
-    groups = _groups(fleet, name)
+    """A parameter with its 95 % intervals, vehicle by vehicle, each in the order of time.
+
+    Of vehicles that are unlike it is how far each campaign is from its own vehicle's median, in per cent.
+    """
+    groups, shown = _groups(fleet, name), unit(fleet.units[name])
+    own = _unlike(groups) if mean is None else {}
     figure, ((panel,),) = sheet([(1.9, 1)], left=0.95, right=0.15, top=0.55, bottom=0.5)
     at, ticks = 0, []
     for vehicle, known in groups.items():
         first = at
         for record, one in known:
-            _mark(panel, at, one, RED if record.campaign in out_of_line else BLACK)
+            here = _from(own[vehicle], one) if own else one
+            _mark(panel, at, here, RED if record.campaign in out_of_line else BLACK)
             if mean is not None and record.campaign in mean.values:
                 _mark(panel, at + 0.3, mean.values[record.campaign], PALE)
             ticks.append((at, _date(record)))
             at += 1
-        share = _LETTERS * (at - first + 1) // (sum(map(len, groups.values())) + len(groups))
+        share = _LETTERS * (at - first) // (sum(map(len, groups.values())) + len(groups) - 1)
         # Along x by the data, along y by the panel.
         above = panel.get_xaxis_transform()
-        panel.text(first - 0.4, 1.03, _shown(vehicle, max(share, 4)), transform=above, fontsize=9)
+        amount = f" {significant(own[vehicle], 3)}" if own else ""
+        words = _begun(vehicle, max(share - len(amount), 4)) + amount
+        panel.text(first - 0.4, 1.03, words, transform=above, fontsize=9)
         if first:
             panel.axvline(first - 1.0, color="#e2e2e2", linewidth=1.0)
         at += 1
-    values = [one.value for known in groups.values() for _, one in known if one.compares]
-    middle = mean.mean.value if mean is not None else float(np.median(values)) if values else math.nan
+    every = [pair for known in groups.values() for pair in known]
+    middle = mean.mean.value if mean is not None else 0.0 if own else _median(every)
     panel.axhline(middle, color=BLACK if mean is None else PALE, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
     some = ticks[:: max(1, math.ceil(len(ticks) / _DATES))]
     panel.set_xticks([place for place, _ in some], [text for _, text in some], fontsize=8)
-    panel.set_xlim(-0.7, at - 1.3)
+    panel.set_xlim(-0.7, at - 1.0)
     panel.locator_params(axis="y", nbins=5)
     panel.grid(visible=False, axis="x")
-    shown = unit(fleet.units[name])
-    figure.text(0.005, 0.985, f"{title(name)}{', ' if shown else ''}{shown}", fontsize=10, va="top")
+    label = f"% from each vehicle's own median, which stands beside its name, {shown}" if own else shown
+    figure.text(0.005, 0.985, f"{title(name)}{', ' if label else ''}{label}", fontsize=10, va="top")
     return figure
+
+
+def _unlike(groups: Mapping[str, Sequence[tuple[Record, Value]]]) -> dict[str, float]:
+    """Vehicle -> its median, where they are so unlike that no interval would be seen beside all; else none."""
+    medians = {vehicle: _median(known) for vehicle, known in groups.items()}
+    sizes = np.abs(list(medians.values()))
+    return medians if sizes.min() > 0.0 and sizes.max() > _UNLIKE * sizes.min() else {}
+
+
+def _median(known: Sequence[tuple[Record, Value]]) -> float:
+    """Of what compares with other campaigns; NaN where nothing does."""
+    values = [one.value for _, one in known if one.compares]
+    return float(np.median(values)) if values else math.nan
+
+
+def _from(median: float, one: Value) -> Value:
+    """How far it is from the ``median``, in per cent of that."""
+    return replace(one, value=100.0 * (one.value / median - 1.0), error=100.0 * one.error / abs(median))
 
 
 def _groups(fleet: Fleet, name: str) -> Mapping[str, list[tuple[Record, Value]]]:
@@ -116,6 +145,12 @@ def _date(record: Record) -> str:
 def _shown(name: str, length: int) -> str:
     """A name from elsewhere; labels of ticks are not looked through when the figure is made into SVG."""
     return shortened(visible(name), length)
+
+
+def _begun(name: str, length: int) -> str:
+    """As `_shown`, but of a vehicle, which its first letters tell."""
+    whole = visible(name)
+    return whole if len(whole) <= length else f"{whole[: length - 1].rstrip()}…"
 
 
 def _instant(start: float) -> datetime:

@@ -21,6 +21,17 @@ def test_each_campaign_has_its_mark_and_its_interval(made: Made) -> None:
     assert {text.get_text() for text in panel.texts} == {"0", "1"}
 
 
+def test_vehicles_that_are_unlike_are_each_held_against_their_own_median(made: Made) -> None:
+    large = [made(f"l{k}", {"inertia": (5000.0 + 100.0 * k, 50.0)}, vehicle="large", start=1e9 + k) for k in (-1, 0, 1)]
+    small = [made(f"s{k}", {"inertia": (0.5, 0.01)}, vehicle="small", start=1e9 + k) for k in range(2)]
+    figure = history(fleet_of(*large, *small), "inertia", set(), None)
+    (panel,) = figure.axes
+    marks = [float(np.asarray(line.get_ydata())[0]) for line in panel.lines if line.get_marker() == "o"]
+    assert np.allclose(sorted(marks), [-2.0, 0.0, 0.0, 0.0, 2.0])
+    assert {text.get_text() for text in panel.texts} == {"large 5000", "small 0.500"}
+    assert "% from each vehicle's own median" in figure.texts[0].get_text()
+
+
 def test_what_was_found_when_has_a_row_for_each_vehicle(made: Made) -> None:
     records = [made(f"{k}", {}, vehicle=f"v{k % 3}", start=1.7e9 + 1e6 * k, causes=("x",) * (k > 3)) for k in range(6)]
     figure = timeline(fleet_of(*records, made("undated", {})))
