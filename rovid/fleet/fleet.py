@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+import statistics
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,6 +13,9 @@ from typing import Any
 from rovid.campaign.axis import axis_named
 from rovid.fleet.record import Record
 from rovid.model.names import base_names
+
+# Vehicles whose medians differ by more than this factor are no sisters.
+UNLIKE = 3.0
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,22 @@ class Fleet:
         names = sorted({one.vehicle or "" for one in done}, key=_counted)
         return {name: tuple(one for one in done if (one.vehicle or "") == name) for name in names}
 
+    def having(self, name: str) -> Mapping[str, list[tuple[Record, Value]]]:
+        """Vehicle -> its campaigns that have the parameter, in the order of time."""
+        groups = {}
+        for vehicle, records in self.vehicles.items():
+            known = [(record, one) for record in records if (one := self.values[record.campaign].get(name)) is not None]
+            if known:
+                groups[vehicle] = known
+        return groups
+
+    def unlike(self, name: str) -> Mapping[str, float]:
+        """Vehicle -> its median, where these are so far apart that the vehicles are no sisters; else nothing."""
+        every = {vehicle: [one for _, one in known] for vehicle, known in self.having(name).items()}
+        medians = {vehicle: median_of(values) for vehicle, values in every.items()}
+        sizes = [abs(median) for median in medians.values()]
+        return medians if sizes and min(sizes) > 0.0 and max(sizes) > UNLIKE * min(sizes) else {}
+
     @property
     def done(self) -> tuple[Record, ...]:
         """The campaigns that were diagnosed."""
@@ -81,6 +101,12 @@ class Fleet:
     def failed(self) -> tuple[Record, ...]:
         """The others."""
         return tuple(record for record in self.records if record.diagnosis is None)
+
+
+def median_of(values: Iterable[Value]) -> float:
+    """Of those that compare with other campaigns, or of all where none does; there are some."""
+    known = list(values)
+    return statistics.median(one.value for one in [one for one in known if one.compares] or known)
 
 
 def causes(record: Record, kind: str) -> list[str]:

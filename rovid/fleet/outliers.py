@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.fleet.fleet import Fleet, Value
+from rovid.fleet.fleet import UNLIKE, Fleet, Value
+from rovid.fleet.record import Record
 
 # Campaigns that have the parameter; of fewer none is told from the rest.
 LEAST = 5
@@ -17,7 +20,8 @@ _NORMAL = 1.4826
 RULE = (
     f"Out of line is a campaign whose parameter lies more than {LIMIT:g} times √(S² + s²) from the fleet's median: S "
     f"is {_NORMAL} times the median distance from it, s the campaign's own standard error. Parameters positive "
-    f"throughout are compared by their logarithms. At least {LEAST} campaigns have to have the parameter."
+    f"throughout are compared by their logarithms. At least {LEAST} campaigns have to have the parameter. Vehicles "
+    f"whose medians differ by more than a factor of {UNLIKE:g} are no sisters: each is compared with itself."
 )
 
 
@@ -40,8 +44,13 @@ def outliers(fleet: Fleet) -> list[Outlier]:
 
 
 def _of(fleet: Fleet, name: str) -> list[Outlier]:
-    known = [(record, fleet.values[record.campaign].get(name)) for record in fleet.done]
-    there = [(record, one) for record, one in known if one is not None and one.compares]
+    groups = [[pair for pair in known if pair[1].compares] for known in fleet.having(name).values()]
+    if not fleet.unlike(name):
+        groups = [list(itertools.chain.from_iterable(groups))]
+    return [one for there in groups for one in _among(there, name)]
+
+
+def _among(there: Sequence[tuple[Record, Value]], name: str) -> list[Outlier]:
     if len(there) < LEAST:
         return []
     values = np.array([one.value for _, one in there])

@@ -181,7 +181,7 @@ def _outliers(far: Sequence[Outlier]) -> Grid:
         of_text("vehicle"),
         of_text("parameter"),
         of_unlike("value"),
-        of_unlike("median of the fleet"),
+        of_unlike("median"),
         of_unlike("distance"),
     )
     for one in far:

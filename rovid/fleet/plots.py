@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any, Literal
@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rovid.fleet.fleet import Fleet, Value, verdict
+from rovid.fleet.fleet import Fleet, Value, median_of, verdict
 from rovid.fleet.record import Record
 from rovid.fleet.shrink import Shrunk
 from rovid.ground.errors import visible
@@ -31,8 +31,6 @@ VERDICTS: Mapping[str, tuple[str, str, Literal["full", "none"], str]] = {
 # Standard errors to either side of a 95 % interval.
 _INTERVAL = 1.96
 _ROW = 0.32  # in, of a vehicle
-# Medians of vehicles that differ by more than this factor are not of sisters.
-_UNLIKE = 3.0
 # Dates below the points of a history, and letters of a vehicle's name above them, in the width of the page.
 _DATES, _LETTERS = 9, 120
 
@@ -67,8 +65,8 @@ def history(fleet: Fleet, name: str, out_of_line: Collection[str], mean: Shrunk 
 
     Of vehicles that are unlike it is how far each campaign is from its own vehicle's median, in per cent.
     """
-    groups, shown = _groups(fleet, name), unit(fleet.units[name])
-    own = _unlike(groups) if mean is None else {}
+    groups, shown = fleet.having(name), unit(fleet.units[name])
+    own = fleet.unlike(name) if mean is None else {}
     figure, ((panel,),) = sheet([(1.9, 1)], left=0.95, right=0.15, top=0.55, bottom=0.5)
     at, ticks = 0, []
     for vehicle, known in groups.items():
@@ -89,8 +87,8 @@ def history(fleet: Fleet, name: str, out_of_line: Collection[str], mean: Shrunk 
         if first:
             panel.axvline(first - 1.0, color="#e2e2e2", linewidth=1.0)
         at += 1
-    every = [pair for known in groups.values() for pair in known]
-    middle = mean.mean.value if mean is not None else 0.0 if own else _median(every)
+    every = [one for known in groups.values() for _, one in known]
+    middle = mean.mean.value if mean is not None else 0.0 if own else median_of(every)
     panel.axhline(middle, color=BLACK if mean is None else PALE, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
     some = ticks[:: max(1, math.ceil(len(ticks) / _DATES))]
     panel.set_xticks([place for place, _ in some], [text for _, text in some], fontsize=8)
@@ -102,32 +100,9 @@ def history(fleet: Fleet, name: str, out_of_line: Collection[str], mean: Shrunk 
     return figure
 
 
-def _unlike(groups: Mapping[str, Sequence[tuple[Record, Value]]]) -> dict[str, float]:
-    """Vehicle -> its median, where they are so unlike that no interval would be seen beside all; else none."""
-    medians = {vehicle: _median(known) for vehicle, known in groups.items()}
-    sizes = np.abs(list(medians.values()))
-    return medians if sizes.min() > 0.0 and sizes.max() > _UNLIKE * sizes.min() else {}
-
-
-def _median(known: Sequence[tuple[Record, Value]]) -> float:
-    """Of what compares with other campaigns; NaN where nothing does."""
-    values = [one.value for _, one in known if one.compares]
-    return float(np.median(values)) if values else math.nan
-
-
 def _from(median: float, one: Value) -> Value:
     """How far it is from the ``median``, in per cent of that."""
     return replace(one, value=100.0 * (one.value / median - 1.0), error=100.0 * one.error / abs(median))
-
-
-def _groups(fleet: Fleet, name: str) -> Mapping[str, list[tuple[Record, Value]]]:
-    """Vehicle -> its campaigns that have the parameter."""
-    groups = {}
-    for vehicle, records in fleet.vehicles.items():
-        known = [(record, one) for record in records if (one := fleet.values[record.campaign].get(name)) is not None]
-        if known:
-            groups[vehicle] = known
-    return groups
 
 
 def _mark(panel: Axes, at: float, one: Value, colour: str) -> None:

@@ -28,6 +28,13 @@ def test_of_four_none_is_told_from_the_rest(made: Made) -> None:
     assert outliers(fleet_of(*(made(f"{k}", {"inertia": (v, 1.0)}) for k, v in enumerate(values)))) == []
 
 
+def test_vehicles_that_are_no_sisters_are_compared_with_themselves(made: Made) -> None:
+    large = [made(f"l{k}", {"inertia": (5000.0 + 10.0 * k, 50.0)}, vehicle="large") for k in range(9)]
+    small = [made(f"s{k}", {"inertia": (v, 0.01)}, vehicle="small") for k, v in enumerate([0.5, 0.49, 0.51, 0.5, 0.8])]
+    (found,) = outliers(fleet_of(*large, *small))
+    assert (found.campaign, found.median) == ("s4", 0.5)
+
+
 def test_of_normal_scatter_hardly_any_is(made: Made) -> None:
     rng = np.random.default_rng(3)
     count = 0
