@@ -87,11 +87,11 @@ def history(fleet: Fleet, name: str, out_of_line: Collection[str], mean: Shrunk 
         if first:
             panel.axvline(first - 1.0, color="#e2e2e2", linewidth=1.0)
         at += 1
-    every = [one for known in groups.values() for _, one in known]
-    middle = mean.mean.value if mean is not None else 0.0 if own else median_of(every)
+    some = [one for known in groups.values() for _, one in known if one.compares]
+    middle = mean.mean.value if mean is not None else 0.0 if own else median_of(some) if some else math.nan
     panel.axhline(middle, color=BLACK if mean is None else PALE, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
-    some = ticks[:: max(1, math.ceil(len(ticks) / _DATES))]
-    panel.set_xticks([place for place, _ in some], [text for _, text in some], fontsize=8)
+    dates = ticks[:: max(1, math.ceil(len(ticks) / _DATES))]
+    panel.set_xticks([place for place, _ in dates], [text for _, text in dates], fontsize=8)
     panel.set_xlim(-0.7, at - 1.0)
     panel.locator_params(axis="y", nbins=5)
     panel.grid(visible=False, axis="x")
