@@ -87,9 +87,15 @@ def _cause(truth: Truth, rng: np.random.Generator) -> Case:
     names = sorted(pairs)
     weak, strong = pairs[names[int(rng.integers(len(names)))]]
     one, law = weak.hidden[0], weak.hidden[0].law
-    low, high = (each.hidden[0].parameters[law.size] - law.null for each in (weak, strong))
-    low, high = WEAKER * low, STRONGER * high
-    size = law.null + low * (high / low) ** rng.random()
+    low, high = (each.hidden[0].parameters[law.size] for each in (weak, strong))
+    share = rng.random()
+    if math.isinf(law.null):
+        # The less there is of it, the more it does.
+        low, high = low / WEAKER, high / STRONGER
+        size = low * (high / low) ** share
+    else:
+        low, high = WEAKER * (low - law.null), STRONGER * (high - law.null)
+        size = law.null + low * (high / low) ** share
     known = weak.expected_parameters or {law.size: size}
     expected = {name: size if name == law.size else value for name, value in known.items()}
     hidden = replace(one, parameters={**one.parameters, law.size: size})

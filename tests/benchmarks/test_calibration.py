@@ -27,6 +27,7 @@ def test_priors_are_those_that_the_page_states() -> None:
     inertia = np.log([one.parameters["inertia"] for one in campaigns if one.vehicle.startswith("ROSUB")])
     assert abs(inertia.mean() - np.log(5057.0)) < 0.06
     assert abs(inertia.std() - 0.2) < 0.04
+    assert all(np.isfinite(size) for one in campaigns for size in one.parameters.values())
     lags = [one.parameters["thruster_lag.time_constant"] for one in campaigns if one.hidden == "thruster_lag"]
     assert min(lags) > 0.7 * 0.03
     assert max(lags) < 1.3 * 0.6
