@@ -58,6 +58,8 @@ class OnTorque:
     ----------
     quick
         As in `OnThrust`.
+    fades
+        Whether all that is quick fades once the torque is held, and is exact in the mean until the next instant.
     scatter
         (n,) torque in N m, before the change -> variance of its impulse until the next instant in N^2 m^2 s^2, where
         the equation leaves open when the torque acts.
@@ -66,6 +68,7 @@ class OnTorque:
     change: OnSeries
     _: KW_ONLY
     quick: bool = False
+    fades: bool = False
     scatter: OnSeries | None = None
 
 

@@ -20,17 +20,51 @@ SPEEDS = ("surge_velocity", "sway_velocity")
 _REFERENCE_SHARE = 0.1
 
 
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """Some of the n instants of a log, and the means from each of them to the next of what is held between all.
+
+    Attributes
+    ----------
+    at
+        (m,) which they are; the first and the last of the log are among them.
+    length
+        (n,) s from each instant of the log to the next, 0 from the last.
+    """
+
+    at: IntArray
+    length: FloatArray
+
+    @classmethod
+    def of(cls, time: FloatArray, at: IntArray) -> Self:
+        """``at`` of a log's (n,) instants in s."""
+        return cls(at, np.diff(time, append=time[-1]))
+
+    def means(self, held: FloatArray) -> FloatArray:
+        """(m,) of (n,) values; of those that are known, NaN where none is."""
+        known = np.isfinite(held)
+        area = np.add.reduceat(np.where(known, held, 0.0) * self.length, self.at)
+        span = np.add.reduceat(known * self.length, self.at)
+        return np.where(span > 0.0, area / np.where(span > 0.0, span, 1.0), held[self.at])
+
+
 class Stretch(NamedTuple):
     """One of the trials that stand one after the other.
 
     ``whole`` is the name of the trial that it is a part of, its own where it is none; ``since`` is in s from the
-    beginning of the campaign's first trial to that of this one. ``rows`` are its instants.
+    beginning of the campaign's first trial to that of this one. ``rows`` are its instants: those of its log that were
+    ``chosen``, all where that is None.
     """
 
     name: str = ""
     whole: str = ""
     since: float = 0.0
     rows: slice = slice(None)
+    chosen: Chosen | None = None
+
+    def held(self, values: FloatArray) -> FloatArray:
+        """(m,) of (n,) values that are held between the log's instants, means where not all of these were chosen."""
+        return values if self.chosen is None else self.chosen.means(values)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,10 +169,10 @@ class Actuation:
 
     def of_trials(self, held: Mapping[str, FloatArray]) -> FloatArray:
         """(n,) values that are held between the instants of each trial's log, which are told by its name."""
-        return self.finer(np.concatenate([held[one.name] for one in self.trials]))
+        return self.finer(np.concatenate([one.held(held[one.name]) for one in self.trials]))
 
     def finer(self, held: FloatArray) -> FloatArray:
-        """(n, ...) of values that are held between the log's instants, with each interval cut into ``parts``."""
+        """(n, ...) of values that are held between the chosen instants, with each interval cut into ``parts``."""
         if self.parts == 1:
             return held
         trials, at = [], 0
@@ -185,20 +219,23 @@ def _instants(time: FloatArray, parts: int) -> FloatArray:
     return np.asarray(np.interp(steps, np.arange(len(time)), time))
 
 
-def actuation(vehicle: Vehicle, trial: Trial, parts: int = 1) -> Actuation:
+def actuation(vehicle: Vehicle, trial: Trial, parts: int = 1, at: IntArray | None = None) -> Actuation:
     """What the effects between command and torque need to know of ``vehicle`` and ``trial``.
 
-    ``parts`` is how many each interval between two instants is cut into.
+    ``parts`` is how many each interval between two instants is cut into, those ``at`` alone where it is not None.
     """
+    chosen = None if at is None else Chosen.of(trial.time, at)
+    time = trial.time if at is None else trial.time[at]
+    stretch = Stretch(trial.name, trial.whole or trial.name, trial.since, chosen=chosen)
     return Actuation(
-        time=trial.time if parts == 1 else _instants(trial.time, parts),
+        time=time if parts == 1 else _instants(time, parts),
         names=tuple(thruster.name for thruster in vehicle.thrusters),
         ahead=vehicle.ahead,
         ends=np.array([_ends(thruster) for thruster in vehicle.thrusters]),
         dead_zone=np.array([_dead_zone(thruster.curve) for thruster in vehicle.thrusters]),
-        extras={name: finer(values, parts) for name, values in trial.extras.items()},
+        extras={name: finer(stretch.held(values), parts) for name, values in trial.extras.items()},
         reference=trial.reference,
-        trials=(Stretch(trial.name, trial.whole or trial.name, trial.since),),
+        trials=(stretch,),
         parts=parts,
         neutral=neutral_commands(vehicle),
         arms=np.array([thruster.arm for thruster in vehicle.thrusters]),

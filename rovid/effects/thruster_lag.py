@@ -41,7 +41,7 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque at the edges of steps and ahead of the peaks of a sine, none in steady motion",
     experiment="a fast pseudo-random command, 1 to 3 s a level",
     rivals=("command_delay", "added_mass_memory", "slew_limit"),
-    acts=OnTorque(_of_torque, quick=True),
+    acts=OnTorque(_of_torque, quick=True, fades=True),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Thruster
@@ -125,6 +124,8 @@ def lagged(values: FloatArray, time_constant: float, step: float) -> FloatArray:
     """First-order lag of (m,) ``values``, from zero, updated exactly and ahead of each step."""
     if time_constant <= 0.0:
         return values
+    from scipy.signal import lfilter  # a third of a second, which every other command would wait for
+
     fade = math.exp(-step / time_constant)
     return np.asarray(lfilter([1.0 - fade], [1.0, -fade], values))
 

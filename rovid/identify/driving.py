@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
 from rovid.ground.arrays import IntArray
 from rovid.model.commanded import Commanded
@@ -18,6 +19,8 @@ from rovid.motion.runs import Run
 
 # Of the position's noise: so much of an angle may be lost by a mean torque.
 _LOST = 0.1
+# A change of a command is long past after so many steps: what is left of it then is lost in the noise, too.
+_FRESH = 5.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -33,7 +36,10 @@ class Driving:
     position_noise
         Standard deviation of the noise of what is measured.
     steps
-        (n,) of each run, at which of the log's instants a filter looks; None for all.
+        (n,) of each run, at which of the log's instants it is looked at; None for all.
+    means_alone
+        Whether the mean torque from each of the instants `chosen` to the next is all that is wanted; else that from
+        each step to the next is, and when in between it acts.
     """
 
     runs: Sequence[Run]
@@ -41,7 +47,10 @@ class Driving:
     inertia: float
     position_noise: float
     steps: list[IntArray] | None
-    _commanded: dict[int, tuple[Commanded, Intervals | None]] = field(default_factory=dict, init=False, repr=False)
+    means_alone: bool = False
+    _commanded: dict[tuple[int, bool], tuple[Commanded, Intervals | None]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     def at_instants(self, model: Model) -> Drive:
         """Of all runs, at all instants of their logs."""
@@ -56,12 +65,25 @@ class Driving:
         return model.drivetrain.driven(*self._given(self.vehicle, model))
 
     def _given(self, vehicle: Vehicle, model: Model) -> tuple[Commanded, Intervals | None]:
-        """What was commanded, each interval cut as finely as ``model`` asks for; and between which steps."""
-        parts = min(self._parts, model.drivetrain.parts)
-        if parts not in self._commanded:
-            given = Commanded.of(vehicle, [run.trial for run in self.runs], parts)
-            self._commanded[parts] = given, None if self.steps is None else given.between(self.steps)
-        return self._commanded[parts]
+        """What was commanded, as finely as ``model`` asks for; and between which steps."""
+        train, chosen, steps = model.drivetrain, self.chosen, self.steps
+        few, parts = train.calms, min(self._parts, train.parts)
+        if self.means_alone:
+            few, parts, steps = train.means_exactly, 1 if train.means_exactly else parts, None
+        if (parts, few) not in self._commanded:
+            at = chosen if few else None
+            given = Commanded.of(vehicle, [run.trial for run in self.runs], parts, at)
+            if at is not None and steps is not None:
+                steps = [np.searchsorted(here, step) for here, step in zip(at, steps, strict=True)]
+            self._commanded[parts, few] = given, None if steps is None else given.between(steps)
+        return self._commanded[parts, few]
+
+    @cached_property
+    def chosen(self) -> list[IntArray] | None:
+        """Of each run, its steps and whatever commands changed at, or a while before; None for all instants."""
+        if self.steps is None:
+            return None
+        return [_telling(run.trial, steps) for run, steps in zip(self.runs, self.steps, strict=True)]
 
     @cached_property
     def _held(self) -> Drive:
@@ -70,7 +92,7 @@ class Driving:
 
     @cached_property
     def _held_between(self) -> Drive:
-        if self.steps is None:
+        if self.steps is None or self.means_alone:
             return self._held
         return Drive.over(Intervals.of([run.trial.time for run in self.runs], self.steps), self._held.torque)
 
@@ -86,3 +108,14 @@ class Driving:
         lost = most / self.inertia * period**2 / 8.0
         parts = math.ceil(math.sqrt(lost / (_LOST * self.position_noise)))
         return int(np.clip(parts, 1, MOST_PARTS))
+
+
+def _telling(trial: Trial, steps: IntArray) -> IntArray:
+    """Instants of ``trial``: the ``steps``, the ends, and all from each change of a command until it is long past."""
+    time, count = trial.time, len(trial.time)
+    changed = np.concatenate(([False], (np.diff(trial.commands, axis=0) != 0.0).any(axis=1)))
+    latest = np.maximum.accumulate(np.where(changed, np.arange(count), -1))
+    apart = float(np.median(np.diff(time[steps]))) if len(steps) > 1 else 0.0
+    fresh = (latest >= 0) & (time - time[latest] <= _FRESH * apart)
+    fresh[[0, count - 1]] = fresh[steps] = True
+    return np.flatnonzero(fresh)

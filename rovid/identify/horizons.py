@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
 from rovid.ground.arrays import FloatArray, IntArray
 from rovid.identify.courses import HORIZONS, MOST_RESTARTS, RESTARTS, Course, Courses, Motion, course_of
+from rovid.identify.means import Means, held_since
 from rovid.identify.records import Records
 from rovid.model.drive import Drive
 from rovid.model.model import Model
@@ -43,6 +44,8 @@ class HorizonRecords(Records):
     time_constant: float
     share: FloatArray
 
+    means_alone: ClassVar[bool] = True
+
     @classmethod
     def of(cls, records: Records, model: Model) -> Self:
         """With the shares that the errors of ``model`` leave."""
@@ -59,7 +62,7 @@ class HorizonRecords(Records):
 
     def counting(self, model: Model) -> Self:
         """The same with the shares that the errors of ``model`` leave."""
-        errors = predictions(self, model, self.drives(model))
+        errors = predictions(self, model, self.drives_between(model))
         return replace(self, share=_shares(self, errors))
 
     @property
@@ -67,10 +70,21 @@ class HorizonRecords(Records):
         """Zero: no reading is passed over."""
         return 0.0
 
-    @property
-    def steps(self) -> None:
-        """None: all instants are looked at."""
-        return None
+    @cached_property
+    def steps(self) -> list[IntArray]:
+        """(n,) of each run, which of the log's instants what the grid has is held since."""
+        pairs = [(course.run.trial.time, course.time) for course in self.courses.each]
+        return [held_since(time, grid) for time, grid in pairs]
+
+    def means(self, series: FloatArray) -> FloatArray:
+        """(m,) means from each instant of the grids to the next, of an (n,) series at all or at the chosen instants."""
+        courses = self.courses
+        return (courses.means if len(series) == len(courses.means.length) else self._means_of_chosen).of(series)
+
+    @cached_property
+    def _means_of_chosen(self) -> Means:
+        times = [run.trial.time[at] for run, at in zip(self.runs, self._driving.chosen or (), strict=True)]
+        return Means.onto(times, [course.time for course in self.courses.each])
 
     @cached_property
     def courses(self) -> Courses:
@@ -111,7 +125,7 @@ def time_constant(model: Model, rate: float) -> float:
 
 
 def predictions(records: HorizonRecords, model: Model, drive: Drive) -> FloatArray:
-    """(N,) predicted less measured position of every prediction, in rad or m, under the ``drive`` at all instants."""
+    """(N,) predicted less measured position of every prediction, in rad or m, under the ``drive``."""
     from rovid.model.kernels import predict
 
     courses, grid = records.courses, records.courses.grid
@@ -120,8 +134,8 @@ def predictions(records: HorizonRecords, model: Model, drive: Drive) -> FloatArr
     motion = courses.motion
     if model.instrument.deviates:
         motion = Motion.joined([_true_motion(course, model) for course in courses.each])
-    torque = courses.torque if model.drivetrain.is_plain else courses.means.of(drive.torque)
-    beside = _beside(courses, drive)
+    torque = courses.torque if model.drivetrain.is_plain else records.means(drive.torque)
+    beside = _beside(records, drive)
     here = (torque, beside, motion.rate, motion.turned, _states(courses, model, motion, torque, beside))
     start = courses.starts[grid.run]
     moved = predict(grid.period, *here, grid.restarts, grid.reach, start, model.body, model.terms)
@@ -141,14 +155,14 @@ def _true_motion(course: Course, model: Model) -> Motion:
     return Motion.of(course.time, course.angle + off[::every], course.motion.rate / slope, slope)
 
 
-def _beside(courses: Courses, drive: Drive) -> FloatArray:
+def _beside(records: HorizonRecords, drive: Drive) -> FloatArray:
     """(n, m) what acts beside the thrusters, on the grid."""
-    beside = np.zeros((len(courses.torque), drive.beside.shape[1]))
+    beside = np.zeros((len(records.courses.torque), drive.beside.shape[1]))
     if not drive.is_told:
         return beside
     for column, series in zip(beside.T, drive.beside.T, strict=True):
         if series.any():
-            column[:] = courses.means.of(series)
+            column[:] = records.means(series)
     return beside
 
 

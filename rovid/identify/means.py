@@ -41,7 +41,7 @@ class Means:
         begins = np.cumsum([0, *map(len, times)])
         latest, since = [], []
         for begin, time, grid in zip(begins[:-1], times, grids, strict=True):
-            before = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 1)
+            before = _latest(time, grid)
             latest.append(begin + before)
             since.append(grid - time[before])
         held = np.concatenate(latest)
@@ -64,3 +64,13 @@ class Means:
         means = area / self.span
         means[self.grid_begins[1:] - 1] = series[self.begins[1:] - 1]
         return means
+
+
+def held_since(time: FloatArray, grid: FloatArray) -> IntArray:
+    """Which of the (n,) instants are the latest at any of a grid's; both in s."""
+    return np.unique(_latest(time, grid))
+
+
+def _latest(time: FloatArray, grid: FloatArray) -> IntArray:
+    """(m,) the latest of the (n,) instants at each of the grid's."""
+    return np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 1)

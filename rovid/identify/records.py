@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -38,6 +39,9 @@ class Records(ABC):
     vehicle: Vehicle | None
     start: Model
     gyro: bool = False
+
+    # Of what drives the runs, as in `Driving`.
+    means_alone: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -134,6 +138,7 @@ class Records(ABC):
             inertia=self.start.inertia,
             position_noise=self.position_noise,
             steps=self.steps,
+            means_alone=self.means_alone,
         )
 
     def drives(self, model: Model) -> Drive:

@@ -30,7 +30,7 @@ class Commanded:
     where
         What effects are told of the trials, with each interval between two of the log's instants cut into parts.
     held
-        (n, k) commands at the log's instants.
+        (n, k) commands at the log's instants, those that were chosen.
     recent
         What effects made of it, by them and their parameters.
     """
@@ -41,13 +41,20 @@ class Commanded:
     recent: Recent = field(default_factory=lambda: Recent(_KEPT), init=False, repr=False)
 
     @classmethod
-    def of(cls, vehicle: Vehicle, trials: Sequence[Trial], parts: int = 1) -> Self:
-        """In ``trials``, with each interval cut into ``parts``; one for all who ask, as long as anybody has it."""
-        key = (vehicle, parts, *trials)
+    def of(
+        cls, vehicle: Vehicle, trials: Sequence[Trial], parts: int = 1, at: Sequence[IntArray] | None = None
+    ) -> Self:
+        """In ``trials``, with each interval cut into ``parts``; one for all who ask, as long as anybody has it.
+
+        Of each trial the instants ``at``, all where that is None: no command changes at any other.
+        """
+        key = (vehicle, parts, *trials, *(() if at is None else (here.tobytes() for here in at)))
         found = _SHARED.get(key)
         if not isinstance(found, cls):
-            where = Actuation.joined([actuation(vehicle, trial, parts) for trial in trials])
-            found = cls(vehicle, where, np.concatenate([trial.commands for trial in trials]))
+            pairs = list(zip(trials, at if at is not None else [None] * len(trials), strict=True))
+            where = Actuation.joined([actuation(vehicle, trial, parts, here) for trial, here in pairs])
+            held = [trial.commands if here is None else trial.commands[here] for trial, here in pairs]
+            found = cls(vehicle, where, np.concatenate(held))
             _SHARED[key] = found
         return found
 
@@ -70,7 +77,7 @@ class Commanded:
         return self.between([np.arange((count - 1) // self.where.parts + 1) for count in counts.tolist()])
 
     def between(self, at: Sequence[IntArray]) -> Intervals:
-        """Of each trial from each of the log's instants ``at`` to the next of them."""
+        """Of each trial from each of the chosen instants ``at`` to the next of them."""
         times = [self.where.time[one.rows] for one in self.where.trials]
         return Intervals.of(times, [self.where.parts * here for here in at])
 

@@ -35,8 +35,23 @@ class Drivetrain:
     @property
     def parts(self) -> int:
         """How many parts each interval between two instants has to be cut into for the drive."""
-        is_quick = any(isinstance(one.effect.acts, Actuating) and one.effect.acts.quick for one in self.acting)
-        return MOST_PARTS if is_quick else 1
+        return MOST_PARTS if self._quick else 1
+
+    @property
+    def means_exactly(self) -> bool:
+        """Whether the mean torque until the next instant is exact, however far that is, while commands are held."""
+        return not self._quick or (len(self._quick) == 1 and isinstance(self._quick[0], OnTorque))
+
+    @property
+    def calms(self) -> bool:
+        """Whether nothing changes within an interval any more, once commands have been held for a while."""
+        return not self._quick or (self.means_exactly and getattr(self._quick[0], "fades", False))
+
+    @property
+    def _quick(self) -> list[Actuating]:
+        """What acts within the interval between two instants."""
+        acts = [one.effect.acts for one in self.acting]
+        return [act for act in acts if isinstance(act, Actuating) and act.quick]
 
     def drive(self, vehicle: Vehicle, trial: Trial) -> Drive:
         """After every effect between command and torque, from each instant of ``trial`` to the next."""

@@ -17,7 +17,7 @@ from tests.predictions import NOISE, TIME, TORQUE, biased, records
 
 
 def rms(ahead: HorizonRecords, model: Model) -> FloatArray:
-    errors = predictions(ahead, model, ahead.drives(model))
+    errors = predictions(ahead, model, ahead.drives_between(model))
     return np.array([np.sqrt(np.mean(errors[ahead.horizon == number] ** 2)) for number in range(len(HORIZONS))])
 
 
