@@ -233,7 +233,11 @@ def actuation(vehicle: Vehicle, trial: Trial, parts: int = 1, at: IntArray | Non
         ahead=vehicle.ahead,
         ends=np.array([_ends(thruster) for thruster in vehicle.thrusters]),
         dead_zone=np.array([_dead_zone(thruster.curve) for thruster in vehicle.thrusters]),
-        extras={name: finer(stretch.held(values), parts) for name, values in trial.extras.items()},
+        # Between two instants a speed is what is between its readings there, and any other channel is held.
+        extras={
+            name: finer(values[at] if at is not None and name in SPEEDS else stretch.held(values), parts)
+            for name, values in trial.extras.items()
+        },
         reference=trial.reference,
         trials=(stretch,),
         parts=parts,
