@@ -215,6 +215,11 @@ def by_cause(promises: Sequence[Promise]) -> list[list[Promise]]:
     return list(groups.values())
 
 
+def gains_of(promises: Sequence[Promise]) -> list[float]:
+    """What the best form of each cause promises, the most first."""
+    return [forms[0].gain for forms in by_cause(promises)]
+
+
 def best_forms(promises: Sequence[Promise]) -> list[Promise]:
     """The most promising form of every cause that shows at all, and more forms of those that show most."""
     listed: list[Promise] = []

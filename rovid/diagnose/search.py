@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from rovid.diagnose.rivals import Cause, Rival, is_plausible, quickly_climbed, worth
-from rovid.diagnose.screening import ITERATIONS, Promise, best_forms, fit_all, screen, shortlist
+from rovid.diagnose.screening import ITERATIONS, Promise, best_forms, fit_all, gains_of, screen, shortlist
 from rovid.diagnose.signals import is_signal
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
@@ -50,8 +50,8 @@ class Search:
     report
         Called with a line of text as the search goes on.
     hopeless
-        Whether no causes more, of what they promise, can explain what a model misses: then the search is given up.
-        None goes on in any case.
+        Whether no causes more, by what each of them gains, the most first, can explain what a model misses: then the
+        search is given up. None goes on in any case.
     thorough
         Whether a model is so far from the truth that slopes do not tell what would help: then every cause is fitted.
     margin
@@ -68,7 +68,7 @@ class Search:
 
     candidates: Sequence[Effect]
     report: Report = field(default=lambda _: None)
-    hopeless: Callable[[Fitted, Callable[[], Sequence[Promise]]], bool] | None = None
+    hopeless: Callable[[Fitted, Callable[[], Sequence[float]]], bool] | None = None
     thorough: Callable[[Fitted], bool] = field(default=lambda _: False)
     margin: float = MARGIN
     least: float = _NEGLIGIBLE
@@ -160,7 +160,17 @@ class Search:
 
     def _may_give_up(self, current: Fitted) -> None:
         if self.hopeless is not None and not self.given_up:
-            self.given_up = self.hopeless(current, lambda: self._promised(current))
+            self.given_up = self.hopeless(current, lambda: self._gains(current))
+
+    def _gains(self, current: Fitted) -> list[float]:
+        """What each cause beside ``current`` gains, the most first: where it is fitted, else what slopes promise."""
+        if current.key not in self._extensions:
+            return gains_of(self._promised(current))
+        best: dict[str, float] = {}
+        for fit in self._extensions[current.key]:
+            cause = fit.effects[-1].id
+            best[cause] = max(best.get(cause, 0.0), current.cost - fit.cost)
+        return sorted(best.values(), reverse=True)
 
     def _best_pair(self, current: Fitted) -> Fitted:
         """With two effects that gain little alone and much together, as where each hides the other.

@@ -11,7 +11,7 @@ import numpy as np
 from rovid.diagnose.odds import ESTABLISHED, PRIOR_ODDS
 from rovid.diagnose.parts import Piece
 from rovid.diagnose.rivals import is_plausible, worth
-from rovid.diagnose.screening import Promise, by_cause, screen
+from rovid.diagnose.screening import gains_of, screen
 from rovid.diagnose.search import MARGIN, Report, Search
 from rovid.diagnose.waves import Waves, look_for_waves
 from rovid.diagnose.work import Work
@@ -129,7 +129,7 @@ def _is_hopeless_over(records: Readings, candidates: Sequence[Effect], ahead: Wo
     begun = _begun(_base_of(records), ahead)
     taken = {effect.id for effect in begun.effects}
     more = [effect for effect in _beside(begun, candidates) if effect.id not in taken]
-    return _is_hopeless(begun, lambda: screen(begun, more))
+    return _is_hopeless(begun, lambda: gains_of(screen(begun, more)))
 
 
 def _begun(base: Fitted, ahead: Work) -> Fitted:
@@ -145,8 +145,8 @@ def _begun(base: Fitted, ahead: Work) -> Fitted:
     return loosened(climbed(base.misfit.like(of_effects.effects), x))
 
 
-def _is_hopeless(current: Fitted, promises: Callable[[], Sequence[Promise]]) -> bool:
-    """Whether no causes more can leave white innovations and a disturbance within its limit.
+def _is_hopeless(current: Fitted, gains: Callable[[], Sequence[float]]) -> bool:
+    """Whether no causes more, by what each ``gains``, can leave white innovations and a disturbance within its limit.
 
     They would have to gain what whitening the innovations does, and what a larger disturbance does, or some share of
     it, for slopes may mislead. Where a disturbance above its limit gains nothing it is real: no cause takes it away.
@@ -161,8 +161,7 @@ def _is_hopeless(current: Fitted, promises: Callable[[], Sequence[Promise]]) -> 
         lacking += unlimited.colour
     if lacking <= 0.0:
         return False  # and nothing has to be screened to know
-    best = [forms[0].gain for forms in by_cause(promises())]
-    return sum(best[:_TOGETHER]) < _SHARE * lacking
+    return sum(gains()[:_TOGETHER]) < _SHARE * lacking
 
 
 def _ahead(effects: tuple[Effect, ...], records: HorizonRecords, x: FloatArray) -> Fitted:
