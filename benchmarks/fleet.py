@@ -158,8 +158,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         tenth = ran(fleet[::10], room / "tenth")
         print(f"of a tenth of them: {memory(tenth)}", flush=True)
         one = ran(fleet, room / "one", share=1)
-        times = one.seconds / every.seconds
-        print(f"one core: {one.seconds:.0f} s, {times:.2f} times as long; same: {same(room / 'all', room / 'one')}", flush=True)
+        times, alike = one.seconds / every.seconds, same(room / "all", room / "one")
+        print(f"one core: {one.seconds:.0f} s, {times:.2f} times as long; same: {alike}", flush=True)
         with cluster(cores()) as address:
             on_cluster = ran(fleet, room / "cluster", "--cluster", address)
         alike = same(room / "all", room / "cluster")
