@@ -134,7 +134,8 @@ def memory(each: Ran) -> str:
     """The fleet's own peak, and those of the campaigns' processes."""
     peaks = [one["peak_memory_bytes"] / 2**20 for one in each.document["campaigns"] if one["peak_memory_bytes"]]
     own = "?" if each.megabytes is None else f"{each.megabytes:.0f}"
-    late = np.median(peaks[-len(peaks) // 4 :]) / np.median(peaks[: len(peaks) // 4])
+    fourth = max(len(peaks) // 4, 1)
+    late = np.median(peaks[-fourth:]) / np.median(peaks[:fourth])
     return (
         f"memory: the fleet's process {own} MB; its campaigns' {np.median(peaks):.0f} MB, {max(peaks):.0f} at most, "
         f"the last fourth {late:.2f} times the first"
