@@ -27,7 +27,7 @@ from rovid.ground.workers import SHARE, cores
 from tools.cases import Case, all_cases
 from tools.programme import campaign_for
 from tools.trial_day import write_trial_day
-from tools.truth import VEHICLES
+from tools.truth import VEHICLES, Truth
 
 RUNS = 3
 HIDDEN = "thruster_lag-first_order-strong"
@@ -56,7 +56,7 @@ def write_fleet(folder: Path, campaigns: int, seed: int) -> None:
     """So many campaigns in ``folder``."""
     for number in range(campaigns):
         vehicle = VEHICLES[number % len(VEHICLES)]
-        truth = _hidden(vehicle.name).of(vehicle) if number % 4 == 3 else vehicle
+        truth = _hidden(vehicle).of(vehicle) if number % 4 == 3 else vehicle
         programme, rng = campaign_for(truth), np.random.default_rng([seed, number])
         chosen = sorted(rng.choice(len(programme), RUNS, replace=False).tolist())
         runs = [programme[place] for place in chosen]
@@ -64,9 +64,8 @@ def write_fleet(folder: Path, campaigns: int, seed: int) -> None:
         write_trial_day(folder / f"campaign_{number:04d}", seed=seed + number, truth=named, campaign=runs)
 
 
-def _hidden(vehicle: str) -> Case:
-    truth = next(one for one in VEHICLES if one.name == vehicle)
-    return next(case for case in all_cases(truth) if case.name == HIDDEN)
+def _hidden(vehicle: Truth) -> Case:
+    return next(case for case in all_cases(vehicle) if case.name == HIDDEN)
 
 
 def command(fleet: Sequence[Path], out: Path, *more: str) -> list[str]:
