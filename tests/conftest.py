@@ -20,6 +20,10 @@ from tools.trial_day import write_trial_day
 # As the command line does; the workers that share the tests begin with it.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Workers that share the tests have shared the cores.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    os.environ.setdefault("ROVID_CORES", "1")
+
 # As wide as a pipe is taken to be; the workers that share the tests are told that of a terminal.
 os.environ["COLUMNS"] = "160"
 

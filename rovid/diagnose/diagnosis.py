@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.conclusion import concluded
@@ -15,6 +16,7 @@ from rovid.diagnose.strategies import by_horizons, by_innovations, wave_search
 from rovid.diagnose.work import Work
 from rovid.effects import forms_for
 from rovid.ground.errors import DataError
+from rovid.ground.in_step import in_step
 from rovid.identify.free_run import fit_free_run
 from rovid.identify.readings import Readings
 from rovid.motion.runs import Runs, channels
@@ -74,11 +76,22 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     cut = [piece.run for piece in pieces]
     candidates = (*forms, *signal_causes((*prepared.items, *runs, *cut)))
     whole = Readings(prepared.items, vehicle, start)
-    ahead = by_horizons(whole, pieces, candidates, report)
-    ahead.look_for_waves = wave_search(whole, forms, pieces)
-    ahead.settle()
-    near = by_innovations(Readings(runs, vehicle, start), candidates, ahead, report)
-    report("Testing what was found on trials that were not fitted …")
+    with in_step() as is_first:
+        report = report if is_first else _unsaid
+        ahead = by_horizons(whole, pieces, candidates, report)
+        ahead.look_for_waves = wave_search(whole, forms, pieces)
+        ahead.settle()
+        near = by_innovations(replace(whole, runs=runs), candidates, ahead, report)
+        report("Testing what was found on trials that were not fitted …")
+        return _told(ahead, near, notes)
+
+
+def _unsaid(_: str) -> None:
+    """As the first process says it."""
+
+
+def _told(ahead: Work, near: Work | None, notes: list[str]) -> Diagnosis:
+    """What holds of what was found by predictions, or where that explains all, by each next reading."""
     work = ahead if near is None else near
     refused = work.decided()
     if not work.by_horizons and not work.explains:

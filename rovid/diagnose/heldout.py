@@ -9,7 +9,7 @@ import numpy as np
 
 from rovid.diagnose.parts import Piece
 from rovid.ground.arrays import FloatArray, IntArray
-from rovid.ground.workers import spread
+from rovid.ground.in_step import shared
 from rovid.identify.courses import HORIZONS
 from rovid.identify.fitted import Fitted, climbed
 from rovid.identify.horizons import HorizonRecords, predictions
@@ -62,7 +62,7 @@ def cross_validate(fitted: Fitted, pieces: Sequence[Piece]) -> list[Fold]:
     # What begins in one piece and ends in another tells of both.
     taught = [fitted.misfit.like(fitted.effects, ~test & (piece >= 0)) for test in tested]
     # All trials together are a start so good that a few steps do.
-    fits = spread(lambda one: _told(climbed(one, fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)), taught)
+    fits = shared(lambda one: _told(climbed(one, fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)), taught)
     costs = fitted.misfit.held_out_costs(tests, fits)
     folds = []
     for numbers, cost, x in zip(left_out, costs, fits, strict=True):

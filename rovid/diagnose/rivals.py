@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from rovid.effects import Effect, EffectParameter
 from rovid.ground.arrays import FloatArray
+from rovid.ground.in_step import shared
 from rovid.identify.fitted import Fitted, climbed
 from rovid.identify.misfit import Misfit
 
@@ -51,14 +53,25 @@ def worth(fitted: Fitted) -> float:
     return -fitted.cost - price
 
 
-def quickly_climbed(misfit: Misfit, x: FloatArray, iterations: int) -> Fitted:
-    """The model that so many steps from ``x`` lead to, near enough for a search."""
-    return climbed(misfit, x, iterations=iterations, tolerance=_TOLERANCE)
+def quickly_climbed(misfit: Misfit, x: FloatArray, iterations: int, goal: float = math.inf) -> Fitted:
+    """The model that so many steps from ``x`` lead to, near enough for a search; fewer where that is no cost's way."""
+    return climbed(misfit, x, iterations=iterations, tolerance=_TOLERANCE, goal=goal)
 
 
-def climbed_on(fitted: Fitted, iterations: int) -> Fitted:
-    """``fitted`` after so many steps more, if there is anything to be gained."""
-    return fitted if fitted.tolerance <= _TOLERANCE else quickly_climbed(fitted.misfit, fitted.x, iterations)
+def climbed_on(fitted: Fitted, iterations: int, goal: float = math.inf) -> Fitted:
+    """``fitted`` after so many steps more, if there is anything to be gained, as long as the ``goal`` is in reach."""
+    return fitted if fitted.tolerance <= _TOLERANCE else quickly_climbed(fitted.misfit, fitted.x, iterations, goal)
+
+
+def fitted_together(misfits: Sequence[Misfit], fit: Callable[[int], Fitted]) -> list[Fitted]:
+    """What ``fit`` makes of each of ``misfits``, told by its place; shared with all that go in step."""
+
+    def numbers(at: int) -> tuple[FloatArray, float, float]:
+        fitted = fit(at)
+        return fitted.x, fitted.cost, fitted.tolerance
+
+    found = shared(numbers, range(len(misfits)))
+    return [Fitted(misfit, *told) for misfit, told in zip(misfits, found, strict=True)]
 
 
 def is_plausible(fitted: Fitted) -> bool:

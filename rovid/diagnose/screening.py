@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.diagnose.rivals import climbed_on, quickly_climbed, worth
+from rovid.diagnose.rivals import climbed_on, fitted_together, quickly_climbed, worth
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
-from rovid.ground.workers import spread
+from rovid.ground.in_step import shared
 from rovid.identify.fitted import Fitted
 from rovid.identify.misfit import Misfit
 from rovid.identify.scoring import Innovations, NormalEquations, Slopes
@@ -21,15 +21,15 @@ _PROMISE = 0.1
 _FITTED = 7
 _FORMS_FITTED = 3
 ITERATIONS = 25
-# So many starts of one form are many.
-_MANY = 12
 # Sizes to begin with, as shares of what the slopes ask for: where they mislead, that may be far too much.
 _SHARES = (1.0, 0.3, 0.1)
 _FIRST_ITERATIONS = 4
 # Then those go on, for so many steps, that have this share of the best one's worth.
 _STAGES = ((0.2, 8), (0.4, ITERATIONS))
-
-
+# Rivals that come nearer than that to the best, in log-likelihood, are told from it by what they are worth to the end.
+_CLOSE = 50.0
+# What a promise has beside the effect.
+_Promised = tuple[float, FloatArray, FloatArray, float]
 # A form beside what is known already, and where to start from with it.
 _Begun = tuple[Misfit, list[FloatArray]]
 
@@ -64,19 +64,16 @@ def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
     misfits = [current.misfit.like((*current.effects, form)) for form in forms]
     begun = [(misfit, misfit.coordinates.starts()) for misfit in misfits]
 
-    def promised(few: Sequence[int]) -> list[tuple[int, Promise]]:
+    def promised(few: Sequence[int]) -> list[tuple[int, _Promised]]:
         # No more innovations are held than those of a few forms.
         pairs = [(begun[at][0], np.concatenate((current.x, begin))) for at in few for begin in begun[at][1]]
         found = iter(current.misfit.of_each(pairs))
         sides = [[next(found) for _ in begun[at][1]] for at in few]
-        return [(at, _promise(*begun[at], own, centre, past)) for at, own in zip(few, sides, strict=True)]
+        return [(at, _promised(*begun[at], own, centre, past)) for at, own in zip(few, sides, strict=True)]
 
-    tasks = _abreast(begun, current.x)
-    # One form of many starts fills all cores by itself, and takes memory enough.
-    first = sum(len(begun[few[0]][1]) > _MANY for few in tasks)
-    found = [*map(promised, tasks[:first]), *spread(promised, tasks[first:])]
+    found = shared(promised, _abreast(begun, current.x))
     promises = dict(pair for pairs in found for pair in pairs)
-    return [promises[at] for at in range(len(begun))]
+    return [Promise(form, *promises[at]) for at, form in enumerate(forms)]
 
 
 def _abreast(begun: Sequence[_Begun], x: FloatArray) -> list[list[int]]:
@@ -93,25 +90,42 @@ def _abreast(begun: Sequence[_Begun], x: FloatArray) -> list[list[int]]:
     return sorted((few for alike in every.values() for _, few in alike), key=lambda few: -len(begun[few[0]][1]))
 
 
-def fit_all(current: Fitted, promises: Sequence[Promise]) -> tuple[list[Fitted], list[Fitted]]:
-    """Each promise kept: fitted together with all else; and those that fell behind, left where they were."""
+def fit_all(
+    current: Fitted, promises: Sequence[Promise], leads: Callable[[Fitted], bool]
+) -> tuple[list[Fitted], list[Fitted]]:
+    """Each promise kept: fitted together with all else; and those that fell behind, left where they were.
+
+    None is followed that cannot catch up with the worthiest of those that may lead, as ``leads`` has it.
+    """
 
     def gain(fit: Fitted) -> float:
         return worth(fit) - worth(current)
 
-    ahead, behind = spread(lambda promise: _begun(current, promise), promises), list[Fitted]()
+    misfits = [_with_promised(current, promise) for promise in promises]
+    ahead = fitted_together(misfits, lambda at: _begun(current, misfits[at], promises[at]))
+    behind = list[Fitted]()
     for share, iterations in _STAGES:
         most = max(map(gain, ahead), default=0.0)
         least = max(share * most, 0.0)
         behind += [fit for fit in ahead if gain(fit) < least]
         ahead = [fit for fit in ahead if fit not in behind]
-        ahead = spread(lambda fit: climbed_on(fit, iterations), ahead)  # noqa: B023 - used at once
+        close = max((gain(fit) for fit in ahead if leads(fit)), default=-math.inf) - _CLOSE
+        ahead = _followed(ahead, [fit.cost - (close - gain(fit)) for fit in ahead], iterations)
     return ahead, behind
 
 
-def _begun(current: Fitted, promise: Promise) -> Fitted:
+def _followed(fits: Sequence[Fitted], goals: Sequence[float], iterations: int) -> list[Fitted]:
+    """Each after so many steps more, as long as its goal is in reach."""
+    misfits = [fit.misfit for fit in fits]
+    return fitted_together(misfits, lambda at: climbed_on(fits[at], iterations, goals[at]))
+
+
+def _with_promised(current: Fitted, promise: Promise) -> Misfit:
+    return current.misfit.like((*current.effects, promise.effect))
+
+
+def _begun(current: Fitted, misfit: Misfit, promise: Promise) -> Fitted:
     """``current`` with what is promised, after the first steps from the nearest of several sizes."""
-    misfit = current.misfit.like((*current.effects, promise.effect))
     scaled = [sized(promise.effect, promise.start, share) for share in _SHARES]
     begins = [np.concatenate((current.x, start)) for start in (promise.unscaled, *scaled)]
     (nearest,) = misfit.likeliest(begins, 1)
@@ -141,13 +155,13 @@ class _Complement:
         return taken.T @ self.gradient - np.sum(along, axis=0), np.sum(power, axis=0) - both.T @ taken
 
 
-def _promise(
+def _promised(
     misfit: Misfit,
     begins: list[FloatArray],
     sides: list[Innovations],
     centre: Innovations,
     past: _Complement,
-) -> Promise:
+) -> _Promised:
     """Of the last effect of ``misfit``, with the innovations at each of its starts."""
     form = misfit.effects[-1]
     # A drag that falls with the rate runs away from one start, and may hold from another.
@@ -155,7 +169,7 @@ def _promise(
         pull, information = past(misfit.slopes_between(centre, sides, np.ones(len(sides))))
     bears = np.flatnonzero(np.isfinite(np.diag(information)))
     if not bears.size:
-        return Promise(form, 0.0, begins[0], begins[0], 0.0)
+        return 0.0, begins[0], begins[0], 0.0
     begins, sides = [begins[k] for k in bears], [sides[k] for k in bears]
     pull, information = pull[bears], information[np.ix_(bears, bears)]
     if form.sizes > 1:
@@ -174,19 +188,19 @@ def _promise(
     outright = misfit.cost_of(centre) - np.array([misfit.cost_of(side) for side in sides])
     unscaled = begins[int(np.argmax(outright))]
     if outright.max() > gains.max():
-        return Promise(form, float(outright.max()), unscaled, unscaled, shown)
+        return float(outright.max()), unscaled, unscaled, shown
     best = int(np.argmax(gains))
     if gains[best] <= 0.0:
-        return Promise(form, 0.0, begins[best], unscaled, shown)
+        return 0.0, begins[best], unscaled, shown
     together = 0.5 * float(pull @ np.linalg.pinv(information, rcond=1e-6) @ pull)
     asked = float(share[best])
     # Slopes hold near by: what they ask for is neither taken to be next to nothing nor far away.
     taken = min(max(abs(asked), 0.1), 5.0)
     start = sized(form, begins[best], math.copysign(taken, asked))
-    return Promise(form, max(together, float(gains[best])), start, unscaled, shown)
+    return max(together, float(gains[best])), start, unscaled, shown
 
 
-def _of_several(misfit: Misfit, begins: list[FloatArray], pull: FloatArray, information: FloatArray) -> Promise:
+def _of_several(misfit: Misfit, begins: list[FloatArray], pull: FloatArray, information: FloatArray) -> _Promised:
     """Of an effect with several sizes, each of which one of its starts has alone; less the price of all but one."""
     form = misfit.effects[-1]
     null = np.array([parameter.null for parameter in form.parameters])
@@ -195,7 +209,7 @@ def _of_several(misfit: Misfit, begins: list[FloatArray], pull: FloatArray, info
     start = np.clip(null + asked @ (np.array(begins) - null), low, high)
     price = 0.5 * math.log(max(misfit.count, 1.0)) * (len(null) - 1)
     gain = max(0.5 * float(pull @ asked) - price, 0.0)
-    return Promise(form, gain, start, start, float(np.mean(np.diag(information))))
+    return gain, start, start, float(np.mean(np.diag(information)))
 
 
 def sized(form: Effect, begin: FloatArray, share: float) -> FloatArray:
@@ -235,7 +249,7 @@ def shortlist(current: Fitted, promises: Sequence[Promise], least: float) -> lis
     Slopes promise too much of some forms, and one with fewer parameters may gain as much.
     """
     ranked = [group for group in by_cause(promises)[:_FITTED] if group[0].gain >= least]
-    kept = spread(lambda group: min(group[0].gain, _outright(current, group[0])), ranked)
+    kept = shared(lambda group: min(group[0].gain, _outright(current, group[0])), ranked)
     top = max(kept, default=0.0)
     listed: list[Promise] = []
     for group in ranked:
@@ -253,6 +267,6 @@ def _is_worth_a_fit(promise: Promise, first: Promise) -> bool:
 
 def _outright(current: Fitted, promise: Promise) -> float:
     """What a form gains where its fit would start, before any."""
-    misfit = current.misfit.like((*current.effects, promise.effect))
+    misfit = _with_promised(current, promise)
     begins = [np.concatenate((current.x, start)) for start in (promise.start, promise.unscaled)]
     return current.cost - min(misfit.costs_of(begins))

@@ -9,12 +9,11 @@ from itertools import combinations
 
 import numpy as np
 
-from rovid.diagnose.rivals import Cause, Rival, is_plausible, quickly_climbed, worth
+from rovid.diagnose.rivals import Cause, Rival, fitted_together, is_plausible, quickly_climbed, worth
 from rovid.diagnose.screening import ITERATIONS, Promise, best_forms, fit_all, gains_of, screen, shortlist
 from rovid.diagnose.signals import is_signal
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
-from rovid.ground.workers import spread
 from rovid.identify.fitted import Fitted
 from rovid.identify.likelihood import loosened
 from rovid.identify.misfit import Key, Misfit
@@ -180,7 +179,9 @@ class Search:
         if not self.thorough(current) or len(current.effects) + 2 > _MAX_EFFECTS:
             return current
         singles = self._best_singles(current)[:_PAIRED]
-        fits = spread(lambda pair: self._joined(*pair), list(combinations(singles, 2)))
+        pairs = list(combinations(singles, 2))
+        misfits = [one.misfit.like((*one.effects, other.effects[-1])) for one, other in pairs]
+        fits = fitted_together(misfits, lambda at: _joined(misfits[at], *pairs[at]))
         for fit in fits:
             self._fits.setdefault(fit.key, fit)
         chosen = max(fits, key=worth, default=current)
@@ -200,13 +201,6 @@ class Search:
     def _plausible(self, current: Fitted) -> list[Fitted]:
         """With one effect more that may be, of a size that there is."""
         return [fit for fit in self.extensions(current) if self.allows(fit.effects[-1]) and is_plausible(fit)]
-
-    def _joined(self, one: Fitted, other: Fitted) -> Fitted:
-        """``one`` with the last effect of ``other`` besides."""
-        effect = other.effects[-1]
-        misfit = one.misfit.like((*one.effects, effect))
-        starts = (other.own(effect), *misfit.coordinates.starts())
-        return _climbed_from_best(misfit, one.x, starts)
 
     def _opened(self, current: Fitted) -> Fitted:
         """``current`` with as much disturbance as it bears, less what is then no longer needed.
@@ -275,11 +269,16 @@ class Search:
                 listed = best_forms(promises)
             else:
                 listed = shortlist(current, promises, self.threshold * self.least)
-            ahead, behind = fit_all(current, listed)
+            ahead, behind = fit_all(current, listed, self._leads)
             self._extensions[current.key] = [*ahead, *behind]
             for fit in ahead:
                 self._fits.setdefault(fit.key, fit)
         return self._extensions[current.key]
+
+    def _leads(self, fit: Fitted) -> bool:
+        """Whether it may be taken up as it is, and not for want of a named cause."""
+        effect = fit.effects[-1]
+        return self.allows(effect) and is_plausible(fit) and not is_signal(effect)
 
     def _promised(self, current: Fitted) -> list[Promise]:
         """What each effect that ``current`` lacks promises, worked out once."""
@@ -338,6 +337,12 @@ class Search:
                 misfit = fitted.misfit.like((*effects, effect))
                 return _climbed_from_best(misfit, less.x, misfit.coordinates.starts())
         return fitted
+
+
+def _joined(misfit: Misfit, one: Fitted, other: Fitted) -> Fitted:
+    """``one`` with the last effect of ``other`` besides, which is what ``misfit`` has."""
+    starts = (other.own(other.effects[-1]), *misfit.coordinates.starts())
+    return _climbed_from_best(misfit, one.x, starts)
 
 
 def _climbed_from_best(misfit: Misfit, x: FloatArray, starts: Sequence[FloatArray]) -> Fitted:

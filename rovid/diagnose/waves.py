@@ -13,7 +13,7 @@ import numpy as np
 from rovid.diagnose.heldout import cross_validate, log_likelihood
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence, surest
 from rovid.diagnose.parts import Piece
-from rovid.diagnose.rivals import is_plausible, quickly_climbed, worth
+from rovid.diagnose.rivals import fitted_together, is_plausible, quickly_climbed, worth
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
 from rovid.identify.coordinates import COMMON, DISTURBANCE, MEMORY
@@ -109,7 +109,8 @@ def _without_waves(records: Readings, beside: Fitted) -> Fitted:
 def _with_waves(plain: Fitted, wave: Effect) -> Fitted:
     misfit = plain.misfit.like((*plain.effects, wave))
     begins = [np.concatenate((plain.x, start)) for start in misfit.coordinates.starts()]
-    tried = [quickly_climbed(misfit, begin, _FIRST_ITERATIONS) for begin in misfit.likeliest(begins, _BEGUN)]
+    begun = misfit.likeliest(begins, _BEGUN)
+    tried = fitted_together([misfit] * len(begun), lambda at: quickly_climbed(misfit, begun[at], _FIRST_ITERATIONS))
     best = min(tried, key=lambda fitted: fitted.cost)
     return quickly_climbed(misfit, best.x, _ITERATIONS)
 

@@ -15,7 +15,7 @@ from typing import Any
 import numba
 import numpy as np
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 
 # What compiles, beside numba.
 _COMPILERS = ("compiled.py", "lanes.py", "straight.py")
@@ -55,8 +55,8 @@ class Kept(FunctionCache):
         """It as compiled for such arguments; None if it is not, is made of other things by now, or is damaged."""
         self._cache_file._source_stamp = made_of(self._py_func)
         try:
-            # What was compiled needs the memory that arrays are made in. Tables of all that might be compiled, which take
-            # a quarter of a second, are set up by whatever compiles.
+            # What was compiled needs the memory that arrays are made in. Tables of all that might be compiled take a
+            # quarter of a second to set up, and wait until something is.
             rtsys.initialize(target_context)
             return self._load_overload(sig, target_context)
         except Exception:  # noqa: BLE001 - pickle says in many ways that a file is damaged

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -28,6 +29,8 @@ _AS_PROMISED, _TOO_LITTLE = 0.75, 0.4
 _LONGEST = 1.0
 # Curvature of less than this share of the promised is noise of the slopes.
 _LEAST_CURVATURE = 1e-3
+# A goal that so many steps like the last would not reach is out of reach.
+_OUT_OF_REACH = 10.0
 # Even a coordinate along which nothing changes has to be solved for: by this share of the largest.
 _FLOOR = 1e-12
 
@@ -38,6 +41,7 @@ class End(Enum):
     REACHED = "no more than the tolerance is left to gain"
     BLOCKED = "no step gains anything, though the slopes promise it"
     OUT_OF_STEPS = "as many steps as were allowed were taken"
+    BEHIND = "so much is lacking to a goal that many such steps would not reach it"
     RUNAWAY = "the model runs away: there are no slopes"
 
 
@@ -73,10 +77,18 @@ class _Point:
         return cls(x, known, misfit.cost_of(known[0]), damping)
 
 
-def climb(misfit: Misfit, start: FloatArray, *, iterations: int = ITERATIONS, tolerance: float = TOLERANCE) -> Climb:
+def climb(
+    misfit: Misfit,
+    start: FloatArray,
+    *,
+    iterations: int = ITERATIONS,
+    tolerance: float = TOLERANCE,
+    goal: float = math.inf,
+) -> Climb:
     """Most likely coordinates from (p,) ``start``, by Fisher scoring within the bounds.
 
-    Ends when less than ``tolerance`` of log-likelihood is still to be gained.
+    Ends when less than ``tolerance`` of log-likelihood is still to be gained, or where the cost will not come down to
+    the ``goal``.
     """
     bounds = misfit.coordinates.bounds
     here, end = _Point.at(misfit, np.clip(start, *bounds), _FIRST_DAMPING), End.OUT_OF_STEPS
@@ -96,6 +108,9 @@ def climb(misfit: Misfit, start: FloatArray, *, iterations: int = ITERATIONS, to
         gained, here = here.cost - ahead.cost, ahead
         if gained < tolerance:
             end = End.REACHED
+            break
+        if here.cost - goal > _OUT_OF_REACH * gained:
+            end = End.BEHIND
             break
     return Climb(here.x, here.cost, end)
 

@@ -214,9 +214,16 @@ class Fitted:
         return max(reaches, default=None)
 
 
-def climbed(misfit: Misfit, start: FloatArray, *, iterations: int = ITERATIONS, tolerance: float = TOLERANCE) -> Fitted:
+def climbed(
+    misfit: Misfit,
+    start: FloatArray,
+    *,
+    iterations: int = ITERATIONS,
+    tolerance: float = TOLERANCE,
+    goal: float = math.inf,
+) -> Fitted:
     """The model that a climb from (p,) ``start`` leads to; see `climb`."""
-    climbing = climb(misfit, start, iterations=iterations, tolerance=tolerance)
+    climbing = climb(misfit, start, iterations=iterations, tolerance=tolerance, goal=goal)
     left = tolerance if climbing.end is End.REACHED else math.inf
     return Fitted(misfit, climbing.x, climbing.cost, left)
 

@@ -11,6 +11,7 @@ from typing import ClassVar, Self, TypeVar
 import numpy as np
 
 from rovid.ground.arrays import FloatArray
+from rovid.ground.in_step import shared
 from rovid.ground.lanes import LANES
 from rovid.ground.workers import spread
 from rovid.identify.coordinates import COMMON, DISTURBANCE, MEMORY, NOISE, Coordinates
@@ -69,7 +70,9 @@ class InnovationMisfit(Misfit):
         if not near:
             return [self.innovations(x) if centre is None else centre]
         groups = _by(LANES - 1, near)
-        found = spread(lambda few: _side_by_side([(self, point) for point in (x, *few)]), groups)
+        # Where a pass takes long its results are sooner told to another process than worked out by it.
+        among = shared if self.is_wide else spread
+        found = among(lambda few: _side_by_side([(self, point) for point in (x, *few)]), groups)
         first = found[0][0] if centre is None else centre
         # Of a model that runs away both may be infinite.
         with np.errstate(over="ignore", invalid="ignore"):

@@ -1,0 +1,230 @@
+"""Copies of this process that go the same way beside it, and share with it what takes long.
+
+Threads hand one lock to each other for all that is not compiled, however many cores there are. Copies do not: each does
+for itself what is quick, and of what takes long a part, which it tells the others. So all have the same at any time,
+and nothing but results goes from one to another.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import platform
+import signal
+import struct
+import threading
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from rovid.ground.workers import SHARE, cores, spread
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+# More copies find little left to share.
+_MOST = 3
+# A place among the items that are shared, and what stands behind the last of them.
+_PLACE, _NONE = struct.Struct("=I"), 2**32 - 1
+
+
+def shared(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+    """``function`` of each of ``items``, shared with the copies where there are any, and among threads otherwise.
+
+    Results go from one process to another: they are numbers and arrays, and nothing that is compared by identity.
+    """
+    team, every = _TEAM, list(items)
+    if team is None:
+        return spread(function, every)
+    return team.share(function, every)
+
+
+@contextlib.contextmanager
+def in_step() -> Iterator[bool]:
+    """Copies go through all that is inside, and end where this process goes on; whether it is that one.
+
+    There are none where the system makes none, no core is free for one, or other threads may be at work.
+    """
+    if _TEAM is not None or not _may_copy():
+        yield True
+        return
+    before, copies = os.environ.get(SHARE), _begin(min(cores() - 1, _MOST))
+    try:
+        yield bool(copies)
+    finally:
+        if not copies:
+            os._exit(0)
+        _disband()
+        for copy in copies:
+            os.kill(copy, signal.SIGKILL)
+            os.waitpid(copy, 0)
+        if before is None:
+            del os.environ[SHARE]
+        else:
+            os.environ[SHARE] = before
+
+
+def _may_copy() -> bool:
+    """On Linux alone: elsewhere libraries do not bear it, or there is no such thing."""
+    return platform.system() == "Linux" and cores() > 1 and threading.current_thread() is threading.main_thread()
+
+
+def _begin(count: int) -> list[int]:
+    """So many copies begin here; in this process, their numbers."""
+    places = os.pipe()
+    lines = [(os.pipe(), os.pipe()) for _ in range(count)]
+    os.environ[SHARE] = "1"
+    copies: list[int] = []
+    for place in range(count):
+        with warnings.catch_warnings():
+            # Threads that help or listen wait for work meanwhile, and hold nothing that a copy might wait for.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            copy = os.fork()
+        if copy == 0:
+            _become_copy(places, lines, place)
+            return []
+        copies.append(copy)
+    ours = [_Line(back[0], forth[1]) for back, forth in lines]
+    for back, forth in lines:
+        os.close(back[1])
+        os.close(forth[0])
+    _join(_Team(places[0], places[1], ours))
+    return copies
+
+
+def _become_copy(places: tuple[int, int], lines: Sequence[tuple[tuple[int, int], tuple[int, int]]], place: int) -> None:
+    """Say nothing, leave nothing behind, and hold no end of a pipe open but one's own."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for standard in range(3):
+        os.dup2(nowhere, standard)
+    (back, forth), kept = lines[place], {places[0]}
+    own = _Line(forth[0], back[1])
+    kept |= {own.reads, own.writes}
+    for end in {*places, *(end for line in lines for pipe in line for end in pipe)} - kept:
+        os.close(end)
+    _join(_Team(places[0], None, [own]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """Ends of pipes to and from another process."""
+
+    reads: int
+    writes: int
+
+    def say(self, what: object) -> None:
+        told = pickle.dumps(what, protocol=pickle.HIGHEST_PROTOCOL)
+        with os.fdopen(self.writes, "wb", closefd=False) as pipe:
+            pipe.write(_PLACE.pack(len(told)) + told)
+
+    def hear(self) -> Any:
+        with os.fdopen(self.reads, "rb", buffering=0, closefd=False) as pipe:
+            (length,) = _PLACE.unpack(_read(pipe, _PLACE.size))
+            return pickle.loads(_read(pipe, length))  # noqa: S301 - of a copy of this process
+
+    def close(self) -> None:
+        os.close(self.reads)
+        os.close(self.writes)
+
+
+def _read(pipe: Any, count: int) -> bytes:
+    told = b""
+    while len(told) < count:
+        more = pipe.read(count - len(told))
+        if not more:
+            raise EOFError
+        told += more
+    return told
+
+
+@dataclass(eq=False)
+class _Team:
+    """A process as one of those that go in step.
+
+    Attributes
+    ----------
+    places
+        Where each of them takes the place of its next item.
+    hands_out
+        Where the first process puts them; None in a copy.
+    lines
+        To each of the copies, or to the first process.
+    is_at_work
+        Whether it does its part of what is shared.
+    """
+
+    places: int
+    hands_out: int | None
+    lines: Sequence[_Line]
+    is_at_work: bool = False
+
+    def share(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+        """As `shared`; what is to be shared within that stays where it is, and one item is nothing to share."""
+        if self.is_at_work or len(items) < 2:
+            return [function(item) for item in items]
+        self.is_at_work = True
+        done: dict[int, Result] = {}
+        try:
+            if self.hands_out is not None:
+                ends = [_NONE] * (1 + len(self.lines))
+                os.write(self.hands_out, b"".join(map(_PLACE.pack, (*range(len(items)), *ends))))
+            while (at := self._next()) != _NONE:
+                done[at] = function(items[at])
+            self._tell_each_other(done)
+        except BaseException as error:
+            if self.hands_out is None:
+                os._exit(1)
+            _disband()
+            if not isinstance(error, OSError | EOFError):
+                raise
+        finally:
+            self.is_at_work = False
+        # What one had taken that ended before its time is done here.
+        return [done[at] if at in done else function(item) for at, item in enumerate(items)]
+
+    def _next(self) -> int:
+        """Place of the item that nobody has taken yet."""
+        told = os.read(self.places, _PLACE.size)
+        if not told:
+            raise EOFError
+        return int(_PLACE.unpack(told)[0])
+
+    def _tell_each_other(self, done: dict[int, Any]) -> None:
+        """Until all have what any has ``done``: by way of the first process."""
+        if self.hands_out is None:
+            (first,) = self.lines
+            first.say(done)
+            done.update(first.hear())
+            return
+        for line in self.lines:
+            done.update(line.hear())
+        for line in self.lines:
+            line.say(done)
+
+    def close(self) -> None:
+        """Whoever waits at the other ends is told that nobody comes."""
+        for line in self.lines:
+            line.close()
+        for end in (self.places, self.hands_out):
+            if end is not None:
+                os.close(end)
+
+
+_TEAM: _Team | None = None
+
+
+def _join(team: _Team) -> None:
+    global _TEAM  # noqa: PLW0603 - a process is in one team, whoever asks
+    _TEAM = team
+
+
+def _disband() -> None:
+    """Go on alone."""
+    global _TEAM  # noqa: PLW0603 - as above
+    if _TEAM is not None:
+        _TEAM.close()
+        _TEAM = None
