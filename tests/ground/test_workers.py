@@ -7,7 +7,13 @@ import time
 
 import pytest
 
-from rovid.ground.workers import cores, spread
+from rovid.ground.workers import SHARE, cores, spread
+
+
+@pytest.fixture(autouse=True)
+def all_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not what is this worker's share of them."""
+    monkeypatch.delenv(SHARE, raising=False)
 
 
 def test_results_stand_in_the_order_of_what_they_are_of() -> None:
@@ -40,8 +46,10 @@ def test_no_more_are_at_work_than_there_are_cores() -> None:
     assert most == cores()
 
 
-@pytest.mark.skipif(cores() < 2, reason="one core alone")
 def test_who_has_nothing_left_to_do_helps() -> None:
+    if cores() < 2:
+        pytest.skip("one core alone")
+
     def threads(number: int) -> int:
         # The others are done at once; whether they are free already is known to nobody here.
         for _ in range(500 if number == 0 else 0):
