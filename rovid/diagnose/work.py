@@ -11,7 +11,7 @@ from rovid.diagnose.heldout import Fold, cross_validate, log_likelihood
 from rovid.diagnose.odd_trial import stands_out
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, calibrated, confidence, surest
 from rovid.diagnose.parts import Piece
-from rovid.diagnose.rivals import Cause, Rival, is_beyond, worth
+from rovid.diagnose.rivals import Cause, Rival, fitted_together, is_beyond, worth
 from rovid.diagnose.search import Search
 from rovid.diagnose.signals import is_signal
 from rovid.diagnose.size import one_size, size_of
@@ -126,6 +126,7 @@ class Work:
         close = [rival for rival in cause.rivals[:2] if rival.worth > least and not is_signal(rival.effect)]
         if not close or self.final.records is self.full:
             return cause
+        self._refine((self.final, *(rival.fitted for rival in close)))
         here = worth(self.refined(self.final))
         rivals = []
         for rival in cause.rivals:
@@ -138,10 +139,15 @@ class Work:
 
     def refined(self, fitted: Fitted) -> Fitted:
         """The same model fitted to every reading, once."""
-        if fitted.key not in self._refined:
-            misfit = replace(fitted.misfit, records=self.full, counted=None)
-            self._refined[fitted.key] = climbed(misfit, fitted.x, tolerance=_REFINED)
+        self._refine((fitted,))
         return self._refined[fitted.key]
+
+    def _refine(self, models: Sequence[Fitted]) -> None:
+        """Fit to every reading those ``models`` that were not yet."""
+        left = [fitted for fitted in models if fitted.key not in self._refined]
+        misfits = [replace(fitted.misfit, records=self.full, counted=None) for fitted in left]
+        fits = fitted_together(misfits, lambda at: climbed(misfits[at], left[at].x, tolerance=_REFINED))
+        self._refined.update((fitted.key, fit) for fitted, fit in zip(left, fits, strict=True))
 
     def folds(self, fitted: Fitted) -> list[Fold]:
         """Each fourth of the trials predicted from the others, worked out once for a model."""

@@ -68,15 +68,14 @@ class Coordinates:
 
     def bound_frequencies(self) -> None:
         """Keep what swings by itself slower than readings show (Nyquist), and to a cycle in the longest run or more."""
-        slowest, fastest = 2.0 * math.pi / self._longest(), self._nyquist()
+        if not any(effect.oscillates for effect in self.effects):
+            return
+        longest = max(run.trial.duration for run in self.records.runs)
+        slowest, fastest = 2.0 * math.pi / longest, self._nyquist()
         for at, effect, parameter in self.of_effects():
             if effect.oscillates and parameter.name == "frequency":
                 self.high[at] = max(min(self.high[at], fastest), self.low[at])
                 self.low[at] = min(max(self.low[at], slowest), self.high[at])
-
-    def _longest(self) -> float:
-        """Length of the longest run, s."""
-        return max(float(np.ptp(run.trial.time)) for run in self.records.runs)
 
     def _nyquist(self) -> float:
         """Half the sampling frequency, rad/s."""

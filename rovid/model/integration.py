@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from rovid.motion.rates import on_grid, uniform_grid
 _START_SECONDS = 2.0
 _START_SAMPLES = 5
 _START_SWING = 0.5  # rad of the phase of a swing about its level
+# The rate at the first sample of each trial that does not swing.
+_STEADY: WeakKeyDictionary[Trial, float] = WeakKeyDictionary()
 
 
 def integrated(
@@ -62,6 +65,15 @@ def initial_rate(trial: Trial, swing: float = 0.0) -> float:
     The slope is taken over two seconds at most, and only until the first command changes: a fast vehicle is elsewhere
     soon after. One that swings at ``swing`` rad/s is so after a fraction of a radian.
     """
+    if swing > 0.0:
+        return _initial_rate(trial, swing)
+    # Every simulation asks for it.
+    if trial not in _STEADY:
+        _STEADY[trial] = _initial_rate(trial, swing)
+    return _STEADY[trial]
+
+
+def _initial_rate(trial: Trial, swing: float) -> float:
     early = _start_rows(trial, swing)
     time = trial.time[early] - trial.time[0]
     if trial.rate is not None and (read := np.isfinite(trial.rate[early])).any():
