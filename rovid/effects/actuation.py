@@ -112,6 +112,8 @@ class Actuation:
     trials: tuple[Stretch, ...] = (Stretch(),)
     parts: int = 1
     _speeds: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
+    # By the identity of what it is of, which is kept too.
+    _of_trials: dict[int, tuple[object, FloatArray]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def joined(cls, each: Sequence[Self]) -> Self:
@@ -147,6 +149,12 @@ class Actuation:
         return np.cumsum([0, *(len(self.time[one.rows]) for one in self.trials)])
 
     @cached_property
+    def length(self) -> FloatArray:
+        """(n,) s from each instant to the next of its trial, 0 from the last."""
+        times = [self.time[one.rows] for one in self.trials]
+        return np.concatenate([np.diff(time, append=time[-1]) for time in times])
+
+    @cached_property
     def since(self) -> FloatArray:
         """(n,) s from the beginning of the campaign's first trial."""
         return np.concatenate([one.since + self.time[one.rows] for one in self.trials])
@@ -169,7 +177,11 @@ class Actuation:
 
     def of_trials(self, held: Mapping[str, FloatArray]) -> FloatArray:
         """(n,) values that are held between the instants of each trial's log, which are told by its name."""
-        return self.finer(np.concatenate([one.held(held[one.name]) for one in self.trials]))
+        found, series = self._of_trials.get(id(held), (None, None))
+        if found is not held or series is None:
+            series = self.finer(np.concatenate([one.held(held[one.name]) for one in self.trials]))
+            self._of_trials[id(held)] = held, series
+        return series
 
     def finer(self, held: FloatArray) -> FloatArray:
         """(n, ...) of values that are held between the chosen instants, with each interval cut into ``parts``."""

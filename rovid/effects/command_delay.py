@@ -4,14 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from rovid.effects.base import Actuation, Effect, EffectParameter, OnTorque, Values
-from rovid.effects.series import delayed
+from rovid.effects.series import delayed, delayed_anyhow, open_changes
 from rovid.ground.arrays import FloatArray
-
-# Evenly over what a command may wait beside the mean, as shares of the most.
-_WAITS = (-0.8, -0.4, 0.0, 0.4, 0.8)
 
 
 def _late(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
@@ -19,22 +14,19 @@ def _late(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
 
 
 def _scattered(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
-    waits = [values["delay"] * (1.0 + share * values["jitter"]) for share in _WAITS]
-    return np.asarray(np.mean([where.each(delayed, torque, wait) for wait in waits], axis=0))
+    return where.each(delayed_anyhow, torque, *_ends(values))
 
 
 def _scatter(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
     """Variance of the impulse: of each change that waits anything from (1 - J) L to (1 + J) L, (change J L)^2 / 3."""
-    return where.each(_spread, torque, values["delay"], values["jitter"] * values["delay"])
+    jitter = values["jitter"] * values["delay"]
+    return where.each(open_changes, torque, *_ends(values)) * (jitter / 6.0) * where.length
 
 
-def _spread(time: FloatArray, torque: FloatArray, delay: float, jitter: float) -> FloatArray:
-    changes = np.cumsum(np.diff(torque, prepend=torque[0]) ** 2)
-    early, late = (
-        changes[np.maximum(np.searchsorted(time, time - wait, side="right") - 1, 0)]
-        for wait in (delay - jitter, delay + jitter)
-    )
-    return np.asarray((early - late) * (jitter / 6.0) * np.diff(time, append=time[-1]))
+def _ends(values: Values) -> tuple[float, float]:
+    """The shortest and the longest that a command waits, in s."""
+    delay, jitter = values["delay"], values["jitter"]
+    return delay * (1.0 - jitter), delay * (1.0 + jitter)
 
 
 # The ends of what a command may wait are no better known.

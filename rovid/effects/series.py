@@ -13,6 +13,8 @@ from rovid.effects.actuation import Actuation
 from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import compiled
 
+# So many delays stand for any between two, evenly.
+_DELAYS = 5
 # Intervals that differ by no more than this share are one.
 _SAME = 1e-9
 
@@ -191,4 +193,33 @@ def delayed(time: FloatArray, values: FloatArray, delay: float) -> FloatArray:
             out[k - 1] = (area - before) / (time[k] - time[k - 1])
         before = area
     out[n - 1] = out[n - 2] if n > 1 else values[0]
+    return out
+
+
+@compiled
+def delayed_anyhow(time: FloatArray, values: FloatArray, shortest: float, longest: float) -> FloatArray:
+    """As ``delayed``, the mean over delays from the ``shortest`` to the ``longest``."""
+    out = np.zeros(len(values))
+    for number in range(_DELAYS):
+        out += delayed(time, values, shortest + (number + 0.5) / _DELAYS * (longest - shortest))
+    return out / _DELAYS
+
+
+@compiled
+def open_changes(time: FloatArray, values: FloatArray, shortest: float, longest: float) -> FloatArray:
+    """Sum of the squared changes of (n,) ``values`` that one delay has let through, and the longer one not yet."""
+    n = len(values)
+    out = np.zeros(n)
+    early = late = 0
+    total = 0.0
+    for k in range(n):
+        while early + 1 < n and time[early + 1] <= time[k] - shortest:
+            early += 1
+            total += (values[early] - values[early - 1]) ** 2
+        while late < early and time[late + 1] <= time[k] - longest:
+            late += 1
+            total -= (values[late] - values[late - 1]) ** 2
+        # Nothing is left of what was rounded.
+        total = total if late < early else 0.0
+        out[k] = total
     return out

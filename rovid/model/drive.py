@@ -12,6 +12,7 @@ import numpy as np
 
 from rovid.effects.actuation import SPEEDS
 from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.compiled import compiled
 
 # Into how many the interval between two samples is cut for an effect that acts within it.
 MOST_PARTS = 8
@@ -109,13 +110,13 @@ class Drive:
         cls, steps: Intervals, torque: FloatArray, beside: FloatArray | None = None, scatter: FloatArray | None = None
     ) -> Self:
         """Over each of some intervals, of what is held between (n,) instants."""
-        impulse, last = torque * steps.length, steps.last
+        last = steps.last
 
         def total(values: FloatArray) -> FloatArray:
             return np.asarray(np.add.reduceat(values, steps.at))
 
-        area = total(impulse)
-        mean, moment = area / steps.span, area * steps.end - total(impulse * steps.middle) - 0.5 * area * steps.span
+        area, early = _gathered(steps.at, steps.length, steps.middle, torque)
+        mean, moment = area / steps.span, area * steps.end - early - 0.5 * area * steps.span
         # Nothing follows the last instant of a trial, from which what is held goes on.
         mean[last], moment[last] = torque[steps.at[last]], 0.0
         told, open_when = _untold(len(mean)), _nothing(len(mean))
@@ -164,6 +165,19 @@ class Drive:
         beside = np.column_stack([function(column) for column in self.beside.T])
         begins = np.array([0, len(torque)])
         return type(self)(torque, function(self.moment), beside, function(self.scatter), begins)
+
+
+@compiled
+def _gathered(at: IntArray, length: FloatArray, middle: FloatArray, held: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(m,) integral of what is (n,) held from each instant ``at`` to the next, and that of it times when it is."""
+    area, moment = np.zeros((2, len(at)))
+    for number in range(len(at)):
+        behind = at[number + 1] if number + 1 < len(at) else len(held)
+        for k in range(at[number], behind):
+            impulse = held[k] * length[k]
+            area[number] += impulse
+            moment[number] += impulse * middle[k]
+    return area, moment
 
 
 # Zeros of each shape, one for all drives as long as there are such: nobody writes into a drive.

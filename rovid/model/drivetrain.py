@@ -106,8 +106,10 @@ class Drivetrain:
             commands = given.recent.of(made_of, partial(act.change, where, commands, one.values))
         if made_of:
             made_of = (*made_of, "thrust")
-            # No effect asks for more than the bench curve has.
-            thrust = given.recent.of(made_of, lambda: given.vehicle.thrust(np.clip(commands, *where.ends.T)))
+            # No effect asks for more than there is, which a bench curve sees to itself.
+            if any(thruster.curve is None for thruster in given.vehicle.thrusters):
+                commands = np.clip(commands, *where.ends.T)
+            thrust = given.recent.of(made_of, lambda: given.vehicle.thrust(commands))
         for one, bend in each_that(acting, OnThrust):
             made_of = (*made_of, one.effect, *one.numbers)
             thrust = given.recent.of(made_of, partial(bend.change, where, thrust, one.values))
