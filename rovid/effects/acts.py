@@ -19,6 +19,8 @@ from rovid.ground.arrays import FloatArray
 # Parameters of an effect by name.
 Values = Mapping[str, float]
 OnSeries = Callable[[Actuation, FloatArray, Values], FloatArray]
+# (parameters, largest change of a command) -> s after a change of commands.
+Settling = Callable[[Values, float], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +29,7 @@ class OnCommand:
 
     change: OnSeries
     _: KW_ONLY
-    quick: bool = False
+    settles: Settling | None = None
     anchored: bool = False
 
 
@@ -37,8 +39,8 @@ class OnThrust:
 
     Attributes
     ----------
-    quick
-        Whether it acts in less than the interval between two samples.
+    settles
+        When all is over that it does in less than the interval between two samples; None where there is no such thing.
     anchored
         Whether it leaves thrust as it was taken at one thrust, command or voltage that is a mere choice. An effect
         that says where thrust is gone (astern, of one thruster, with load, with time) leaves the rest as it was.
@@ -46,7 +48,7 @@ class OnThrust:
 
     change: OnSeries
     _: KW_ONLY
-    quick: bool = False
+    settles: Settling | None = None
     anchored: bool = False
 
 
@@ -56,10 +58,8 @@ class OnTorque:
 
     Attributes
     ----------
-    quick
+    settles
         As in `OnThrust`.
-    fades
-        Whether all that is quick fades once the torque is held, and is exact in the mean until the next instant.
     scatter
         (n,) torque in N m, before the change -> variance of its impulse until the next instant in N^2 m^2 s^2, where
         the equation leaves open when the torque acts.
@@ -67,8 +67,7 @@ class OnTorque:
 
     change: OnSeries
     _: KW_ONLY
-    quick: bool = False
-    fades: bool = False
+    settles: Settling | None = None
     scatter: OnSeries | None = None
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
-from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.arrays import BoolArray, FloatArray, IntArray
 
 # Channels of the log that say how fast the vehicle goes ahead and to starboard, m/s.
 SPEEDS = ("surge_velocity", "sway_velocity")
@@ -53,7 +53,8 @@ class Stretch(NamedTuple):
 
     ``whole`` is the name of the trial that it is a part of, its own where it is none; ``since`` is in s from the
     beginning of the campaign's first trial to that of this one. ``rows`` are its instants: those of its log that were
-    ``chosen``, all where that is None.
+    ``chosen``, all where that is None. ``cut`` is (m,) which of the intervals from these on are cut into parts, all
+    where that is None.
     """
 
     name: str = ""
@@ -61,6 +62,7 @@ class Stretch(NamedTuple):
     since: float = 0.0
     rows: slice = slice(None)
     chosen: Chosen | None = None
+    cut: BoolArray | None = None
 
     def held(self, values: FloatArray) -> FloatArray:
         """(m,) of (n,) values that are held between the log's instants, means where not all of these were chosen."""
@@ -96,7 +98,7 @@ class Actuation:
     trials
         Which they are.
     parts
-        How many each interval between two of the log's instants is cut into.
+        How many each interval between two of the log's instants is cut into, of those that are.
     """
 
     time: FloatArray
@@ -187,12 +189,16 @@ class Actuation:
         """(n, ...) of values that are held between the chosen instants, with each interval cut into ``parts``."""
         if self.parts == 1:
             return held
-        trials, at = [], 0
-        for length in np.diff(self.begins).tolist():
-            count = (length - 1) // self.parts + 1
-            trials.append(finer(held[at : at + count], self.parts))
-            at += count
-        return np.concatenate(trials)
+        return np.repeat(held, np.concatenate(self.counts), axis=0)
+
+    @cached_property
+    def counts(self) -> list[IntArray]:
+        """(m,) of each trial, into how many the interval from each of the chosen instants to the next is cut."""
+        lengths = np.diff(self.begins).tolist()
+        return [
+            _counts((length - 1) // self.parts + 1 if one.cut is None else len(one.cut), self.parts, one.cut)
+            for length, one in zip(lengths, self.trials, strict=True)
+        ]
 
     def beyond(self, command: FloatArray) -> FloatArray:
         """(n, k) how far each command is beyond the bench's dead zone, with its sign; 0 inside."""
@@ -205,9 +211,11 @@ class Actuation:
         return np.where(excess > 0.0, high + excess, np.where(excess < 0.0, low + excess, self.neutral))
 
 
-def finer(held: FloatArray, parts: int) -> FloatArray:
-    """(m, ...) of (n, ...) values that are held, with each interval between two instants cut into ``parts``."""
-    return np.repeat(held, parts, axis=0)[: (len(held) - 1) * parts + 1]
+def _counts(count: int, parts: int, cut: BoolArray | None) -> IntArray:
+    """(n,) into how many each of the intervals is cut; the last instant has none."""
+    counts = np.full(count, parts) if cut is None else np.where(cut, parts, 1)
+    counts[-1:] = 1
+    return counts
 
 
 def bridged(values: FloatArray) -> FloatArray:
@@ -226,28 +234,33 @@ def _mean_speed(_: FloatArray, logged: FloatArray, usual: float) -> FloatArray:
     return np.asarray(0.5 * (known + np.append(known[1:], known[-1])))
 
 
-def _instants(time: FloatArray, parts: int) -> FloatArray:
-    steps = np.arange((len(time) - 1) * parts + 1) / parts
-    return np.asarray(np.interp(steps, np.arange(len(time)), time))
+def _instants(time: FloatArray, counts: IntArray) -> FloatArray:
+    first = np.repeat(np.cumsum(counts) - counts, counts)
+    part = (np.arange(len(first)) - first) / np.repeat(counts, counts)
+    return np.asarray(np.repeat(time, counts) + part * np.repeat(np.diff(time, append=time[-1]), counts))
 
 
-def actuation(vehicle: Vehicle, trial: Trial, parts: int = 1, at: IntArray | None = None) -> Actuation:
+def actuation(
+    vehicle: Vehicle, trial: Trial, parts: int = 1, at: IntArray | None = None, cut: BoolArray | None = None
+) -> Actuation:
     """What the effects between command and torque need to know of ``vehicle`` and ``trial``.
 
-    ``parts`` is how many each interval between two instants is cut into, those ``at`` alone where it is not None.
+    ``parts`` is how many each interval between two instants is cut into, those ``at`` alone where it is not None, and
+    no other intervals than those ``cut``, where that is not None.
     """
     chosen = None if at is None else Chosen.of(trial.time, at)
     time = trial.time if at is None else trial.time[at]
-    stretch = Stretch(trial.name, trial.whole or trial.name, trial.since, chosen=chosen)
+    counts = _counts(len(time), parts, cut)
+    stretch = Stretch(trial.name, trial.whole or trial.name, trial.since, chosen=chosen, cut=cut)
     return Actuation(
-        time=time if parts == 1 else _instants(time, parts),
+        time=time if parts == 1 else _instants(time, counts),
         names=tuple(thruster.name for thruster in vehicle.thrusters),
         ahead=vehicle.ahead,
         ends=np.array([_ends(thruster) for thruster in vehicle.thrusters]),
         dead_zone=np.array([_dead_zone(thruster.curve) for thruster in vehicle.thrusters]),
         # Between two instants a speed is what is between its readings there, and any other channel is held.
         extras={
-            name: finer(values[at] if at is not None and name in SPEEDS else stretch.held(values), parts)
+            name: np.repeat(values[at] if at is not None and name in SPEEDS else stretch.held(values), counts)
             for name, values in trial.extras.items()
         },
         reference=trial.reference,

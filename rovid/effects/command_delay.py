@@ -40,7 +40,7 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque at the edges of steps, gone after the delay; none in steady motion",
     experiment="a fast pseudo-random command, 1 to 3 s a level",
     rivals=("thruster_lag", "command_hysteresis", "slew_limit"),
-    acts=OnTorque(_late, quick=True),
+    acts=OnTorque(_late, settles=lambda values, _: values["delay"]),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -55,6 +55,6 @@ FORMS: tuple[Effect, ...] = (
             EffectParameter(name="jitter", unit="1", null=1.0, low=0.0, high=1.0, starts=(1.0, 0.5, 0.5), step=_WINDOW),
         ),
         equation="each command waits between (1 − J)·L and (1 + J)·L",
-        acts=OnTorque(_scattered, quick=True, scatter=_scatter),
+        acts=OnTorque(_scattered, settles=lambda values, _: _ends(values)[1], scatter=_scatter),
     ),
 )

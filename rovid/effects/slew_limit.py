@@ -19,6 +19,10 @@ def _growth(where: Actuation, command: FloatArray, values: Values) -> FloatArray
     return np.asarray(where.each(soft_started, command - where.neutral, values["rate"]) + where.neutral)
 
 
+def _arrives(values: Values, change: float) -> float:
+    return change / values["rate"]
+
+
 EFFECT: Effect = Effect(
     id="slew_limit",
     title="slew limit",
@@ -31,9 +35,11 @@ EFFECT: Effect = Effect(
     fingerprint="steps answered by a ramp whose length goes with the size of the step; slow sines untouched",
     experiment="steps of different sizes",
     rivals=("thruster_lag", "command_delay"),
-    acts=OnCommand(_both_ways, quick=True),
+    acts=OnCommand(_both_ways, settles=_arrives),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
-    replace(EFFECT, form="soft_start", equation="d|u'|/dt ≤ R; falls at once", acts=OnCommand(_growth, quick=True)),
+    replace(
+        EFFECT, form="soft_start", equation="d|u'|/dt ≤ R; falls at once", acts=OnCommand(_growth, settles=_arrives)
+    ),
 )

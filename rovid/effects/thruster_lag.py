@@ -33,6 +33,11 @@ def _of_rotor(where: Actuation, thrust: FloatArray, values: Values) -> FloatArra
     return np.asarray(late * where.reference_thrust)
 
 
+def _fades(values: Values, _: float) -> float:
+    """Until less than a hundredth of a change is left."""
+    return 5.0 * values["time_constant"]
+
+
 EFFECT: Effect = Effect(
     id="thruster_lag",
     title="thruster lag",
@@ -41,7 +46,7 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque at the edges of steps and ahead of the peaks of a sine, none in steady motion",
     experiment="a fast pseudo-random command, 1 to 3 s a level",
     rivals=("command_delay", "added_mass_memory", "slew_limit"),
-    acts=OnTorque(_of_torque, quick=True, fades=True),
+    acts=OnTorque(_of_torque, settles=_fades),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -49,26 +54,26 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="command",
         equation="τ·du'/dt + u' = u, ahead of the thrust curve",
-        acts=OnCommand(_of_command, quick=True),
+        acts=OnCommand(_of_command, settles=_fades),
     ),
     replace(
         EFFECT,
         form="spin",
         equation="τ·dn/dt + n = sign(F)·√|F|, F' = n·|n|: the rotor's speed, as a motor's controller has it follow",
-        acts=OnThrust(_of_spin, quick=True),
+        acts=OnThrust(_of_spin, settles=_fades),
     ),
     # A rotor behind a motor or a controller of its own: no thrust at once, as of one lag.
     replace(
         EFFECT,
         form="double",
         equation="τ²·d²u'/dt² + 2τ·du'/dt + u' = u, ahead of the thrust curve",
-        acts=OnCommand(_doubled, quick=True),
+        acts=OnCommand(_doubled, settles=lambda values, change: 2.0 * _fades(values, change)),
     ),
     # Yoerger, Cooke and Slotine 1990: n' = β·u − α·n|n|, F = C·n|n|.
     replace(
         EFFECT,
         form="rotor",
         equation="2τ·√F0·dn/dt + n|n| = F, F' = n|n|: τ at a tenth of full thrust F0, longer at less",
-        acts=OnThrust(_of_rotor, quick=True),
+        acts=OnThrust(_of_rotor, settles=_fades),
     ),
 )

@@ -11,7 +11,7 @@ import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
-from rovid.ground.arrays import IntArray
+from rovid.ground.arrays import BoolArray, IntArray
 from rovid.model.commanded import Commanded
 from rovid.model.drive import MOST_PARTS, Drive, Intervals
 from rovid.model.model import Model
@@ -19,8 +19,8 @@ from rovid.motion.runs import Run
 
 # Of the position's noise: so much of an angle may be lost by a mean torque.
 _LOST = 0.1
-# A change of a command is long past after so many steps: what is left of it then is lost in the noise, too.
-_FRESH = 5.0
+# For so many steps at least a change of a command is looked at closely, or so many times as long, or as long again.
+_FRESH, _LONGER = 5.0, 4.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -38,8 +38,8 @@ class Driving:
     steps
         (n,) of each run, at which of the log's instants it is looked at; None for all.
     means_alone
-        Whether the mean torque from each of the instants `chosen` to the next is all that is wanted; else that from
-        each step to the next is, and when in between it acts.
+        Whether the mean torque from each of some instants to the next is all that is wanted, see `chosen`; else that
+        from each step to the next is, and when in between it acts.
     """
 
     runs: Sequence[Run]
@@ -48,9 +48,11 @@ class Driving:
     position_noise: float
     steps: list[IntArray] | None
     means_alone: bool = False
-    _commanded: dict[tuple[int, bool], tuple[Commanded, Intervals | None]] = field(
+    # By into how many intervals are cut, and how long a change is fresh.
+    _commanded: dict[tuple[int, float], tuple[Commanded, Intervals | None]] = field(
         default_factory=dict, init=False, repr=False
     )
+    _chosen: dict[int, list[IntArray]] = field(default_factory=dict, init=False, repr=False)
 
     def at_instants(self, model: Model) -> Drive:
         """Of all runs, at all instants of their logs."""
@@ -66,24 +68,61 @@ class Driving:
 
     def _given(self, vehicle: Vehicle, model: Model) -> tuple[Commanded, Intervals | None]:
         """What was commanded, as finely as ``model`` asks for; and between which steps."""
-        train, chosen, steps = model.drivetrain, self.chosen, self.steps
-        few, parts = train.calms, min(self._parts, train.parts)
-        if self.means_alone:
-            few, parts, steps = train.means_exactly, 1 if train.means_exactly else parts, None
-        if (parts, few) not in self._commanded:
-            at = chosen if few else None
-            given = Commanded.of(vehicle, [run.trial for run in self.runs], parts, at)
-            if at is not None and steps is not None:
-                steps = [np.searchsorted(here, step) for here, step in zip(at, steps, strict=True)]
-            self._commanded[parts, few] = given, None if steps is None else given.between(steps)
-        return self._commanded[parts, few]
+        train, steps = model.drivetrain, self.steps
+        parts = 1 if self.means_alone and train.means_exactly else min(self._parts, train.parts)
+        fresh_for = self._fresh_for(train.settles(self._change))
+        if (parts, fresh_for) not in self._commanded:
+            fresh = [_fresh(run.trial, fresh_for) for run in self.runs]
+            at, cut = self._at(fresh), fresh
+            if at is not None:
+                cut = [here[chosen] for here, chosen in zip(fresh, at, strict=True)]
+                self._chosen[sum(map(len, at))] = at
+                if steps is not None:
+                    steps = [np.searchsorted(here, step) for here, step in zip(at, steps, strict=True)]
+            trials = [run.trial for run in self.runs]
+            given = Commanded.of(vehicle, trials, parts, at, cut if parts > 1 else None)
+            between = None if steps is None or self.means_alone else given.between(steps)
+            self._commanded[parts, fresh_for] = given, between
+        return self._commanded[parts, fresh_for]
 
-    @cached_property
-    def chosen(self) -> list[IntArray] | None:
-        """Of each run, its steps and whatever commands changed at, or a while before; None for all instants."""
+    def chosen(self, count: int) -> list[IntArray]:
+        """Of each run the instants that a drive of so many in all is of, where they are not all that there are."""
+        return self._chosen[count]
+
+    def _at(self, fresh: Sequence[BoolArray]) -> list[IntArray] | None:
+        """Of each run its ends, its steps and whatever is ``fresh``; None for all instants."""
         if self.steps is None:
             return None
-        return [_telling(run.trial, steps) for run, steps in zip(self.runs, self.steps, strict=True)]
+        at = []
+        for here, steps in zip(fresh, self.steps, strict=True):
+            telling = here.copy()
+            telling[[0, -1]] = telling[steps] = True
+            at.append(np.flatnonzero(telling))
+        return None if sum(map(len, at)) == sum(map(len, fresh)) else at
+
+    def _fresh_for(self, settles: float) -> float:
+        """How long a change of commands is looked at closely, in s: as long as it takes, or longer.
+
+        There are few such times, so that much is shared by models that are compared.
+        """
+        least = _FRESH * self._apart
+        if settles <= least:
+            return least
+        return least * _LONGER ** math.ceil(math.log(settles / least, _LONGER)) if settles < math.inf else settles
+
+    @cached_property
+    def _apart(self) -> float:
+        """How far apart steps are, in s, mostly."""
+        if self.steps is None:
+            return float(np.median([run.trial.period for run in self.runs]))
+        pairs = zip(self.runs, self.steps, strict=True)
+        return float(np.median(np.concatenate([np.diff(run.trial.time[at]) for run, at in pairs])))
+
+    @cached_property
+    def _change(self) -> float:
+        """The most by which a command may change."""
+        commands = [run.trial.commands for run in self.runs]
+        return max(float(np.max(np.ptp(here, axis=0), initial=0.0)) for here in commands)
 
     @cached_property
     def _held(self) -> Drive:
@@ -110,12 +149,9 @@ class Driving:
         return int(np.clip(parts, 1, MOST_PARTS))
 
 
-def _telling(trial: Trial, steps: IntArray) -> IntArray:
-    """Instants of ``trial``: the ``steps``, the ends, and all from each change of a command until it is long past."""
-    time, count = trial.time, len(trial.time)
+def _fresh(trial: Trial, seconds: float) -> BoolArray:
+    """(n,) which instants of ``trial`` are no later than so many after a change of a command."""
+    count = len(trial.time)
     changed = np.concatenate(([False], (np.diff(trial.commands, axis=0) != 0.0).any(axis=1)))
     latest = np.maximum.accumulate(np.where(changed, np.arange(count), -1))
-    apart = float(np.median(np.diff(time[steps]))) if len(steps) > 1 else 0.0
-    fresh = (latest >= 0) & (time - time[latest] <= _FRESH * apart)
-    fresh[[0, count - 1]] = fresh[steps] = True
-    return np.flatnonzero(fresh)
+    return np.asarray((latest >= 0) & (trial.time - trial.time[latest] <= seconds))

@@ -78,13 +78,17 @@ class HorizonRecords(Records):
 
     def means(self, series: FloatArray) -> FloatArray:
         """(m,) means from each instant of the grids to the next, of an (n,) series at all or at the chosen instants."""
-        courses = self.courses
-        return (courses.means if len(series) == len(courses.means.length) else self._means_of_chosen).of(series)
+        if len(series) not in self._means:
+            at = self._driving.chosen(len(series))
+            times = [run.trial.time[here] for run, here in zip(self.runs, at, strict=True)]
+            self._means[len(series)] = Means.onto(times, [course.time for course in self.courses.each])
+        return self._means[len(series)].of(series)
 
     @cached_property
-    def _means_of_chosen(self) -> Means:
-        times = [run.trial.time[at] for run, at in zip(self.runs, self._driving.chosen or (), strict=True)]
-        return Means.onto(times, [course.time for course in self.courses.each])
+    def _means(self) -> dict[int, Means]:
+        """By how many instants they are of."""
+        whole = self.courses.means
+        return {len(whole.length): whole}
 
     @cached_property
     def courses(self) -> Courses:

@@ -253,7 +253,7 @@ def _clock_effect(names: Sequence[str]) -> Effect:
         form=form_of(names),
         parameters=sizes,
         sizes=len(sizes),
-        acts=OnTorque(late, quick=True),
+        acts=OnTorque(late, settles=lambda *_: math.inf),
     )
 
 

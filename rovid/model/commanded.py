@@ -13,7 +13,7 @@ import numpy as np
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
 from rovid.effects.actuation import Actuation, actuation
-from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.arrays import BoolArray, FloatArray, IntArray
 from rovid.ground.recent import Recent
 from rovid.model.drive import Intervals
 
@@ -42,18 +42,26 @@ class Commanded:
 
     @classmethod
     def of(
-        cls, vehicle: Vehicle, trials: Sequence[Trial], parts: int = 1, at: Sequence[IntArray] | None = None
+        cls,
+        vehicle: Vehicle,
+        trials: Sequence[Trial],
+        parts: int = 1,
+        at: Sequence[IntArray] | None = None,
+        cut: Sequence[BoolArray] | None = None,
     ) -> Self:
         """In ``trials``, with each interval cut into ``parts``; one for all who ask, as long as anybody has it.
 
-        Of each trial the instants ``at``, all where that is None: no command changes at any other.
+        Of each trial the instants ``at``, all where that is None: no command changes at any other. Of the intervals
+        from these on those ``cut``, all where that is None.
         """
-        key = (vehicle, parts, *trials, *(() if at is None else (here.tobytes() for here in at)))
+        told = (series.tobytes() for series in (*(at or ()), *(cut or ())))
+        key = (vehicle, parts, at is None, *trials, *told)
         found = _SHARED.get(key)
         if not isinstance(found, cls):
-            pairs = list(zip(trials, at if at is not None else [None] * len(trials), strict=True))
-            where = Actuation.joined([actuation(vehicle, trial, parts, here) for trial, here in pairs])
-            held = [trial.commands if here is None else trial.commands[here] for trial, here in pairs]
+            none = [None] * len(trials)
+            every = list(zip(trials, at or none, cut or none, strict=True))
+            where = Actuation.joined([actuation(vehicle, trial, parts, here, some) for trial, here, some in every])
+            held = [trial.commands if here is None else trial.commands[here] for trial, here, _ in every]
             found = cls(vehicle, where, np.concatenate(held))
             _SHARED[key] = found
         return found
@@ -73,13 +81,13 @@ class Commanded:
         """Between the log's instants; None where these are all that there are."""
         if self.where.parts == 1:
             return None
-        counts = np.diff(self.where.begins)
-        return self.between([np.arange((count - 1) // self.where.parts + 1) for count in counts.tolist()])
+        return self.between([np.arange(len(counts)) for counts in self.where.counts])
 
     def between(self, at: Sequence[IntArray]) -> Intervals:
         """Of each trial from each of the chosen instants ``at`` to the next of them."""
         times = [self.where.time[one.rows] for one in self.where.trials]
-        return Intervals.of(times, [self.where.parts * here for here in at])
+        pairs = zip(self.where.counts, at, strict=True)
+        return Intervals.of(times, [(np.cumsum(counts) - counts)[here] for counts, here in pairs])
 
 
 # By the vehicle, the parts and the trials, which nobody else may be as long as it lasts.

@@ -42,16 +42,16 @@ class Drivetrain:
         """Whether the mean torque until the next instant is exact, however far that is, while commands are held."""
         return not self._quick or (len(self._quick) == 1 and isinstance(self._quick[0], OnTorque))
 
-    @property
-    def calms(self) -> bool:
-        """Whether nothing changes within an interval any more, once commands have been held for a while."""
-        return not self._quick or (self.means_exactly and getattr(self._quick[0], "fades", False))
+    def settles(self, change: float) -> float:
+        """When nothing changes within an interval any more, in s after a ``change`` of commands at most."""
+        every = ((one, one.effect.acts) for one in self.acting)
+        return sum(act.settles(one.values, change) for one, act in every if isinstance(act, Actuating) and act.settles)
 
     @property
     def _quick(self) -> list[Actuating]:
         """What acts within the interval between two instants."""
         acts = [one.effect.acts for one in self.acting]
-        return [act for act in acts if isinstance(act, Actuating) and act.quick]
+        return [act for act in acts if isinstance(act, Actuating) and act.settles]
 
     def drive(self, vehicle: Vehicle, trial: Trial) -> Drive:
         """After every effect between command and torque, from each instant of ``trial`` to the next."""

@@ -13,7 +13,7 @@ import pytest
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.effects import CATALOGUE, FORMS, MOTION, Effect, bias_torque, effect_named, forms_for, supply_sag
-from rovid.effects.actuation import actuation, finer
+from rovid.effects.actuation import actuation
 from rovid.effects.base import (
     REFERENCE_RATE,
     SPEEDS,
@@ -239,7 +239,7 @@ def logs() -> list[Trial]:
 )
 def test_trials_one_after_the_other_are_as_each_by_itself(effect: Effect, parts: int) -> None:
     each_log = [actuation(VEHICLE, log, parts) for log in logs()]
-    commands = [finer(log.commands, parts) for log in logs()]
+    commands = [where.finer(log.commands) for where, log in zip(each_log, logs(), strict=True)]
     values = numbers(effect, start=True)
     together = torque(effect, values, np.concatenate(commands), Actuation.joined(each_log))
     alone = [torque(effect, values, command, where) for command, where in zip(commands, each_log, strict=True)]

@@ -7,10 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rovid.effects import effect_named
+from rovid.effects import Effect, effect_named
 from rovid.identify.driving import Driving
+from rovid.model.commanded import Commanded
+from rovid.model.drive import MOST_PARTS
 from rovid.motion.runs import Run
 from tests import synthetic
+from tests.effects.test_effects import EVERY
+from tests.model.test_commanded import model_with
 
 TIME = synthetic.clock(60.0)
 COMMAND = np.where(TIME % 20.0 < 10.0, 2.0, -2.0)
@@ -57,3 +61,26 @@ def test_fewer_steps_keep_the_impulse_of_a_lagging_thrust(run: Run) -> None:
     every, quick = driving(run).between_steps(LAGGED), driving(run, quick=True).between_steps(LAGGED)
     whole = np.sum(every.torque[: STEPS[-1]] * np.diff(TIME)[: STEPS[-1]])
     assert np.sum(quick.torque[:-1] * np.diff(TIME[STEPS])) == pytest.approx(whole, rel=1e-6, abs=1e-6)
+
+
+QUICK = [effect for effect in EVERY if model_with(effect).drivetrain.settles(1.0) > 0.0]
+
+
+@pytest.mark.parametrize("noise", [1.0, 1e-8], ids=["whole", "cut"])
+@pytest.mark.parametrize("few", [False, True], ids=["all", "few"])
+@pytest.mark.parametrize("effect", QUICK, ids=lambda effect: effect.key)
+def test_what_has_settled_need_not_be_looked_at_closely(run: Run, effect: Effect, noise: float, *, few: bool) -> None:
+    model = model_with(effect)
+    steps = np.arange(0, len(TIME), 8)
+    here = replace(driving(run), position_noise=noise, steps=[steps] if few else None)
+    found = here.between_steps(model)
+    parts = MOST_PARTS if noise < 1e-6 else 1
+    given = Commanded.of(synthetic.VEHICLE, [run.trial], parts)
+    true = model.drivetrain.driven(given, given.between([steps]) if few else None)
+    # What is looked at is no more than what may change.
+    (looked_at, _), *_ = here._commanded.values()  # noqa: SLF001 - what it is for
+    assert len(looked_at.where.time) < 0.8 * len(given.where.time) or (parts == 1 and not few)
+    most = np.max(np.abs(true.torque))
+    np.testing.assert_allclose(found.torque, true.torque, atol=2e-4 * most, rtol=0.0)
+    large = np.max(np.abs(true.moment))
+    np.testing.assert_allclose(found.moment, true.moment, atol=0.02 * large, rtol=0.0)

@@ -66,10 +66,6 @@ def test_what_is_long_held_need_not_be_looked_at(effect: Effect) -> None:
     over_few = model.drivetrain.driven(few, few.between(places))
     # A drop that follows the load or the clock is the mean of what is held in between.
     np.testing.assert_allclose(over_few.torque, over_all.torque, rtol=1e-3, atol=1e-3)
-    if model.drivetrain.calms:
-        # What a lag leaves within an interval half a second after a change is nothing beside what it does at once.
-        most = np.max(np.abs(over_all.moment), initial=1e-9)
-        assert np.max(np.abs(over_few.moment - over_all.moment)) < 0.05 * most + 1e-9
 
 
 def test_means_of_what_was_chosen_leave_out_what_is_not_known() -> None:
