@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -23,9 +24,12 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="there are copie
 
 
 @pytest.fixture(autouse=True)
-def three_cores(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever the machine has."""
+def three_cores(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Whatever the machine has; and no copy is left."""
     monkeypatch.setattr(module, "cores", lambda: 3)
+    before = _children()
+    yield
+    assert _children() == before
 
 
 def test_all_results_come_in_order_from_several_processes() -> None:
@@ -57,7 +61,6 @@ def test_only_the_first_process_goes_on(tmp_path: Path) -> None:
     names = sorted(path.name.split()[1] for path in tmp_path.iterdir() if not path.name.startswith("after"))
     assert names == ["False", "False", "True"]
     assert [path.name for path in tmp_path.glob("after*")] == [f"after {os.getpid()}"]
-    assert _children() == []
 
 
 def test_cores_are_its_own_inside_and_all_of_them_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,7 +82,6 @@ def test_what_a_killed_copy_had_taken_is_done_here() -> None:
         assert shared(deadly, range(20)) == list(range(20))
         # Alone from here on.
         assert {process for _, process in enumerate(shared(lambda _: os.getpid(), range(9)))} == {first}
-    assert _children() == []
 
 
 def test_an_error_ends_it_as_it_would_without_copies() -> None:
@@ -89,7 +91,6 @@ def test_an_error_ends_it_as_it_would_without_copies() -> None:
     before = os.environ.get(SHARE)
     with pytest.raises(ZeroDivisionError), in_step():
         shared(failing, [3, 2, 1, 0, 1, 2, 3, 4, 5])
-    assert _children() == []
     assert os.environ.get(SHARE) == before
 
 
@@ -124,7 +125,7 @@ def test_copies_end_with_a_process_that_is_killed(tmp_path: Path) -> None:
 
 
 def test_there_are_none_beside_other_threads_or_without_a_core(monkeypatch: pytest.MonkeyPatch) -> None:
-    found: list[list[str]] = []
+    before, found = _children(), list[list[str]]()
 
     def ask() -> None:
         with in_step():
@@ -135,7 +136,7 @@ def test_there_are_none_beside_other_threads_or_without_a_core(monkeypatch: pyte
     thread.join()
     monkeypatch.setattr(module, "cores", lambda: 1)
     ask()
-    assert found == [[], []]
+    assert found == [before, before]
 
 
 def _three(turn: int, number: int) -> FloatArray:
