@@ -26,6 +26,8 @@ _BY_HORIZONS = (
     "missing. So causes were judged by predictions from half to eight time constants ahead; gains are of their "
     "log-likelihood, with errors that correlate counted as one."
 )
+# Instants; of longer logs compiled loops are most of the work, which threads share, and copies would take memory.
+_LONG = 300_000
 _SHRUNK = (
     "With {} predictions would be better, but each next reading shows less of it than that asks for, as where commands "
     "answer what waves do: it is not claimed."
@@ -76,7 +78,8 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     cut = [piece.run for piece in pieces]
     candidates = (*forms, *signal_causes((*prepared.items, *runs, *cut)))
     whole = Readings(prepared.items, vehicle, start)
-    with in_step() as is_first:
+    instants = sum(len(run.trial.time) for run in prepared.items)
+    with in_step(wanted=instants < _LONG) as is_first:
         report = report if is_first else _unsaid
         ahead = by_horizons(whole, pieces, candidates, report)
         ahead.look_for_waves = wave_search(whole, forms, pieces)

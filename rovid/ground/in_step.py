@@ -42,12 +42,13 @@ def shared(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Re
 
 
 @contextlib.contextmanager
-def in_step() -> Iterator[bool]:
+def in_step(*, wanted: bool = True) -> Iterator[bool]:
     """Copies go through all that is inside, and end where this process goes on; whether it is that one.
 
-    There are none where the system makes none, no core is free for one, or other threads may be at work.
+    There are none where none are ``wanted``, the system makes none, no core is free for one, or other threads may be
+    at work.
     """
-    if _TEAM is not None or not _may_copy():
+    if not wanted or _TEAM is not None or not _may_copy():
         yield True
         return
     before, copies = os.environ.get(SHARE), _begin(min(cores() - 1, _MOST))

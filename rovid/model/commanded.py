@@ -18,7 +18,7 @@ from rovid.ground.recent import Recent
 from rovid.model.drive import Intervals
 
 # Bytes of what effects made of commands that are kept: models that are compared share most of it.
-_KEPT = 32_000_000
+_KEPT = 16_000_000
 
 
 @dataclass(frozen=True, eq=False)
