@@ -54,7 +54,7 @@ def worth(fitted: Fitted) -> float:
 
 
 def quickly_climbed(misfit: Misfit, x: FloatArray, iterations: int, goal: float = math.inf) -> Fitted:
-    """The model that so many steps from ``x`` lead to, near enough for a search; fewer where that is no cost's way."""
+    """The model that so many steps from ``x`` lead to, fewer if the ``goal`` is out of reach; enough for a search."""
     return climbed(misfit, x, iterations=iterations, tolerance=_TOLERANCE, goal=goal)
 
 

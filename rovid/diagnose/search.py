@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rovid.diagnose.rivals import Cause, Rival, fitted_together, is_plausible, quickly_climbed, worth
+from rovid.diagnose.rivals import Cause, Rival, climbed_on, fitted_together, is_plausible, quickly_climbed, worth
 from rovid.diagnose.screening import ITERATIONS, Promise, best_forms, fit_all, gains_of, screen, shortlist
 from rovid.diagnose.signals import is_signal
 from rovid.effects import Effect
@@ -252,9 +252,9 @@ class Search:
         signal = max(signals, key=worth, default=default)
         least, share = _SIGNAL_HANDICAP
         gap = least + share * max(worth(best) - worth(default), 0.0)
-        if worth(signal) > worth(best) + gap:
-            return signal
-        return best
+        chosen = signal if worth(signal) > worth(best) + gap else best
+        # One that had no chance beside what may not be taken up has not been fitted to the end.
+        return chosen if chosen is default else climbed_on(chosen, ITERATIONS)
 
     def best_extension(self, current: Fitted) -> Fitted | None:
         """The worthiest model with one effect more, whether it pays or not; None where there is none."""

@@ -51,11 +51,12 @@ def in_step(*, wanted: bool = True) -> Iterator[bool]:
     if not wanted or _TEAM is not None or not _may_copy():
         yield True
         return
-    before, copies = os.environ.get(SHARE), _begin(min(cores() - 1, _MOST))
+    before = os.environ.get(SHARE)
+    copies = _begin(min(cores() - 1, _MOST))
     try:
-        yield bool(copies)
+        yield copies is not None
     finally:
-        if not copies:
+        if copies is None:
             os._exit(0)
         _disband()
         for copy in copies:
@@ -72,42 +73,47 @@ def _may_copy() -> bool:
     return platform.system() == "Linux" and cores() > 1 and threading.current_thread() is threading.main_thread()
 
 
-def _begin(count: int) -> list[int]:
-    """So many copies begin here; in this process, their numbers."""
-    places = os.pipe()
-    lines = [(os.pipe(), os.pipe()) for _ in range(count)]
+def _begin(count: int) -> list[int] | None:
+    """So many copies begin here, or as many as there is room for; their numbers, None in a copy."""
+    places, lines, copies = os.pipe(), list[_Line](), list[int]()
     os.environ[SHARE] = "1"
-    copies: list[int] = []
-    for place in range(count):
-        with warnings.catch_warnings():
-            # Threads that help or listen wait for work meanwhile, and hold nothing that a copy might wait for.
-            warnings.simplefilter("ignore", DeprecationWarning)
-            copy = os.fork()
+    for _ in range(count):
+        back, forth = os.pipe(), os.pipe()
+        ours, theirs = _Line(back[0], forth[1]), _Line(forth[0], back[1])
+        try:
+            copy = _forked()
+        except OSError:
+            ours.close()
+            theirs.close()
+            break
         if copy == 0:
-            _become_copy(places, lines, place)
-            return []
+            for line in (ours, *lines):
+                line.close()
+            os.close(places[1])
+            _become_copy()
+            _join(_Team(places[0], None, [theirs]))
+            return None
+        theirs.close()
+        lines.append(ours)
         copies.append(copy)
-    ours = [_Line(back[0], forth[1]) for back, forth in lines]
-    for back, forth in lines:
-        os.close(back[1])
-        os.close(forth[0])
-    _join(_Team(places[0], places[1], ours))
+    _join(_Team(places[0], places[1], lines))
     return copies
 
 
-def _become_copy(places: tuple[int, int], lines: Sequence[tuple[tuple[int, int], tuple[int, int]]], place: int) -> None:
-    """Say nothing, leave nothing behind, and hold no end of a pipe open but one's own."""
+def _forked() -> int:
+    with warnings.catch_warnings():
+        # Threads that help or listen wait for work meanwhile, and hold nothing that a copy might wait for.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return os.fork()
+
+
+def _become_copy() -> None:
+    """Say nothing, and leave nothing behind."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_DFL)
     nowhere = os.open(os.devnull, os.O_RDWR)
     for standard in range(3):
         os.dup2(nowhere, standard)
-    (back, forth), kept = lines[place], {places[0]}
-    own = _Line(forth[0], back[1])
-    kept |= {own.reads, own.writes}
-    for end in {*places, *(end for line in lines for pipe in line for end in pipe)} - kept:
-        os.close(end)
-    _join(_Team(places[0], None, [own]))
 
 
 @dataclass(frozen=True, eq=False)
