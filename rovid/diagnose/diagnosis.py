@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 
 from rovid.campaign.vehicle import Vehicle
@@ -19,7 +20,7 @@ from rovid.ground.errors import DataError
 from rovid.ground.in_step import in_step
 from rovid.identify.free_run import fit_free_run
 from rovid.identify.readings import Readings
-from rovid.motion.runs import Runs, channels
+from rovid.motion.runs import Run, Runs, channels
 
 _BY_HORIZONS = (
     "The innovations are not white, or the disturbance is at its limit: each next reading would not tell what is "
@@ -78,8 +79,7 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
     cut = [piece.run for piece in pieces]
     candidates = (*forms, *signal_causes((*prepared.items, *runs, *cut)))
     whole = Readings(prepared.items, vehicle, start)
-    instants = sum(len(run.trial.time) for run in prepared.items)
-    with in_step(wanted=instants < _LONG) as is_first:
+    with in_step(wanted=_is_shared_by_copies(prepared.items)) as is_first:
         report = report if is_first else _unsaid
         ahead = by_horizons(whole, pieces, candidates, report)
         ahead.look_for_waves = wave_search(whole, forms, pieces)
@@ -87,6 +87,13 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
         near = by_innovations(replace(whole, runs=runs), candidates, ahead, report)
         report("Testing what was found on trials that were not fitted …")
         return _told(ahead, near, notes)
+
+
+def _is_shared_by_copies(runs: Sequence[Run]) -> bool:
+    """Unless each copy would compile what is not yet, or logs are long."""
+    from rovid.model.kernels import is_compiled
+
+    return is_compiled() and sum(len(run.trial.time) for run in runs) < _LONG
 
 
 def _unsaid(_: str) -> None:

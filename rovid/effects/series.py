@@ -6,6 +6,7 @@ Each is of (n,) instants in s and (n,) values, for `Actuation.each` to take tria
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -223,3 +224,17 @@ def open_changes(time: FloatArray, values: FloatArray, shortest: float, longest:
         total = total if late < early else 0.0
         out[k] = total
     return out
+
+
+# Each loop over held signals, with how many numbers it takes besides, in the order in which they are asked for.
+LOOPS: tuple[tuple[Callable[..., FloatArray], int], ...] = (
+    (lagged, 1),
+    (delayed, 1),
+    (open_changes, 2),
+    (delayed_anyhow, 2),
+    (rotor_lagged, 1),
+    (latched, 2),
+    (slewed, 1),
+    (soft_started, 1),
+    (played, 1),
+)

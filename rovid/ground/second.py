@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import atexit
-import mmap
 import os
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterable
-
-# s between two looks of a copy.
-_LOOK = 0.01
 
 
 class Second:
@@ -23,8 +18,6 @@ class Second:
 
     def __init__(self, code: str, parts: Iterable[str]) -> None:
         self._done = {part: threading.Event() for part in parts}
-        # The same for copies of this process, in which nobody listens: a byte for each part, in memory that all share.
-        self._first, self._shown = os.getpid(), mmap.mmap(-1, max(len(self._done), 1))
         self._process = subprocess.Popen(  # noqa: S603 - Python itself
             [sys.executable, "-c", f"import sys; sys.path[:] = {sys.path!r}; {code}"],
             stdin=subprocess.PIPE,
@@ -46,23 +39,19 @@ class Second:
         with self._process as process:
             for line in process.stdout or ():
                 if (part := line.strip()) in self._done:
-                    self._show(part)
+                    self._done[part].set()
         # Nothing more is to be waited for, done or not.
-        for part in self._done:
-            self._show(part)
+        for done in self._done.values():
+            done.set()
 
-    def _show(self, part: str) -> None:
-        self._done[part].set()
-        self._shown[list(self._done).index(part)] = 1
+    def has_done(self, part: str) -> bool:
+        """Whether nothing is to be waited for, or no more."""
+        return part not in self._done or self._done[part].is_set()
 
     def wait_for(self, part: str, patience: float) -> None:
         """Until it is done, or never will be; for as many seconds of ``patience`` at most."""
-        if os.getpid() == self._first:
+        if not self.has_done(part):
             self._done[part].wait(patience)
-            return
-        until = time.monotonic() + patience
-        while not self._shown[list(self._done).index(part)] and time.monotonic() < until:
-            time.sleep(_LOOK)
 
     def stop(self) -> None:
         """End it, whatever it is at."""

@@ -97,23 +97,3 @@ def test_it_ends_with_the_first_however_that_ends(then: str) -> None:
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run([sys.executable, "-c", code], check=False, env=environment, capture_output=True, text=True)
     assert ended(int(done.stdout))
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="there are no copies here")
-def test_a_copy_of_this_process_waits_for_it_too(tmp_path: Path) -> None:
-    go = tmp_path / "go"
-    second = Second(textwrap.dedent(SLOW.format(go=str(go))), ["one", "two"])
-    try:
-        assert waited(second, "one") < PATIENCE
-        copy = os.fork()
-        if copy == 0:
-            (tmp_path / "waits").touch()
-            os._exit(0 if waited(second, "two") < PATIENCE else 1)
-        while not (tmp_path / "waits").exists():
-            time.sleep(0.01)
-        time.sleep(0.05)
-        assert os.waitpid(copy, os.WNOHANG) == (0, 0)
-        go.touch()
-        assert os.waitpid(copy, 0) == (copy, 0)
-    finally:
-        second.stop()

@@ -6,7 +6,8 @@ import contextlib
 import functools
 import gc
 import sys
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numpy as np
@@ -23,6 +24,10 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 # s; whoever has waited longer for a loop compiles it here.
 _PATIENCE = 60.0
 _LONG: dict[str, Any] = {}
+# Of these the first process compiles that one itself.
+_OWN = "rovid.model.kernels.filter._filter"
+# What it compiles as it waits for the second: each asked for next to nothing, until that is done.
+_MEANWHILE: deque[Callable[[], object]] = deque()
 _BEGUN: list[Second] = []
 
 
@@ -35,13 +40,14 @@ def begin() -> None:
     """Have a second process compile what is not compiled yet, if it can be kept and there is another core."""
     if not _BEGUN and keeps_compiled() and cores() > 1 and sys.executable and not is_compiled():
         with contextlib.suppress(OSError):
-            _BEGUN.append(Second(f"import {__name__} as first_use; first_use.work()", _LONG))
+            _BEGUN.append(Second(f"import {__name__} as first_use; first_use.work()", _LONG.keys() - {_OWN}))
+            _MEANWHILE.extend((long_loops()[_OWN], *quick_loops()))
 
 
 def compile_now() -> None:
     """Compile it in this process, before others are started that would each do so."""
-    for _ in compiled_in_order():
-        pass
+    for loop in long_loops().values():
+        loop()
 
 
 def long(loop: Function) -> Function:
@@ -52,6 +58,9 @@ def long(loop: Function) -> Function:
     @functools.wraps(loop)
     def once_compiled(*arguments: Any) -> Any:
         for second in _BEGUN:
+            while _MEANWHILE and not second.has_done(name):
+                with contextlib.suppress(IndexError):
+                    _MEANWHILE.popleft()()
             second.wait_for(name, _PATIENCE)
         return loop(*arguments)
 
@@ -61,14 +70,19 @@ def long(loop: Function) -> Function:
 def work() -> None:
     """As the second process: compile one after the other."""
     gc.disable()  # it is over before memory is
-    say(name for _ in compiled_in_order() for name, loop in _LONG.items() if loop.overloads)
+    say(name for name, loop in long_loops().items() if name != _OWN and loop() is not None)
 
 
-def compiled_in_order() -> Iterator[object]:
-    """Ask each for next to nothing, in numbers of the kind that they are always given, as a diagnosis needs them.
+def quick_loops() -> list[Callable[[], object]]:
+    """Each loop over held signals, asked for next to nothing."""
+    from rovid.effects import series
 
-    The rest, which is quick, is compiled by the first process in the meantime.
-    """
+    two = np.arange(2.0)
+    return [functools.partial(loop, two, two, *[1.0] * more) for loop, more in series.LOOPS]
+
+
+def long_loops() -> dict[str, Callable[[], object]]:
+    """In the order in which a diagnosis needs them, each asked for next to nothing in the numbers it is always given."""
     from rovid.model import kernels
     from rovid.model.batch import Abreast, Driven, Logged
     from rovid.model.drive import Drive
@@ -77,10 +91,16 @@ def compiled_in_order() -> Iterator[object]:
     body, terms, drive = Body(1.0, 1.0, 1.0), terms_of([], 1.0), Drive.held(np.zeros(2))
     begins, one, two = np.array([0, 2]), np.ones(1), np.arange(2.0)
     grid = drive.torque, drive.beside, two, two, np.zeros((2, 0))
-    yield kernels.predict(one, *grid, begins[:1].copy(), begins[1:].copy(), one, body, terms)
-    yield kernels.effects_along(begins, one, np.zeros((2, 3)), drive.beside, one, body, terms)
     logged = Logged(begins, two, two, one, np.ones((1, 2)), np.arange(4).reshape(2, 2))
     driven = Driven.of([drive] * LANES, [two] * LANES)
     models = Abreast(np.ones((5, LANES)), terms, np.ones((4, LANES)), np.ones((3, LANES)))
-    yield kernels.innovations(logged, driven, models)
-    yield kernels.innovations_wide(logged, driven, models)
+    ends = begins[:1].copy(), begins[1:].copy(), one
+    asked: dict[str, Callable[[], object]] = {
+        "prediction._predict": lambda: kernels.predict(one, *grid, *ends, body, terms),
+        "prediction._follow": lambda: kernels.effects_along(
+            begins, one, np.zeros((2, 3)), drive.beside, one, body, terms
+        ),
+        "filter._filter": lambda: kernels.innovations(logged, driven, models),
+        "wide_filter._filter": lambda: kernels.innovations_wide(logged, driven, models),
+    }
+    return {f"{kernels.__name__}.{name}": loop for name, loop in asked.items()}
