@@ -82,7 +82,7 @@ def quick_loops() -> list[Callable[[], object]]:
 
 
 def long_loops() -> dict[str, Callable[[], object]]:
-    """In the order in which a diagnosis needs them, each asked for next to nothing in the numbers it is always given."""
+    """In the order in which a diagnosis needs them, each asked for next to nothing in numbers as it is always given."""
     from rovid.model import kernels
     from rovid.model.batch import Abreast, Driven, Logged
     from rovid.model.drive import Drive
