@@ -10,8 +10,8 @@ import numpy as np
 
 from rovid.diagnose.odds import ESTABLISHED, PRIOR_ODDS
 from rovid.diagnose.parts import Piece
-from rovid.diagnose.rivals import is_plausible, worth
-from rovid.diagnose.screening import gains_of, screen
+from rovid.diagnose.rivals import is_plausible, quickly_climbed, worth
+from rovid.diagnose.screening import ITERATIONS, gains_of, screen
 from rovid.diagnose.search import MARGIN, Report, Search
 from rovid.diagnose.waves import Waves, look_for_waves
 from rovid.diagnose.work import Work
@@ -153,7 +153,7 @@ def _is_hopeless(current: Fitted, gains: Callable[[], Sequence[float]]) -> bool:
     """
     unlimited, lacking = current, 0.0
     if current.at_limit:
-        unlimited = climbed(current.misfit.under(UNLIMITED), current.x)
+        unlimited = quickly_climbed(current.misfit.under(UNLIMITED), current.x, ITERATIONS)
         lacking = current.cost - unlimited.cost
         if lacking < MARGIN:
             return True

@@ -71,7 +71,7 @@ class InnovationMisfit(Misfit):
             return [self.innovations(x) if centre is None else centre]
         groups = _by(LANES - 1, near)
         # Where a pass takes long its results are sooner told to another process than worked out by it.
-        among = shared if self.is_wide else spread
+        among = shared if self.is_wide or len(self.coordinates.model(x).terms.kinds) else spread
         found = among(lambda few: _side_by_side([(self, point) for point in (x, *few)]), groups)
         first = found[0][0] if centre is None else centre
         # Of a model that runs away both may be infinite.
