@@ -17,7 +17,6 @@ from rovid.campaign.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read
 from rovid.campaign.trial import Campaign, said_once
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.amplitudes import Amplitudes, explain
-from rovid.diagnose.diagnosis import diagnose
 from rovid.diagnose.record import Diagnosis, Finding, Side
 from rovid.effects import Effect, forms_for
 from rovid.effects.by_trial import trials_of
@@ -254,6 +253,8 @@ class Study:
         if self.runs is None:
             amplitudes = self.amplitudes(drag)
             return Diagnosis(verdict="too_little_data", missing=amplitudes.missing, amplitudes=amplitudes)
+        from rovid.diagnose.diagnosis import diagnose
+
         diagnosis = diagnose(self.runs, self.vehicle, report)
         side = diagnosis.extended or diagnosis.base
         odd = unlike_rigid_body(side.estimate, self.vehicle.measured_inertia) if side else ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import os
 import sys
 from importlib import import_module
@@ -36,6 +37,8 @@ COMMANDS = (
     "fleet",
     "help",
 )
+# So many objects more are made before it is looked for those that are of no use any more.
+_MANY = 20_000
 _MODULES = {name.replace("_", "-"): import_module(f"rovid.commands.{name}") for name in COMMANDS}
 MANUAL: dict[str, Page] = {name: module.PAGE for name, module in _MODULES.items()}
 
@@ -54,6 +57,8 @@ def main() -> None:
     """Entry point: run the command; the user's mistakes end with one message and exit status 2."""
     # Before numpy is imported: products of matrices are small here, and BLAS's own threads get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Nothing that is imported goes before the end: to look it all through again and again takes long.
+    gc.set_threshold(_MANY)
     if "_ROVID_COMPLETE" in os.environ:
         # typer folds the help that zsh and fish show beside a value; a shell takes each line for a value.
         os.environ["COLUMNS"] = "1000"

@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
 
 from rovid.campaign.trial import Trial
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
 
-# Convolution and spectrum stand below: to import scipy.signal for them takes a third of a second.
+# Convolution and spectrum stand below: to import scipy.signal or scipy.fft for them takes long beside what they do.
 # A sinc under a Hann window: flat to a third of the cut-off, 44 dB down beyond twice the cut-off.
 _HALF_WIDTH = 1.25  # of 1/cutoff
 _MAX_CUTOFF = 0.2  # of the sampling rate: up to it the differences below are derivatives to one percent
@@ -303,7 +302,7 @@ def _density(part: FloatArray, length: int, period: float) -> FloatArray:
     size = min(length, len(part))
     window = np.hanning(size + 1)[:-1]
     pieces = np.lib.stride_tricks.sliding_window_view(part, size)[:: size - size // 2]
-    power = np.mean(np.abs(fft.rfft(pieces * window, length)) ** 2, axis=0)
+    power = np.mean(np.abs(np.fft.rfft(pieces * window, length)) ** 2, axis=0)
     power[1:-1] *= 2.0
     return np.asarray(power * period / np.sum(window**2))
 
@@ -338,15 +337,20 @@ def finite_stretches(values: FloatArray) -> list[tuple[int, int]]:
     return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
 
 
+def _quickly_transformed(length: int) -> int:
+    """The ``length`` of a series, or somewhat more, with small factors alone: of those Fourier transforms are quick."""
+    return min(odd << max((length - 1) // odd, 0).bit_length() for odd in (1, 3, 5, 9, 15))
+
+
 def _convolve(values: FloatArray, kernel: FloatArray) -> FloatArray:
     """Convolution with a kernel centred on each sample; NaN where the kernel does not fit."""
     known = np.isfinite(values)
     # A running sum over a filled array would smear the position's large offset; take it off first.
     offset = float(values[known][0]) if known.any() else 0.0
     filled = np.where(known, values - offset, 0.0)
-    size = fft.next_fast_len(len(filled) + len(kernel) - 1, real=True)
-    spectrum = fft.rfft(filled, size) * fft.rfft(kernel, size)
-    out = fft.irfft(spectrum, size)[len(kernel) // 2 :][: len(filled)]
+    size = _quickly_transformed(len(filled) + len(kernel) - 1)
+    spectrum = np.fft.rfft(filled, size) * np.fft.rfft(kernel, size)
+    out = np.fft.irfft(spectrum, size)[len(kernel) // 2 :][: len(filled)]
     complete = np.zeros(len(known), dtype=bool)
     unknown = np.cumsum(np.concatenate(([0], ~known)))
     half = len(kernel) // 2
