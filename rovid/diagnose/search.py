@@ -78,6 +78,7 @@ class Search:
     _left: set[Key] = field(default_factory=set)
     _extensions: dict[Key, list[Fitted]] = field(default_factory=dict)
     _fits: dict[Key, Fitted] = field(default_factory=dict)
+    _ends_of: dict[Fitted, Fitted] = field(default_factory=dict)
 
     def _ends(self) -> bool:
         """Whether to look at no more models."""
@@ -253,8 +254,13 @@ class Search:
         least, share = _SIGNAL_HANDICAP
         gap = least + share * max(worth(best) - worth(default), 0.0)
         chosen = signal if worth(signal) > worth(best) + gap else best
-        # One that had no chance beside what may not be taken up has not been fitted to the end.
-        return chosen if chosen is default else climbed_on(chosen, ITERATIONS)
+        return chosen if chosen is default else self._ended(chosen)
+
+    def _ended(self, fit: Fitted) -> Fitted:
+        """``fit`` to the end, once: one that had no chance beside what may not be taken up was not followed so far."""
+        if fit not in self._ends_of:
+            self._ends_of[fit] = climbed_on(fit, ITERATIONS)
+        return self._ends_of[fit]
 
     def best_extension(self, current: Fitted) -> Fitted | None:
         """The worthiest model with one effect more, whether it pays or not; None where there is none."""

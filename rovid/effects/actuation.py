@@ -114,7 +114,7 @@ class Actuation:
     trials: tuple[Stretch, ...] = (Stretch(),)
     parts: int = 1
     _speeds: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
-    # By the identity of what it is of, which is kept too.
+    # By the identity of what it is of, which is kept too, so that nothing else has it.
     _of_trials: dict[int, tuple[object, FloatArray]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
@@ -179,11 +179,10 @@ class Actuation:
 
     def of_trials(self, held: Mapping[str, FloatArray]) -> FloatArray:
         """(n,) values that are held between the instants of each trial's log, which are told by its name."""
-        found, series = self._of_trials.get(id(held), (None, None))
-        if found is not held or series is None:
-            series = self.finer(np.concatenate([one.held(held[one.name]) for one in self.trials]))
-            self._of_trials[id(held)] = held, series
-        return series
+        if id(held) not in self._of_trials:
+            series = np.concatenate([one.held(held[one.name]) for one in self.trials])
+            self._of_trials[id(held)] = held, self.finer(series)
+        return self._of_trials[id(held)][1]
 
     def finer(self, held: FloatArray) -> FloatArray:
         """(n, ...) of values that are held between the chosen instants, with each interval cut into ``parts``."""

@@ -16,7 +16,7 @@ import struct
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from rovid.ground.workers import SHARE, cores, spread
@@ -51,7 +51,6 @@ def in_step(*, wanted: bool = True) -> Iterator[bool]:
     if not wanted or _TEAM is not None or not _may_copy():
         yield True
         return
-    before = os.environ.get(SHARE)
     copies = _begin(min(cores() - 1, _MOST))
     try:
         yield copies is not None
@@ -62,10 +61,6 @@ def in_step(*, wanted: bool = True) -> Iterator[bool]:
         for copy in copies:
             os.kill(copy, signal.SIGKILL)
             os.waitpid(copy, 0)
-        if before is None:
-            del os.environ[SHARE]
-        else:
-            os.environ[SHARE] = before
 
 
 def _may_copy() -> bool:
@@ -76,7 +71,6 @@ def _may_copy() -> bool:
 def _begin(count: int) -> list[int] | None:
     """So many copies begin here, or as many as there is room for; their numbers, None in a copy."""
     places, lines, copies = os.pipe(), list[_Line](), list[int]()
-    os.environ[SHARE] = "1"
     for _ in range(count):
         back, forth = os.pipe(), os.pipe()
         ours, theirs = _Line(back[0], forth[1]), _Line(forth[0], back[1])
@@ -96,7 +90,11 @@ def _begin(count: int) -> list[int] | None:
         theirs.close()
         lines.append(ours)
         copies.append(copy)
-    _join(_Team(places[0], places[1], lines))
+    team = _Team(places[0], places[1], lines)
+    if copies:
+        _join(team)
+    else:
+        team.close()
     return copies
 
 
@@ -162,12 +160,15 @@ class _Team:
         To each of the copies, or to the first process.
     is_at_work
         Whether it does its part of what is shared.
+    share_before
+        Its share of the cores before, as the environment had it; in a team it is one core.
     """
 
     places: int
     hands_out: int | None
     lines: Sequence[_Line]
     is_at_work: bool = False
+    share_before: str | None = field(default_factory=lambda: os.environ.get(SHARE))
 
     def share(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         """As `shared`; what is to be shared within that stays where it is, and one item is nothing to share."""
@@ -227,11 +228,16 @@ _TEAM: _Team | None = None
 def _join(team: _Team) -> None:
     global _TEAM  # noqa: PLW0603 - a process is in one team, whoever asks
     _TEAM = team
+    os.environ[SHARE] = "1"
 
 
 def _disband() -> None:
-    """Go on alone."""
+    """Go on alone, with all cores."""
     global _TEAM  # noqa: PLW0603 - as above
-    if _TEAM is not None:
-        _TEAM.close()
-        _TEAM = None
+    if _TEAM is None:
+        return
+    _TEAM.close()
+    del os.environ[SHARE]
+    if _TEAM.share_before is not None:
+        os.environ[SHARE] = _TEAM.share_before
+    _TEAM = None

@@ -10,6 +10,7 @@ from typing import ClassVar, Self, TypeVar
 
 import numpy as np
 
+from rovid.effects.base import Term
 from rovid.ground.arrays import FloatArray
 from rovid.ground.in_step import shared
 from rovid.ground.lanes import LANES
@@ -71,7 +72,7 @@ class InnovationMisfit(Misfit):
             return [self.innovations(x) if centre is None else centre]
         groups = _by(LANES - 1, near)
         # Where a pass takes long its results are sooner told to another process than worked out by it.
-        among = shared if self.is_wide or len(self.coordinates.model(x).terms.kinds) else spread
+        among = shared if self._is_slow else spread
         found = among(lambda few: _side_by_side([(self, point) for point in (x, *few)]), groups)
         first = found[0][0] if centre is None else centre
         # Of a model that runs away both may be infinite.
@@ -106,6 +107,11 @@ class InnovationMisfit(Misfit):
     def is_wide(self) -> bool:
         """Whether two states more have to be filtered."""
         return any(effect.oscillates for effect in self.effects)
+
+    @cached_property
+    def _is_slow(self) -> bool:
+        """Whether a pass takes much longer than that of the plain model."""
+        return self.is_wide or any(isinstance(effect.acts, Term) for effect in self.effects)
 
     def noise(self, x: FloatArray) -> FloatArray:
         """(4,) as `rovid.model.batch.Abreast` takes it."""

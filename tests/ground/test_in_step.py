@@ -78,10 +78,24 @@ def test_what_a_killed_copy_had_taken_is_done_here() -> None:
             os.kill(os.getpid(), signal.SIGKILL)
         return _slowly(number)
 
+    before = os.environ.get(SHARE)
     with in_step():
         assert shared(deadly, range(20)) == list(range(20))
-        # Alone from here on.
+        # Alone from here on, with all cores.
+        assert os.environ.get(SHARE) == before
         assert {process for _, process in enumerate(shared(lambda _: os.getpid(), range(9)))} == {first}
+
+
+def test_where_there_is_no_room_for_copies_it_goes_on_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_room() -> int:
+        raise BlockingIOError
+
+    monkeypatch.setattr(os, "fork", no_room)
+    before = os.environ.get(SHARE)
+    with in_step() as is_first:
+        assert is_first
+        assert os.environ.get(SHARE) == before
+        assert shared(abs, [-1, 2, -3]) == [1, 2, 3]
 
 
 def test_an_error_ends_it_as_it_would_without_copies() -> None:

@@ -8,7 +8,7 @@ import pytest
 from rovid.campaign.trial import Trial
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
-from rovid.motion.rates import ZeroPhaseFilter, cell_averages, choose_cutoff, on_grid, rates_of, white_noise
+from rovid.motion.rates import ZeroPhaseFilter, _convolve, cell_averages, choose_cutoff, on_grid, rates_of, white_noise
 
 PERIOD = 0.05
 TIME = np.arange(0.0, 300.0, PERIOD)
@@ -33,6 +33,15 @@ def test_filter_is_exact_on_ramp_and_parabola(cutoff: float) -> None:
     # Round-off of a heading of 27 000 rad, differentiated twice at 20 Hz.
     assert kernel.rate(parabola)[inside] == pytest.approx((0.6 * TIME - 2.0)[inside], abs=1e-7)
     assert kernel.acceleration(parabola)[inside] == pytest.approx(0.6, abs=1e-6)
+
+
+def test_a_filter_is_a_convolution_whatever_the_length() -> None:
+    kernel = np.array([0.25, 0.5, 0.25])
+    for count in (3, 8, 23, 97, 1000, 1025):
+        values = np.random.default_rng(count).normal(size=count)
+        found = _convolve(values, kernel)
+        np.testing.assert_allclose(found[1:-1], np.convolve(values, kernel, mode="valid"), atol=1e-12)
+        assert np.isnan(found[[0, -1]]).all()
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 1.0, 1.5])
