@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,8 @@ from rovid.ground.workers import spread
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.inertia_table import row_names, table_drag
+from rovid.model.commanded import Commanded
+from rovid.model.drive import MOST_PARTS
 from rovid.model.model import Model
 
 if TYPE_CHECKING:
@@ -150,17 +153,20 @@ class _Rows:
     drag_known: bool
     inertias: tuple[float, float]
 
-    def simulated(self, run: Trial, model: Model) -> float:
-        """What a table would say of ``run``, rad/s: the peak of a sine and the mean of a hold, once it has settled."""
-        rate, _ = model.simulate(run, model.drive(self.vehicle, run))
-        if run.name == "sine":
-            return float(rate[-_SAMPLES:].max())
-        return float(rate[-_HOLD_END:].mean())
+    def simulated(self, model: Model) -> FloatArray:
+        """(n,) rad/s, what tables would say: the peak of a sine and the mean of a hold, once it has settled."""
+        drives = model.drivetrain.driven(self._given[model.drivetrain.parts]).by_trial
+        every = zip(self.runs, drives, strict=True)
+        return np.array([_as_told(run, model.simulate_rate(run, drive)) for run, drive in every])
+
+    @cached_property
+    def _given(self) -> dict[int, Commanded]:
+        """The commands of all runs, by the parts into which each interval is cut."""
+        return {parts: Commanded.of(self.vehicle, self.runs, parts) for parts in (1, MOST_PARTS)}
 
     def misfits(self, model: Model) -> FloatArray:
         """(n,) in standard deviations of their reading."""
-        simulated = np.array([self.simulated(run, model) for run in self.runs])
-        return (simulated - self.rates) / self.errors
+        return (self.simulated(model) - self.rates) / self.errors
 
     def nearest(self, begin: Model, effect: Effect | None = None) -> Explanation:
         """Inertia, effect and the drag, unless it is known, fitted to all rows together from ``begin``."""
@@ -291,14 +297,14 @@ def _best_forms(fits: Sequence[Explanation]) -> tuple[Explanation, ...]:
 def _predictions(sine: Table, rows: _Rows, models: Sequence[Model], inertia: InertiaFit) -> Iterator[Prediction]:
     """Every sine with the inertia of every method and the drag that the table gives it."""
     for key, reading in inertia.methods.items():
-        # Runs and rates go on with the holds after the sines: the names end first.
-        for name, model, run, rate in zip(row_names(sine), models, rows.runs, rows.rates, strict=False):
+        # Rates go on with the holds after the sines: the names end first.
+        for at, (name, model, rate) in enumerate(zip(row_names(sine), models, rows.rates, strict=False)):
             yield Prediction(
                 trial=name,
                 method=key,
                 inertia=reading.value,
                 measured=float(rate),
-                predicted=rows.simulated(run, replace(model, inertia=reading.value)),
+                predicted=float(rows.simulated(replace(model, inertia=reading.value))[at]),
             )
 
 
@@ -360,6 +366,13 @@ def _of_torque(most: float) -> Vehicle:
     ends = np.array([-most, 0.0, most])
     curve = ThrustCurve(command=ends, thrust=ends)
     return Vehicle(name="", thrusters=(Thruster(name="torque", arm=1.0, curve=curve, clamp=True),))
+
+
+def _as_told(run: Trial, rate: FloatArray) -> float:
+    """What a table says of the (n,) ``rate`` of ``run``, rad/s."""
+    if run.name == "sine":
+        return float(rate[-_SAMPLES:].max())
+    return float(rate[-_HOLD_END:].mean())
 
 
 def _unlikely(fit: Explanation) -> tuple[float, float]:
