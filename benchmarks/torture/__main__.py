@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.torture.commands import Input, Place, prepare
+from benchmarks.torture.commands import Input, Place
 from benchmarks.torture.pool import Batch, Tried, tried
 from benchmarks.torture.samples import FORMATS, samples
 from benchmarks.torture.state import State, summary
@@ -82,7 +82,6 @@ def _counted(one: Tried) -> dict[str, Any]:
 def _only(name: str, seed: int) -> int:
     """One input, in a folder that stays."""
     format_name, command, number = name.split(":")
-    prepare()
     place = Place(Path(tempfile.mkdtemp(prefix="torture-")))
     failures = place.shown(Input(format=format_name, command=command, number=number), seed).failures
     for failure in failures:

@@ -20,8 +20,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import typer
-
 import rovid
 from benchmarks.torture.frames import dataflash_ends, sentence_ends, table_ends, tlog_ends, ulog_ends
 from benchmarks.torture.mutations import Case, mutated
@@ -90,11 +88,6 @@ class Result:
     code: int
     seconds: float
     failures: tuple[Failure, ...] = field(default=())
-
-
-def prepare() -> None:
-    """Build the commands once: typer does it at each call, which takes as long as a command."""
-    cli.app = typer.main.get_command(cli.app)  # type: ignore[assignment]  # called in the same way
 
 
 def run(arguments: Sequence[object], folder: Path) -> Done:

@@ -24,7 +24,7 @@ from random import Random
 
 from benchmarks.torture.apart import Apart, Ended, steps_in
 from benchmarks.torture.campaign import CASES, Case, Tree, laid_out, must, restore, tree
-from benchmarks.torture.commands import Failure, prepare
+from benchmarks.torture.commands import Failure
 from benchmarks.torture.state import State, summary
 
 # A helper of a killed command may still be at work.
@@ -299,7 +299,6 @@ def main() -> int:
     parser.add_argument("--only", default="", metavar="COMMAND[:FAULT]", help="as report, or plan:step 3")
     parser.add_argument("--state", type=Path, help="what is done goes here, and is not done again")
     arguments = parser.parse_args()
-    prepare()
     state = State(arguments.state, {name: getattr(arguments, name) for name in ("seed", "random", "pairs")})
     begin = time.perf_counter()
     # The commands' folders may be read by anyone, for a command may have to be nobody's.

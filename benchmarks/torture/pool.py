@@ -19,7 +19,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TextIO
 
-from benchmarks.torture.commands import CUT, MEMORY, Failure, Input, Place, Result, located, peak, prepare, resident
+from benchmarks.torture.commands import CUT, MEMORY, Failure, Input, Place, Result, located, peak, resident
 
 # s of work that an input may take, and how much longer on the clock: others may be at work on the machine.
 LONGEST, _WAITED = 10.0, 3.0
@@ -184,7 +184,6 @@ def _work(connection: Connection, root: Path, seed: int, longest: float, kind: t
         faulthandler.register(signal.SIGPROF, file=stack, chain=True)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_FSIZE, (_LARGEST_FILE, _LARGEST_FILE))
-        prepare()
         try:
             _serve(connection, kind(root / "work"), seed, longest, stack)
         except EOFError:  # nothing more to do

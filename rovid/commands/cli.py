@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import errno
+import functools
 import gc
 import os
 import sys
+from collections.abc import Callable
 from importlib import import_module
 from types import ModuleType
 from typing import Annotated
 
 import typer
+from typer.main import get_command
 
 from rovid import __version__
 from rovid.commands.manual import FIRST_SESSION, ManualCommand, ManualGroup, Page
@@ -63,7 +66,7 @@ def main() -> None:
         # typer folds the help that zsh and fish show beside a value; a shell takes each line for a value.
         os.environ["COLUMNS"] = "1000"
     try:
-        app(prog_name="rovid")
+        _command()(prog_name="rovid")
     except RovidError as error:
         sys.stderr.write(f"rovid: {error}\n")
         raise SystemExit(2) from None
@@ -76,6 +79,12 @@ def main() -> None:
             raise
         sys.stderr.write(f"rovid: {_too_long(error.filename)}\n")
         raise SystemExit(2) from None
+
+
+@functools.cache
+def _command() -> Callable[..., object]:
+    """Every command's parameters are looked at; once, however often a process calls `main`."""
+    return get_command(app)
 
 
 def _too_long(name: object) -> str:
