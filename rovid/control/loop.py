@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
 from rovid.ground.lanes import LANES
 from rovid.model.commanded import Commanded
-from rovid.model.drive import Drive
+from rovid.model.drive import Drive, Intervals
 from rovid.model.model import Model
 
 # s; no tick of the plant is longer, lest the mean of a torque that acts late in it be all that is known of it.
@@ -215,7 +216,20 @@ def _latest(model: Model, vehicle: Vehicle, where: Actuation, commands: FloatArr
     if model.drivetrain.is_plain:
         return Drive.held(vehicle.thrust(commands[last - 1 : last + 1]) @ where.arms)
     part = replace(where, time=where.time[first * where.parts : last * where.parts + 1])
-    return model.drivetrain.driven(Commanded(vehicle, part, commands[first : last + 1]))
+    tick = float(where.time[where.parts])
+    return model.drivetrain.driven(
+        Commanded(vehicle, part, commands[first : last + 1]), _intervals(tick, where.parts, last - first)
+    )
+
+
+# As many as there are ticks in the shortest window, and some.
+@functools.lru_cache(maxsize=256)
+def _intervals(tick: float, parts: int, count: int) -> Intervals | None:
+    """So many, a ``tick`` in s each, that are cut into ``parts``; None where they are not."""
+    if parts == 1:
+        return None
+    at = parts * np.arange(count + 1)
+    return Intervals.of([tick / parts * np.arange(at[-1] + 1)], [at])
 
 
 def _at(values: FloatArray, place: float) -> float:
