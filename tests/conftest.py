@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import os
+import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -78,6 +79,18 @@ def run_rovid(*arguments: object) -> Done:
     finally:
         sys.argv = argv
     return Done(code=code, out=out.getvalue(), err=err.getvalue())
+
+
+# Runs of the sample day that are enough to fit all of the plain model, in a quarter of the time.
+SHORT_DAY = ("aft_only", "coast_02", "fore_only", "hold_03", "hold_05", "sine_40s_a", "staircase")
+
+
+def write_short_day(folder: Path, *, configured: bool = True) -> None:
+    """Write logs of the sample day and its thrust curve into a new ``folder``, and its rovid.toml."""
+    folder.mkdir(parents=True)
+    names = [*(f"{name}.csv" for name in (*SHORT_DAY, "thrust_curve")), *(["rovid.toml"] if configured else [])]
+    for name in names:
+        shutil.copy(SAMPLES / "rosub_tank" / name, folder)
 
 
 @pytest.fixture(scope="session")

@@ -41,7 +41,7 @@ from typer.main import get_command
 
 from docs.make_pictures import FOLDER, PAGE, PICTURES, SCREENS, has_browser, screens
 from rovid.commands.cli import app
-from tests.conftest import ROOT, SAMPLES, run_rovid
+from tests.conftest import ROOT, SAMPLES, run_rovid, write_short_day
 
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
@@ -50,8 +50,6 @@ FENCE = re.compile(
     r"(?:^<!-- test: (?P<remark>[^>]*?) -->\n+)?^```(?P<language>[\w-]+)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL
 )
 NUMBER = r"(?<![\d.])\d+(?:\.\d+)?(?!\.?\d)"
-# What a reader's own folder of logs holds here: runs of the sample day with its thrust curve, and no rovid.toml.
-OWN_LOGS = ("coast_02", "fore_only", "aft_only", "hold_03", "hold_05", "sine_40s_a", "staircase")
 # Mean difference, of 255, of two pictures made small: 3.7 to 5 from that of another run or another vehicle, 1.1 to 1.8
 # from one whose every line stands a pixel aside, as with other fonts.
 LARGEST_DIFFERENCE = 3.0
@@ -129,25 +127,18 @@ def name_of(page: Path) -> str:
 def trial_day(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a short trial day and its parameters."""
     folder = tmp_path_factory.mktemp("ready")
-    write_own_logs(folder / "trial_day")
-    shutil.copy(SAMPLES / "rosub_tank" / "rovid.toml", folder / "trial_day")
+    write_short_day(folder / "trial_day")
     with contextlib.chdir(folder):
         for command in ("fit-drag", "fit-inertia"):
             assert run_rovid(command, "trial_day").code == 0
     return folder
 
 
-def write_own_logs(folder: Path) -> None:
-    folder.mkdir()
-    for name in (*OWN_LOGS, "thrust_curve"):
-        shutil.copy(SAMPLES / "rosub_tank" / f"{name}.csv", folder)
-
-
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where a reader stands: the checkout's sample logs, and logs of her own."""
     shutil.copytree(SAMPLES, tmp_path / "sample_logs", ignore=shutil.ignore_patterns("parameters*.toml"))
-    write_own_logs(tmp_path / "my_logs")
+    write_short_day(tmp_path / "my_logs", configured=False)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
     return tmp_path

@@ -23,7 +23,7 @@ from rovid.campaign.vehicle import Vehicle
 from rovid.export import FORMATS
 from rovid.ground.arrays import FloatArray
 from rovid.parameters.reading import read_parameters
-from tests.conftest import SAMPLES, Rovid, run_rovid
+from tests.conftest import SAMPLES, Rovid, run_rovid, write_short_day
 
 # s; commands of the tests' own manoeuvre are held so long, in V.
 HOLD = 2.0
@@ -87,16 +87,17 @@ class Read:
 
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The parameter file of the sample trial day."""
+    """The parameter file of a short trial day."""
     path = tmp_path_factory.mktemp("fitted") / "parameters.toml"
-    for command in (["fit-drag", SAMPLES / "rosub_tank"], ["fit-inertia"]):
+    write_short_day(path.parent / "day")
+    for command in (["fit-drag", path.parent / "day"], ["fit-inertia"]):
         assert run_rovid(*command, "-p", path).code == 0
     return path
 
 
 def with_effects(fitted: Path, keys: tuple[str, ...], folder: Path) -> Path:
     document = tomllib.loads(fitted.read_text())
-    document["logs"] = [str(SAMPLES / "rosub_tank")]
+    document["logs"] = [str(fitted.parent / "day")]
     for key in keys:
         for name, value in SIZES[key].items():
             document["parameters"][f"{key}.{name}"] = {

@@ -15,13 +15,12 @@ from rovid.commands.cli import MANUAL
 from rovid.control import loop_design
 from rovid.report import build
 from rovid.study import Study
-from tests.conftest import SAMPLES, Rovid
+from tests.conftest import SAMPLES, Rovid, write_short_day
 
 WIDTHS = (60, 80, 120)
 WIDE = 400
 NUMBER = re.compile(r"[-+±]?\d+(?:\.\d+)?(?:e[-+]\d+)?")
 PARTED = re.compile(r"\d *\n *(?:%|s|min|deg|rad|N|kg|m|Hz|dB|V)(?=[/ ,.;)²³]|$)", re.MULTILINE)
-DAY = ("aft_only", "coast_02", "fore_only", "hold_03", "hold_05", "sine_40s_a", "staircase")
 # In an order in which each finds what it needs.
 OF_A_DAY = (
     "check day",
@@ -72,11 +71,8 @@ def folder(tmp_path: Path) -> Path:
     ):
         shutil.copytree(SAMPLES / sample, tmp_path / name)
     shutil.copy(SAMPLES / "thruster_bench" / "kaxan_540.csv", tmp_path / "bench.csv")
-    for name in ("day", "bare"):
-        (tmp_path / name).mkdir()
-        for log in (*DAY, "thrust_curve"):
-            shutil.copy(SAMPLES / "rosub_tank" / f"{log}.csv", tmp_path / name)
-    shutil.copy(SAMPLES / "rosub_tank" / "rovid.toml", tmp_path / "day")
+    write_short_day(tmp_path / "day")
+    write_short_day(tmp_path / "bare", configured=False)
     return tmp_path
 
 
