@@ -6,13 +6,14 @@ JOBS   ?= auto
 
 ROVID  ?= $(BIN)/rovid
 
-.PHONY: demo demo-alone test test-slow lint docs release bench sweep torture clean
+.PHONY: demo demo-alone test pytest test-slow lint docs release bench sweep torture clean
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group dev --editable .
-	$(BIN)/python -m compileall -q rovid  # wherever Python is told to keep nothing of the kind by itself
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --group dev --editable .
+	# By all cores, and wherever Python is told to keep nothing of the kind by itself.
+	$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib rovid
 	touch $@
 
 define DEMO
@@ -30,7 +31,10 @@ demo: $(VENV)/installed  ## identify the sample trial day and write its page
 demo-alone:  ## the same by an installed ROVID, in whatever folder holds the sample logs
 	$(DEMO)
 
-test: $(VENV)/installed lint  ## all tests; fails when none ran
+test: $(VENV)/installed  ## all tests; fails when none ran
+	$(MAKE) --no-print-directory --jobs=2 lint pytest
+
+pytest: $(VENV)/installed
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 
 test-slow: $(VENV)/installed  ## the tests that take minutes each
