@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import errno
 import functools
 import gc
@@ -41,7 +42,7 @@ COMMANDS = (
     "help",
 )
 # So many objects more are made before it is looked for those that are of no use any more.
-_MANY = 20_000
+_MANY = 100_000
 _MODULES = {name.replace("_", "-"): import_module(f"rovid.commands.{name}") for name in COMMANDS}
 MANUAL: dict[str, Page] = {name: module.PAGE for name, module in _MODULES.items()}
 
@@ -62,6 +63,8 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Nothing that is imported goes before the end: to look it all through again and again takes long.
     gc.set_threshold(_MANY)
+    # Nor is it worth while at the end, when all of it goes.
+    atexit.register(gc.freeze)
     if "_ROVID_COMPLETE" in os.environ:
         # typer folds the help that zsh and fish show beside a value; a shell takes each line for a value.
         os.environ["COLUMNS"] = "1000"
