@@ -66,21 +66,21 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
         )
     if lack := lack_of(runs, prepared.cutoff):
         return Diagnosis(verdict="too_little_data", missing=lack, warnings=tuple(notes))
-    try:
-        start = fit_free_run(runs, certainty=0.0)
-    except DataError as error:
-        return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(notes))
-    report("Fitting the model without effects …")
-    pieces = pieces_of(prepared.items, vehicle, prepared.cutoff)
-    counted = Counter(piece.whole for piece in pieces)
-    trials = [run.trial.name for run in prepared.items]
-    repeated = [name for number, name in enumerate(trials) if counted[number] > 1]
-    forms = forms_for(vehicle, channels(runs), trials, repeated)
-    cut = [piece.run for piece in pieces]
-    candidates = (*forms, *signal_causes((*prepared.items, *runs, *cut)))
-    whole = Readings(prepared.items, vehicle, start)
     with in_step(wanted=_is_shared_by_copies(prepared.items)) as is_first:
         report = report if is_first else _unsaid
+        try:
+            start = fit_free_run(runs, certainty=0.0)
+        except DataError as error:
+            return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(notes))
+        report("Fitting the model without effects …")
+        pieces = pieces_of(prepared.items, vehicle, prepared.cutoff)
+        counted = Counter(piece.whole for piece in pieces)
+        trials = [run.trial.name for run in prepared.items]
+        repeated = [name for number, name in enumerate(trials) if counted[number] > 1]
+        forms = forms_for(vehicle, channels(runs), trials, repeated)
+        cut = [piece.run for piece in pieces]
+        candidates = (*forms, *signal_causes((*prepared.items, *runs, *cut)))
+        whole = Readings(prepared.items, vehicle, start)
         ahead = by_horizons(whole, pieces, candidates, report)
         ahead.look_for_waves = wave_search(whole, forms, pieces)
         ahead.settle()

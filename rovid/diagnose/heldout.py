@@ -14,8 +14,10 @@ from rovid.identify.courses import HORIZONS
 from rovid.identify.fitted import Fitted, climbed
 from rovid.identify.horizons import HorizonRecords, predictions
 from rovid.identify.records import Records
+from rovid.model.model import Model
 from rovid.model.simulation import HORIZONS as SECONDS
-from rovid.model.simulation import overall, simulate_runs
+from rovid.model.simulation import compare, simulate_runs
+from rovid.motion.runs import Run
 
 _FOLDS = 4
 _ITERATIONS = 8
@@ -101,16 +103,18 @@ def log_likelihood(folds: Sequence[Fold]) -> float:
 
 def simulate_folds(fitted: Fitted, folds: Sequence[Fold]) -> HeldOut:
     """Simulate every trial freely with the model that was fitted to others."""
-    records, simulations = fitted.records, []
-    assert records.vehicle is not None  # noqa: S101 - a diagnosis has one
-    for fold in folds:
-        model = fitted.misfit.coordinates.model(fold.x)
-        runs = [piece.run for piece in fold.pieces]
-        simulations += simulate_runs(runs, model, records.vehicle)
-    fit = overall(simulations)
-    errors = {}
-    for horizon in SECONDS:
-        errors[horizon] = _mean([item.position_errors[horizon] for item in simulations])
+    vehicle, models = fitted.records.vehicle, [fitted.misfit.coordinates.model(fold.x) for fold in folds]
+    assert vehicle is not None  # noqa: S101 - a diagnosis has one
+    pairs = [(piece.run, model) for fold, model in zip(folds, models, strict=True) for piece in fold.pieces]
+
+    def simulated(pair: tuple[Run, Model]) -> tuple[FloatArray, dict[float, float | None]]:
+        run, model = pair
+        (item,) = simulate_runs([run], model, vehicle)
+        return item.simulated, item.position_errors
+
+    rates, ahead = zip(*shared(simulated, pairs), strict=True)
+    fit = compare(np.concatenate([run.rates.rate for run, _ in pairs]), np.concatenate(rates))
+    errors = {horizon: _mean([of_one[horizon] for of_one in ahead]) for horizon in SECONDS}
     return HeldOut(
         log_likelihood=log_likelihood(folds),
         rate_r2=fit.r2,

@@ -12,6 +12,7 @@ from rovid.campaign.axis import Axis
 from rovid.effects import restoring_of
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
+from rovid.ground.in_step import shared
 from rovid.identify.regression import fit_regression, fit_released
 from rovid.identify.usual import usual, usual_rate
 from rovid.model.drive import Drive
@@ -131,7 +132,7 @@ def _model(values: FloatArray, axis: Axis) -> Model:
 def _misfit(runs: Sequence[Run], model: Model) -> FloatArray:
     """(N,) rad/s or m/s that the free-running rate is off in all runs."""
     # Where the filter has no answer nothing is missed.
-    return np.concatenate([np.nan_to_num(run.rates.rate - _simulated(run, model)) for run in runs])
+    return np.concatenate(shared(lambda run: np.nan_to_num(run.rates.rate - _simulated(run, model)), runs))
 
 
 def _simulated(run: Run, model: Model) -> FloatArray:

@@ -12,6 +12,7 @@ from rovid.effects import restoring_of
 from rovid.effects.restoring import columns, from_columns
 from rovid.ground.arrays import BoolArray, FloatArray, IntArray
 from rovid.ground.errors import DataError
+from rovid.ground.in_step import shared
 from rovid.ground.numbers import plus_minus
 from rovid.identify.estimate import Estimate, explained, varies
 from rovid.model.drive import Drive
@@ -186,19 +187,22 @@ def _simulated(runs: Sequence[Run], model: Model) -> tuple[FloatArray, FloatArra
     The low pass of |r| r is not |r| r of the low pass; the difference, small but in step with the
     acceleration, is taken from the simulation and added to the measured regressors.
     """
-    instruments, corrections = [], []
-    for run in runs:
-        kernel = run.rates.kernel
-        rate, position = model.simulate(run.trial, Drive.held(run.torque))
-        rate = np.interp(run.rates.time, run.trial.time, rate)
-        position = np.interp(run.rates.time, run.trial.time, position)
-        clean = _regressors(model.axis, (kernel.smooth(rate), kernel.rate(rate), kernel.smooth(position)))
-        correction = np.zeros_like(clean)
-        correction[:, 1] = kernel.smooth(np.abs(rate) * rate) - clean[:, 1]
-        instruments.append((clean + correction)[run.valid])
-        corrections.append(correction[run.valid])
+    pairs = shared(lambda run: _simulated_of(run, model), runs)
     # The simulation's filter has no answer where the measurement's has none either, but for the gyro's gaps.
-    return np.nan_to_num(np.concatenate(instruments)), np.nan_to_num(np.concatenate(corrections))
+    instruments, corrections = (np.nan_to_num(np.concatenate(each)) for each in zip(*pairs, strict=True))
+    return instruments, corrections
+
+
+def _simulated_of(run: Run, model: Model) -> tuple[FloatArray, FloatArray]:
+    """Those of one run."""
+    kernel = run.rates.kernel
+    rate, position = model.simulate(run.trial, Drive.held(run.torque))
+    rate = np.interp(run.rates.time, run.trial.time, rate)
+    position = np.interp(run.rates.time, run.trial.time, position)
+    clean = _regressors(model.axis, (kernel.smooth(rate), kernel.rate(rate), kernel.smooth(position)))
+    correction = np.zeros_like(clean)
+    correction[:, 1] = kernel.smooth(np.abs(rate) * rate) - clean[:, 1]
+    return (clean + correction)[run.valid], correction[run.valid]
 
 
 def _bounded(

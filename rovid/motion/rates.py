@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rovid.campaign.trial import Trial
 from rovid.ground.arrays import FloatArray
@@ -342,6 +344,12 @@ def _quickly_transformed(length: int) -> int:
     return min(odd << max((length - 1) // odd, 0).bit_length() for odd in (1, 3, 5, 9, 15))
 
 
+@functools.lru_cache(maxsize=32)
+def _spectrum(kernel: bytes, size: int) -> NDArray[np.complex128]:
+    """Of a kernel, which every simulation of a trial goes through again."""
+    return np.fft.rfft(np.frombuffer(kernel), size)
+
+
 def _convolve(values: FloatArray, kernel: FloatArray) -> FloatArray:
     """Convolution with a kernel centred on each sample; NaN where the kernel does not fit."""
     known = np.isfinite(values)
@@ -349,7 +357,7 @@ def _convolve(values: FloatArray, kernel: FloatArray) -> FloatArray:
     offset = float(values[known][0]) if known.any() else 0.0
     filled = np.where(known, values - offset, 0.0)
     size = _quickly_transformed(len(filled) + len(kernel) - 1)
-    spectrum = np.fft.rfft(filled, size) * np.fft.rfft(kernel, size)
+    spectrum = np.fft.rfft(filled, size) * _spectrum(kernel.tobytes(), size)
     out = np.fft.irfft(spectrum, size)[len(kernel) // 2 :][: len(filled)]
     complete = np.zeros(len(known), dtype=bool)
     unknown = np.cumsum(np.concatenate(([0], ~known)))
