@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -71,3 +73,11 @@ def gauss_markov(count: int, period: float, size: float, memory: float, rng: np.
     kicks = rng.normal(0.0, size * np.sqrt(1.0 - fade**2), count)
     kicks[0] = rng.normal(0.0, size)
     return np.asarray(lfilter([1.0], [1.0, -fade], kicks))
+
+
+def assert_same_trial(one: Trial, other: Trial) -> None:
+    for item in fields(one):
+        mine, theirs = (getattr(each, item.name) for each in (one, other))
+        if isinstance(mine, Mapping):
+            mine, theirs = dict(mine), dict(theirs)
+        np.testing.assert_equal(mine, theirs, item.name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 from rovid.ground.errors import ConfigError, nearest
@@ -37,6 +37,10 @@ class Axis:
     angular: bool
     fixes: tuple[str, ...] = ()
     rights: bool = False
+
+    def __reduce__(self) -> tuple[Callable[[str], Axis], tuple[str]]:
+        # There is one of each, wherever it goes.
+        return axis_named, (self.name,)
 
     @property
     def position(self) -> str:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Self
@@ -110,6 +110,11 @@ class Trial:
         if self.commands.ndim != 2 or not len(self.commands) == len(self.time) == len(self.position):
             msg = f"{self.name}: time {self.time.shape}, position {self.position.shape}, {self.commands.shape}"
             raise ValueError(msg)
+
+    def __reduce__(self) -> tuple[Callable[[], Self], tuple[()]]:
+        # Made anew, for arrays come out of a pickle writeable.
+        given = {item.name: getattr(self, item.name) for item in fields(self)}
+        return partial(type(self), **given | {"extras": dict(self.extras)}), ()
 
     @classmethod
     def imagined(

@@ -12,6 +12,7 @@ from rovid.commands.session import (
     opened,
     print_json,
     put,
+    read_ahead,
     remembered,
     stored_at,
     working,
@@ -47,15 +48,18 @@ def diagnose(
     json: Json = False,
 ) -> None:
     """Say what the simulation gets wrong, and why."""
-    compile_beside()
-    from rovid.show.account import show_diagnosis
-    from rovid.show.diagnosis_documents import diagnosis_document
-    from rovid.show.terminal import show_caution, show_warnings
+    with read_ahead(logs, parameters, axis, force=force) as reading:
+        if compile_beside():
+            # Both cores have more to do than that.
+            reading.stop()
+        from rovid.show.account import show_diagnosis
+        from rovid.show.diagnosis_documents import diagnosis_document
+        from rovid.show.terminal import show_caution, show_warnings
 
-    stored = stored_at(parameters, axis, force=force)
-    paths = logs or remembered(stored)
-    claim = claim_of_model(stored, paths, force=force)
-    study = opened(paths, cutoff, stored.axis)
+        stored = stored_at(parameters, axis, force=force)
+        paths = logs or remembered(stored)
+        claim = claim_of_model(stored, paths, force=force)
+        study = opened(paths, cutoff, stored.axis, reading)
     with working("Diagnosing …") as report:
         diagnosis = diagnosed(stored, study, report)
     if diagnosis.extended is not None:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from rovid.ground.files import Claim, Output
     from rovid.identify.estimate import Estimate
     from rovid.parameters.parameters import Parameters
+    from rovid.readers.ahead import ReadingAhead
+    from rovid.readers.campaign import Reading
     from rovid.study import Study
 
 
@@ -124,13 +126,28 @@ def diagnosed(stored: Parameters, study: Study, report: Callable[[str], None]) -
     return diagnosis
 
 
-def opened(paths: Sequence[Path], cutoff: float | None, axis: Axis) -> Study:
-    """What the logs at ``paths`` hold, made ready."""
+def read_ahead(logs: Sequence[Path] | None, parameters: Path | None, axis: str | None, *, force: bool) -> ReadingAhead:
+    """Have a copy of this process read the logs: imports alone take a second meanwhile."""
+    from rovid.readers.ahead import ReadingAhead
+
+    def asked() -> tuple[Sequence[Path], Axis]:
+        from rovid.campaign.axis import YAW, axis_named
+
+        if logs and not _parameter_file(parameters, axis).exists():
+            return logs, axis_named(axis) if axis else YAW
+        stored = stored_at(parameters, axis, force=force)
+        return logs or remembered(stored), stored.axis
+
+    return ReadingAhead(asked)
+
+
+def opened(paths: Sequence[Path], cutoff: float | None, axis: Axis, reading: Reading | None = None) -> Study:
+    """What the logs at ``paths`` hold, made ready; ``reading`` is what reads one, where another than usual does."""
     compile_beside()
     announce_compilation()
     from rovid.study import open_study
 
-    return open_study(paths, cutoff=cutoff, axis=axis)
+    return open_study(paths, cutoff=cutoff, axis=axis, reading=reading)
 
 
 def drafted(paths: Sequence[Path], axis: Axis) -> list[str]:
@@ -165,11 +182,14 @@ def _draft(paths: Sequence[Path], axis: Axis) -> list[str]:
     return [f"There was no rovid.toml: {config} was written from the logs. Read it.{known}", *surveyed.lacking]
 
 
-def compile_beside() -> None:
-    """Have a second process compile what is not compiled yet: at once, for imports alone take a second."""
+def compile_beside() -> bool:
+    """Have a second process compile what is not compiled yet: at once, for imports alone take a second.
+
+    Whether there is one.
+    """
     from rovid.model.kernels import begin
 
-    begin()
+    return begin()
 
 
 def announce_compilation() -> None:

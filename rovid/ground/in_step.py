@@ -10,15 +10,13 @@ from __future__ import annotations
 import contextlib
 import os
 import pickle
-import platform
 import signal
 import struct
-import threading
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+from rovid.ground.copies import become_copy, forked, may_copy
 from rovid.ground.workers import SHARE, cores, spread
 
 Item = TypeVar("Item")
@@ -48,7 +46,7 @@ def in_step(*, wanted: bool = True) -> Iterator[bool]:
     There are none where none are ``wanted``, the system makes none, no core is free for one, or other threads may be
     at work.
     """
-    if not wanted or _TEAM is not None or not _may_copy():
+    if not wanted or _TEAM is not None or not may_copy():
         yield True
         return
     copies = _begin(min(cores() - 1, _MOST))
@@ -63,11 +61,6 @@ def in_step(*, wanted: bool = True) -> Iterator[bool]:
             os.waitpid(copy, 0)
 
 
-def _may_copy() -> bool:
-    """On Linux alone: elsewhere libraries do not bear it, or there is no such thing."""
-    return platform.system() == "Linux" and cores() > 1 and threading.current_thread() is threading.main_thread()
-
-
 def _begin(count: int) -> list[int] | None:
     """So many copies begin here, or as many as there is room for; their numbers, None in a copy."""
     places, lines, copies = os.pipe(), list[_Line](), list[int]()
@@ -75,7 +68,7 @@ def _begin(count: int) -> list[int] | None:
         back, forth = os.pipe(), os.pipe()
         ours, theirs = _Line(back[0], forth[1]), _Line(forth[0], back[1])
         try:
-            copy = _forked()
+            copy = forked()
         except OSError:
             ours.close()
             theirs.close()
@@ -84,7 +77,7 @@ def _begin(count: int) -> list[int] | None:
             for line in (ours, *lines):
                 line.close()
             os.close(places[1])
-            _become_copy()
+            become_copy()
             _join(_Team(places[0], None, [theirs]))
             return None
         theirs.close()
@@ -96,22 +89,6 @@ def _begin(count: int) -> list[int] | None:
     else:
         team.close()
     return copies
-
-
-def _forked() -> int:
-    with warnings.catch_warnings():
-        # Threads that help or listen wait for work meanwhile, and hold nothing that a copy might wait for.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        return os.fork()
-
-
-def _become_copy() -> None:
-    """Say nothing, and leave nothing behind."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_DFL)
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    for standard in range(3):
-        os.dup2(nowhere, standard)
 
 
 @dataclass(frozen=True, eq=False)

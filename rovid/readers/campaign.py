@@ -335,18 +335,26 @@ def _size(path: Path) -> int:
         return 0
 
 
+def are_large(logs: Sequence[tuple[str, Path]]) -> bool:
+    """Whether reading these files is what takes long."""
+    return _total(logs) >= _LARGE
+
+
+def _total(logs: Sequence[tuple[str, Path]]) -> int:
+    return sum(_size(path) for _, path in logs)
+
+
 @contextmanager
 def _shown(logs: Sequence[tuple[str, Path]], progress: Progress | None) -> Iterator[Progress]:
     """What to call after each file."""
-    total = sum(_size(path) for _, path in logs)
     if progress is not None:
         yield progress
-    elif total < _LARGE or not sys.stderr.isatty():
+    elif not are_large(logs) or not sys.stderr.isatty():
         yield lambda _path, _size: None
     else:
         from rich.console import Console
         from rich.progress import Progress as Bar
 
         with Bar(console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task("Reading logs", total=total)
+            task = bar.add_task("Reading logs", total=_total(logs))
             yield lambda _path, size: bar.advance(task, size)

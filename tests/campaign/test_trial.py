@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from rovid.campaign.axis import AXES
 from rovid.campaign.trial import Remark, said_once
 from tests.campaign.test_vehicle import CURVE
-from tests.synthetic import clock, trial
+from tests.synthetic import assert_same_trial, clock, trial
+
+NOTED = Remark(kind="gap", count=2, text="It has gaps.")
 
 
 def test_a_trial_whose_arrays_differ_in_length_is_a_mistake() -> None:
@@ -24,6 +29,24 @@ def test_arrays_are_read_only() -> None:
     for array in (record.time, record.position, record.commands, CURVE.thrust):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
+
+
+def test_a_trial_from_another_process_is_as_it_was() -> None:
+    record = replace(
+        trial(clock(1.0), np.arange(21.0)),
+        axis=AXES["surge"],
+        extras={"way": np.ones(21)},
+        remarks=(NOTED,),
+        beside=(Path("b"),),
+    )
+    other = pickle.loads(pickle.dumps(record))  # noqa: S301 - of this process
+    assert_same_trial(record, other)
+    assert other.axis is record.axis
+    for array in (other.time, other.commands, other.extras["way"]):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 2.0
+    with pytest.raises(TypeError):
+        other.extras["way"] = other.time
 
 
 def test_what_was_noticed_in_many_trials_is_said_once() -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rovid.ground import copies
 from rovid.ground import in_step as module
 from rovid.ground.arrays import FloatArray
 from rovid.ground.in_step import in_step, shared
@@ -26,7 +27,8 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="there are copie
 @pytest.fixture(autouse=True)
 def three_cores(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Whatever the machine has; and no copy is left."""
-    monkeypatch.setattr(module, "cores", lambda: 3)
+    for each in (module, copies):
+        monkeypatch.setattr(each, "cores", lambda: 3)
     before = _children()
     yield
     assert _children() == before
@@ -121,8 +123,8 @@ def test_an_error_that_is_mended_leaves_it_going() -> None:
 def test_copies_end_with_a_process_that_is_killed(tmp_path: Path) -> None:
     code = (
         "import os, time\n"
-        "from rovid.ground import in_step as m\n"
-        "m.cores = lambda: 2\n"
+        "from rovid.ground import copies, in_step as m\n"
+        "copies.cores = m.cores = lambda: 2\n"
         "with m.in_step() as first:\n"
         f"    open({str(tmp_path)!r} + '/' + str(os.getpid()), 'w').close()\n"
         "    while True:\n"
@@ -148,7 +150,7 @@ def test_there_are_none_beside_other_threads_or_without_a_core(monkeypatch: pyte
     thread = threading.Thread(target=ask)
     thread.start()
     thread.join()
-    monkeypatch.setattr(module, "cores", lambda: 1)
+    monkeypatch.setattr(copies, "cores", lambda: 1)
     ask()
     assert found == [before, before]
 

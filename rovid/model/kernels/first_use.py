@@ -36,12 +36,16 @@ def is_compiled() -> bool:
     return keeps_compiled() and all(map(is_kept, _LONG.values()))
 
 
-def begin() -> None:
-    """Have a second process compile what is not compiled yet, if it can be kept and there is another core."""
+def begin() -> bool:
+    """Have a second process compile what is not compiled yet, if it can be kept and there is another core.
+
+    Whether there is one.
+    """
     if not _BEGUN and keeps_compiled() and cores() > 1 and sys.executable and not is_compiled():
         with contextlib.suppress(OSError):
             _BEGUN.append(Second(f"import {__name__} as first_use; first_use.work()", _LONG.keys() - {_OWN}))
             _MEANWHILE.extend((long_loops()[_OWN], *quick_loops()))
+    return bool(_BEGUN)
 
 
 def compile_now() -> None:
