@@ -25,7 +25,7 @@ PAGE = Page(
     runs that were not fitted are predicted better; what is left unexplained; what the data cannot determine; and
     which run to do next. Writes the model that it ends with to the parameter file.
 
-    Use it after fit-drag and fit-inertia, or at once. It is the slowest command: ten seconds to minutes, by the
+    Use it after fit-drag and fit-inertia, or at once. It is the slowest command: seconds to minutes, by the
     length of the logs. Four trials or more let it test on whole trials.
     """,
     examples=(
