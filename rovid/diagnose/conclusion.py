@@ -341,10 +341,8 @@ def _telling(work: Work, finding: Finding) -> Plan | None:
 
 def _detectable(work: Work) -> tuple[tuple[Effect, float], ...]:
     """Size of each effect not found that would have been seen, to first order."""
-    # To look at the extensions is what works the promises out.
-    work.search.extensions(work.final)
     plain: dict[str, Promise] = {}
-    for promise in work.search.promises[work.final.key]:
+    for promise in work.search.promised(work.final):
         if not is_signal(promise.effect):
             plain.setdefault(promise.effect.id, promise)
     sizes = []

@@ -165,7 +165,7 @@ class Search:
     def _gains(self, current: Fitted) -> list[float]:
         """What each cause beside ``current`` gains, the most first: where it is fitted, else what slopes promise."""
         if current.key not in self._extensions:
-            return gains_of(self._promised(current))
+            return gains_of(self.promised(current))
         best: dict[str, float] = {}
         for fit in self._extensions[current.key]:
             cause = fit.effects[-1].id
@@ -270,7 +270,7 @@ class Search:
     def extensions(self, current: Fitted, *, growing: bool = False) -> list[Fitted]:
         """The model with each promising effect more, in each promising form."""
         if current.key not in self._extensions:
-            promises = self._promised(current)
+            promises = self.promised(current)
             if growing and self.thorough(current):
                 listed = best_forms(promises)
             else:
@@ -286,7 +286,7 @@ class Search:
         effect = fit.effects[-1]
         return self.allows(effect) and is_plausible(fit) and not is_signal(effect)
 
-    def _promised(self, current: Fitted) -> list[Promise]:
+    def promised(self, current: Fitted) -> list[Promise]:
         """What each effect that ``current`` lacks promises, worked out once."""
         if current.key not in self.promises:
             self.report(f"{_named(current.effects)}: trying {len(self.candidates)} forms of what else there may be …")
