@@ -13,7 +13,7 @@ $(VENV)/installed: pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --group dev --editable .
 	# By all cores, and wherever Python is told to keep nothing of the kind by itself.
-	$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib rovid
+	$(BIN)/python -m compileall -qq -j 0 -x 'site-packages/.*/tests?/' $(VENV)/lib rovid
 	touch $@
 
 define DEMO
