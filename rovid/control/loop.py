@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
 from rovid.control.allocation import Allocation, bare_actuation
 from rovid.control.law import Law
-from rovid.effects.actuation import SPEEDS, Actuation
+from rovid.effects.actuation import SPEEDS, Actuation, Stretch
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
 from rovid.ground.lanes import LANES
@@ -96,45 +97,47 @@ def ticks(period: float) -> int:
     return max(math.ceil(period / _LONGEST_TICK - 1e-9), 1)
 
 
-def run_closed(
-    law: Law,
-    allocation: Allocation,
-    plant: Plant,
-    wanted: FloatArray,
-    start: float,
-    *,
-    outside: FloatArray | None = None,
-    seed: int = 0,
-) -> Course:
-    """Run ``plant`` under ``law``, at rest at ``start`` in rad.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ClosedLoop:
+    """A ``plant`` under a ``law``, at rest at ``start`` in rad.
 
-    Parameters
+    Attributes
     ----------
     wanted
         (m,) heading in rad at each of the controller's samples.
     outside
         (m,) further torque from outside in N m.
+    """
+
+    law: Law
+    allocation: Allocation
+    plant: Plant
+    wanted: FloatArray
+    start: float
+    outside: FloatArray | None = None
+    seed: int = 0
+
+
+def run_closed(loops: Sequence[ClosedLoop]) -> list[Course]:
+    """Run ``loops`` of one model and vehicle, sampled alike and equally long, side by side.
 
     The effects between command and torque are those of the catalogue, on the commands of a trailing window; what they
     make of all commands together has to be the same, and where an effect remembers more, the window is the whole run.
     """
-    m = ticks(law.period)
-    time: FloatArray = law.period / m * np.arange(len(wanted) * m + 1, dtype=np.float64)
-    held: FloatArray | float = 0.0
-    if outside is not None:
-        held = np.append(np.repeat(outside, m), outside[-1])
-    disturbing = _from_outside(plant, time, held, seed)
-    noise = np.random.default_rng([seed, 1]).normal(0.0, 1.0, len(wanted)) * plant.heading_noise
-    where = bare_actuation(plant.vehicle, time, plant.model.drivetrain.parts)
-    windows = [round(length / law.period * m) for length in _WINDOWS]
+    first = loops[0]
+    m = ticks(first.law.period)
+    time: FloatArray = first.law.period / m * np.arange(len(first.wanted) * m + 1, dtype=np.float64)
+    train, vehicle = first.plant.model.drivetrain, first.plant.vehicle
+    where = bare_actuation(vehicle, time, train.parts)
+    windows = [round(length / first.law.period * m) for length in _WINDOWS]
     for window in (*windows, len(time)):
-        course = _run(law, allocation, plant, wanted, start, time, disturbing, noise, where, window)
-        if window >= len(time) or plant.model.drivetrain.is_plain:
+        courses = _run(loops, time, where, window)
+        if window >= len(time) or train.is_plain:
             break
-        whole = plant.model.drivetrain.driven(Commanded(plant.vehicle, where, course.commands))
-        if _is_forgotten(whole, course.drive):
+        wholes = [train.driven(Commanded(vehicle, where, course.commands)) for course in courses]
+        if all(_is_forgotten(whole, course.drive) for whole, course in zip(wholes, courses, strict=True)):
             break
-    return course
+    return courses
 
 
 def _is_forgotten(whole: Drive, seen: Drive) -> bool:
@@ -145,21 +148,32 @@ def _is_forgotten(whole: Drive, seen: Drive) -> bool:
     return bool(np.all(np.abs(everything - looked_back)[:-1] <= reach))
 
 
-def _run(
-    law: Law,
-    allocation: Allocation,
-    plant: Plant,
-    wanted: FloatArray,
-    start: float,
-    time: FloatArray,
-    disturbing: FloatArray,
-    noise: FloatArray,
-    where: Actuation,
-    window: int,
-) -> Course:
+def _run(loops: Sequence[ClosedLoop], time: FloatArray, where: Actuation, window: int) -> list[Course]:
+    """From sample to sample, looking back upon so many ticks; all effects between command and torque act together."""
+    plant, m = loops[0].plant, ticks(loops[0].law.period)
+    running = [_steps(loop, time) for loop in loops]
+    commands, courses = [next(one) for one in running], list[Course]()
+    for at in range(0, len(time) - 1, m):
+        drives = _latest(plant, where, commands, max(at - window, 0), at + m)
+        for one, drive in zip(running, drives, strict=True):
+            try:
+                one.send(drive)
+            except StopIteration as end:
+                courses.append(end.value)
+    return courses
+
+
+def _steps(loop: ClosedLoop, time: FloatArray) -> Generator[FloatArray, Drive, Course]:
+    """One loop: hands out its commands, as far as they are given, and is told what the latest of them make."""
     from rovid.model.kernels import ROOM, advance
 
+    law, plant, wanted, start = loop.law, loop.plant, loop.wanted, loop.start
     model, m, n = plant.model, ticks(law.period), len(time)
+    held: FloatArray | float = 0.0
+    if loop.outside is not None:
+        held = np.append(np.repeat(loop.outside, m), loop.outside[-1])
+    disturbing = _from_outside(plant, time, held, loop.seed)
+    noise = np.random.default_rng([loop.seed, 1]).normal(0.0, 1.0, len(wanted)) * plant.heading_noise
     equation, deviates = model.equation(start), model.instrument.deviates
     rows = TERM_STATES * len(equation.terms.kinds)
     states, work = np.zeros((rows, LANES)), np.zeros((3, rows + ROOM, LANES))
@@ -177,8 +191,8 @@ def _run(
         state = law.start(read) if state is None else state
         ask, state = law.step(state, read, float(wanted[k]))
         asked[at : at + m] = ask
-        commands[at : at + m + 1] = allocation(np.array([ask]))
-        drive = _latest(model, plant.vehicle, where, commands, max(at - window, 0), at + m)
+        commands[at : at + m + 1] = loop.allocation(np.array([ask]))
+        drive = yield commands
         now, latest = slice(at, at + m), slice(-m - 1, -1)
         torque[now], moment[now], beside[now] = drive.torque[latest], drive.moment[latest], drive.beside[latest]
         for j in range(at, at + m):
@@ -198,12 +212,11 @@ def _run(
             heading[j + 1], rate[j + 1] = start + angle, turning
     asked[-1], torque[-1], beside[-1] = asked[-2], torque[-2], beside[-2]
     shown = heading + model.instrument.deviation(heading) if deviates else heading
-    held = np.append(np.repeat(wanted, m), wanted[-1])
     return Course(
         time=time,
         heading=shown,
         rate=rate,
-        wanted=held,
+        wanted=np.append(np.repeat(wanted, m), wanted[-1]),
         torque=asked,
         commands=commands,
         outside=disturbing,
@@ -211,25 +224,29 @@ def _run(
     )
 
 
-def _latest(model: Model, vehicle: Vehicle, where: Actuation, commands: FloatArray, first: int, last: int) -> Drive:
-    """What the ``commands`` from the tick ``first`` to ``last`` make."""
+def _latest(plant: Plant, where: Actuation, commands: Sequence[FloatArray], first: int, last: int) -> Iterable[Drive]:
+    """What the ``commands`` of each loop from the tick ``first`` to ``last`` make."""
+    model, vehicle, count = plant.model, plant.vehicle, len(commands)
     if model.drivetrain.is_plain:
-        return Drive.held(vehicle.thrust(commands[last - 1 : last + 1]) @ where.arms)
-    part = replace(where, time=where.time[first * where.parts : last * where.parts + 1])
-    tick = float(where.time[where.parts])
+        return [Drive.held(vehicle.thrust(given[last - 1 : last + 1]) @ where.arms) for given in commands]
+    trials, intervals = _side_by_side(float(where.time[where.parts]), where.parts, last - first, count)
+    time = np.tile(where.time[first * where.parts : last * where.parts + 1], count)
+    given = np.concatenate([each[first : last + 1] for each in commands])
     return model.drivetrain.driven(
-        Commanded(vehicle, part, commands[first : last + 1]), _intervals(tick, where.parts, last - first)
-    )
+        Commanded(vehicle, replace(where, time=time, trials=trials), given), intervals
+    ).by_trial
 
 
 # As many as there are ticks in the shortest window, and some.
 @functools.lru_cache(maxsize=256)
-def _intervals(tick: float, parts: int, count: int) -> Intervals | None:
-    """So many, a ``tick`` in s each, that are cut into ``parts``; None where they are not."""
+def _side_by_side(tick: float, parts: int, ticks: int, count: int) -> tuple[tuple[Stretch, ...], Intervals | None]:
+    """So many stretches of ``ticks`` of ``tick`` s, each cut into ``parts``; and their intervals where that is so."""
+    at = parts * np.arange(ticks + 1)
+    ends = range(at[-1] + 1, count * (at[-1] + 1) + 1, at[-1] + 1)
+    trials = tuple(Stretch(rows=slice(end - at[-1] - 1, end)) for end in ends)
     if parts == 1:
-        return None
-    at = parts * np.arange(count + 1)
-    return Intervals.of([tick / parts * np.arange(at[-1] + 1)], [at])
+        return trials, None
+    return trials, Intervals.of([tick / parts * np.arange(at[-1] + 1)] * count, [at] * count)
 
 
 def _at(values: FloatArray, place: float) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from rovid.campaign.vehicle import Thruster, Vehicle
 from rovid.control.allocation import Allocation, allocate
 from rovid.control.law import Law, holds
-from rovid.control.loop import Course, Plant, run_closed
+from rovid.control.loop import ClosedLoop, Course, Plant, run_closed
 from rovid.control.measures import Measures, measure
 from rovid.control.setting import WAVE_PERIOD, Manoeuvre, Options, Setting, manoeuvres
 from rovid.control.tuning import (
@@ -254,18 +254,18 @@ def closed_runs(
             (model, plain, bench, True, False),
             (model, unaided(plain), bench, False, False),
         ]
-    results = []
-    for manoeuvre in wanted:
-        for acting, controller, inverse, aided, known in ways:
-            plant = Plant(
-                model=acting,
-                vehicle=vehicle,
-                delay=setting.delay,
-                heading_noise=setting.heading_noise,
-                disturbance=_DISTURBANCE * setting.torque_in_use,
-            )
-            measures, quiet = run_manoeuvre(controller, inverse, plant, manoeuvre)
-            results.append(
+    results = list[list[RunResult]]()
+    for acting, controller, inverse, aided, known in ways:
+        plant = Plant(
+            model=acting,
+            vehicle=vehicle,
+            delay=setting.delay,
+            heading_noise=setting.heading_noise,
+            disturbance=_DISTURBANCE * setting.torque_in_use,
+        )
+        runs = run_manoeuvres(controller, inverse, plant, wanted)
+        results.append(
+            [
                 RunResult(
                     name=manoeuvre.name,
                     effects=tuple(effect.key for effect in acting.effects),
@@ -274,23 +274,34 @@ def closed_runs(
                     measures=measures,
                     quiet=quiet,
                 )
-            )
-    return results
+                for manoeuvre, (measures, quiet) in zip(wanted, runs, strict=True)
+            ]
+        )
+    return [result for every_way in zip(*results, strict=True) for result in every_way]
 
 
-def run_manoeuvre(
-    law: Law, allocation: Allocation, plant: Plant, manoeuvre: Manoeuvre, seed: int = 0
-) -> tuple[Measures, Course]:
-    """One closed-loop run, and the same without noise, disturbance and waves, which shows its limit cycle."""
+def run_manoeuvres(
+    law: Law, allocation: Allocation, plant: Plant, manoeuvres: Sequence[Manoeuvre], seed: int = 0
+) -> list[tuple[Measures, Course]]:
+    """Closed-loop runs, and the same without noise, disturbance and waves, which shows their limit cycle."""
     count = math.ceil(duration(law, plant.model) / law.period)
-    wanted = np.full(count, math.radians(manoeuvre.wanted))
     time = law.period * np.arange(count)
-    steady = np.where(time >= 0.25 * time[-1], manoeuvre.current, 0.0)
-    outside: FloatArray = steady + manoeuvre.waves * np.sin(2.0 * math.pi / WAVE_PERIOD * time)
-    start = math.radians(manoeuvre.start)
-    course = run_closed(law, allocation, plant, wanted, start, outside=outside, seed=seed)
-    quiet = run_closed(law, allocation, plant.quiet(), wanted, start, outside=steady)
-    return measure(course, quiet), quiet
+    loops = []
+    for manoeuvre in manoeuvres:
+        steady = np.where(time >= 0.25 * time[-1], manoeuvre.current, 0.0)
+        outside: FloatArray = steady + manoeuvre.waves * np.sin(2.0 * math.pi / WAVE_PERIOD * time)
+        loop = ClosedLoop(
+            law=law,
+            allocation=allocation,
+            plant=plant,
+            wanted=np.full(count, math.radians(manoeuvre.wanted)),
+            start=math.radians(manoeuvre.start),
+            outside=outside,
+            seed=seed,
+        )
+        loops += [loop, replace(loop, plant=plant.quiet(), outside=steady, seed=0)]
+    courses = iter(run_closed(loops))
+    return [(measure(course, quiet), quiet) for course, quiet in zip(courses, courses, strict=True)]
 
 
 def duration(law: Law, model: Model) -> float:

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
-from rovid.control.allocation import allocate
+from rovid.control.allocation import Allocation, allocate
 from rovid.control.law import Law
-from rovid.control.loop import Course, Plant, run_closed
+from rovid.control.loop import ClosedLoop, Course, Plant, run_closed
 from rovid.control.setting import Setting
 from rovid.control.tuning import Loop, actuators, linearised
 from rovid.effects import effect_named
 from rovid.effects.base import Scales
+from rovid.ground.arrays import FloatArray
 from rovid.model.model import Model
 
 PAPER = Model(inertia=5057.0, quadratic_drag=3532.0, linear_drag=132.37)
@@ -43,12 +44,17 @@ def with_effect(key: str, *values: float, model: Model = PAPER) -> Model:
     return replace(model, effects=(*model.effects, effect_named(key)), effect_values=(*model.effect_values, *values))
 
 
+def run_one(law: Law, allocation: Allocation, plant: Plant, wanted: FloatArray, start: float) -> Course:
+    (course,) = run_closed([ClosedLoop(law=law, allocation=allocation, plant=plant, wanted=wanted, start=start)])
+    return course
+
+
 def closed(
     model: Model, controller: Law, *, seconds: float = 60.0, start: float = 90.0, wanted: float = 200.0
 ) -> Course:
     plant = Plant(model=model, vehicle=VEHICLE)
     goal = np.full(round(seconds / controller.period), math.radians(wanted))
-    return run_closed(controller, allocate(VEHICLE, model), plant, goal, math.radians(start))
+    return run_one(controller, allocate(VEHICLE, model), plant, goal, math.radians(start))
 
 
 def loop(controller: Law, delay: float = 0.0, model: Model = PAPER) -> Loop:
@@ -61,6 +67,6 @@ def swing(model: Model, controller: Law, delay: float, allocation_of: Model) -> 
     """Of the heading in deg, over the middle and the end of a run after a small step."""
     plant = Plant(model=model, vehicle=VEHICLE, delay=delay)
     goal = np.full(2400, math.radians(0.5))
-    course = run_closed(controller, allocate(VEHICLE, allocation_of), plant, goal, 0.0)
+    course = run_one(controller, allocate(VEHICLE, allocation_of), plant, goal, 0.0)
     middle, end = np.array_split(np.degrees(course.heading), 4)[1], np.array_split(np.degrees(course.heading), 4)[3]
     return float(np.ptp(middle)), float(np.ptp(end))

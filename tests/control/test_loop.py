@@ -11,11 +11,11 @@ from scipy import signal
 from scipy.integrate import solve_ivp
 
 from rovid.control.allocation import allocate
-from rovid.control.loop import Plant, run_closed
+from rovid.control.loop import Plant
 from rovid.effects import Effect, forms_for
 from rovid.ground.arrays import FloatArray
 from rovid.model.model import Model
-from tests.control.loops import PAPER, SCALES, VEHICLE, closed, law, with_effect
+from tests.control.loops import PAPER, SCALES, VEHICLE, closed, law, run_one, with_effect
 from tests.synthetic import LOGGED
 
 
@@ -23,9 +23,7 @@ def test_the_aided_loop_is_of_second_order() -> None:
     """With the drag cancelled and a fast clock the step is that of eq. 13: known in closed form."""
     controller = law(period=0.01, rate_filter=0.0)
     plant = Plant(model=PAPER, vehicle=LOGGED)
-    course = run_closed(
-        controller, allocate(LOGGED, PAPER), plant, np.full(4000, math.radians(200.0)), math.radians(90.0)
-    )
+    course = run_one(controller, allocate(LOGGED, PAPER), plant, np.full(4000, math.radians(200.0)), math.radians(90.0))
     _, known = signal.step(([100.0], [5057.0, 710.0, 100.0]), T=course.time)
     found = (np.degrees(course.heading) - 90.0) / 110.0
     assert found == pytest.approx(known, abs=2e-3)  # the clock's lag of 0.01 s at 0.14 rad/s
@@ -33,7 +31,7 @@ def test_the_aided_loop_is_of_second_order() -> None:
 
 def test_the_closed_loop_is_that_of_an_independent_integration() -> None:
     controller = law()
-    course = run_closed(
+    course = run_one(
         controller,
         allocate(LOGGED, PAPER),
         Plant(model=PAPER, vehicle=LOGGED),

@@ -10,13 +10,13 @@ import pytest
 
 from rovid.campaign.vehicle import Vehicle
 from rovid.control.allocation import allocate
-from rovid.control.loop import Plant, run_closed
-from rovid.control.loop_design import choose_bandwidth, law_for, loop_of, run_manoeuvre, unaided
+from rovid.control.loop import Plant
+from rovid.control.loop_design import choose_bandwidth, law_for, loop_of, run_manoeuvres, unaided
 from rovid.control.setting import Manoeuvre, Setting, manoeuvres, paper_runs
 from rovid.control.tuning import gains
 from rovid.effects import Effect, forms_for
 from rovid.model.model import Model
-from tests.control.loops import CURVE, PAPER, SCALES, VEHICLE, law, with_effect
+from tests.control.loops import CURVE, PAPER, SCALES, VEHICLE, law, run_one, with_effect
 from tests.synthetic import LOGGED
 
 
@@ -25,10 +25,10 @@ def test_a_dead_zone_and_a_lag_make_a_limit_cycle_that_is_seen() -> None:
     model = with_effect("thruster_lag", 1.0, model=with_effect("command_hysteresis", 0.4))
     bench = allocate(VEHICLE, PAPER)
     controller = law(2000.0, 3000.0)
-    shaken, _ = run_manoeuvre(controller, bench, Plant(model=model, vehicle=VEHICLE), paper_runs()[2])
+    ((shaken, _),) = run_manoeuvres(controller, bench, Plant(model=model, vehicle=VEHICLE), paper_runs()[2:3])
     assert shaken.limit_cycle is not None
     assert shaken.limit_cycle.amplitude_deg > 0.2
-    calm, _ = run_manoeuvre(controller, bench, Plant(model=PAPER, vehicle=VEHICLE), paper_runs()[2])
+    ((calm, _),) = run_manoeuvres(controller, bench, Plant(model=PAPER, vehicle=VEHICLE), paper_runs()[2:3])
     assert calm.limit_cycle is None
 
 
@@ -80,8 +80,8 @@ def test_a_random_vehicle_keeps_its_heading_within_predicted_margins(seed: int) 
         heading_noise=setting.heading_noise,
         disturbance=0.02 * setting.torque_in_use,
     )
-    for manoeuvre in manoeuvres((), setting.torque_in_use)[:3]:
-        found, _ = run_manoeuvre(controller, allocation, plant, manoeuvre, seed=seed)
+    wanted = manoeuvres((), setting.torque_in_use)[:3]
+    for found, _ in run_manoeuvres(controller, allocation, plant, wanted, seed=seed):
         assert found.settling_time is not None
         assert found.steady_error_deg < 0.6
         # What a play or a dead zone leaves, if anything.
@@ -93,7 +93,7 @@ def test_a_random_vehicle_keeps_its_heading_within_predicted_margins(seed: int) 
     for share in (1.0 - reach, 1.0 + reach):
         late = replace(plant.quiet(), delay=share * predicted.delay_s)
         goal = np.full(round(100.0 / bandwidth / controller.period), math.radians(101.0))
-        course = run_closed(controller, allocation, late, goal, math.radians(100.0))
+        course = run_one(controller, allocation, late, goal, math.radians(100.0))
         swings.append([float(np.ptp(part)) for part in np.array_split(np.degrees(course.heading), 4)])
     assert swings[0][3] < swings[0][1]
     # From a step of one degree it has grown until drag and thrust limit it.
@@ -108,10 +108,10 @@ def test_pd_alone_has_no_aid() -> None:
 
 
 def test_a_manoeuvre_against_a_current_has_the_error_of_its_stiffness() -> None:
-    found, _ = run_manoeuvre(
+    ((found, _),) = run_manoeuvres(
         law(1000.0, 3500.0),
         allocate(LOGGED, PAPER),
         Plant(model=PAPER, vehicle=LOGGED),
-        Manoeuvre(name="", start=120.0, wanted=120.0, current=10.0),
+        [Manoeuvre(name="", start=120.0, wanted=120.0, current=10.0)],
     )
     assert found.steady_error_deg == pytest.approx(math.degrees(10.0 / 1000.0), rel=1e-3)

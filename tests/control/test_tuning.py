@@ -13,11 +13,11 @@ from scipy import signal
 
 from rovid.control.allocation import allocate
 from rovid.control.law import Law
-from rovid.control.loop import Plant, run_closed
+from rovid.control.loop import Plant
 from rovid.control.tuning import Loop, damping_ratio, drawn, gains, linearised
 from rovid.ground.arrays import FloatArray
 from rovid.parameters.parameters import Entry, Parameters
-from tests.control.loops import PAPER, law, loop, swing, with_effect
+from tests.control.loops import PAPER, law, loop, run_one, swing, with_effect
 from tests.synthetic import LOGGED
 
 
@@ -97,7 +97,7 @@ def test_the_loop_breaks_at_its_gain_margin(share: float) -> None:
     raised = replace(controller, kp=factor * controller.kp, kd=factor * controller.kd)
     assert loop(raised, 0.5).margins().stable is (share < 1.0)
     plant = Plant(model=PAPER, vehicle=LOGGED, delay=0.5)
-    course = run_closed(raised, allocate(LOGGED, PAPER), plant, np.full(1200, 1e-3), 0.0)
+    course = run_one(raised, allocate(LOGGED, PAPER), plant, np.full(1200, 1e-3), 0.0)
     middle, end = (np.ptp(np.array_split(course.heading, 4)[at]) for at in (1, 3))
     assert bool(end < middle) is (share < 1.0)
 
