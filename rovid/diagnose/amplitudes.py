@@ -17,7 +17,7 @@ from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.effects import Effect, forms_for
 from rovid.effects.base import OnHeading, Scales, Wave
 from rovid.ground.arrays import FloatArray
-from rovid.ground.workers import spread
+from rovid.ground.in_step import in_step, shared
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit
 from rovid.identify.inertia_table import row_names, table_drag
@@ -168,18 +168,11 @@ class _Rows:
         """(n,) in standard deviations of their reading."""
         return (self.simulated(model) - self.rates) / self.errors
 
-    def nearest(self, begin: Model, effect: Effect | None = None) -> Explanation:
-        """Inertia, effect and the drag, unless it is known, fitted to all rows together from ``begin``."""
-        problem = _Problem(self, begin, effect)
-        begins = sorted(problem.begins(), key=problem.misfit)[:_STARTS]
-        tried = [problem.fitted(x, _FIRST_EVALUATIONS) for x in begins]
-        best = min(tried, key=lambda fit: float(fit.cost))
-        fit = problem.fitted(best.x, _EVALUATIONS)
-        # The solver's cost is half the sum of squares.
-        misfit = 2.0 * float(fit.cost)
-        spare = len(self.rates) - len(problem.low)
-        chance = float(special.chdtrc(spare, misfit)) if spare > 0 else math.nan
-        return Explanation(model=problem.model(fit.x), misfit=misfit, chance=chance)
+    def nearest(self, begin: Model, effects: Sequence[Effect | None]) -> list[Explanation]:
+        """Inertia, each effect and the drag, unless it is known, fitted to all rows together from ``begin``."""
+        problems = [_Problem(self, begin, effect) for effect in effects]
+        solved = shared(lambda problem: problem.solved(), problems)
+        return [problem.explained(*told) for problem, told in zip(problems, solved, strict=True)]
 
 
 class _Problem:
@@ -231,6 +224,21 @@ class _Problem:
         """Their sum of squares."""
         return float(np.sum(self.misfits(x) ** 2))
 
+    def solved(self) -> tuple[FloatArray, float]:
+        """(q,) where that is least, and how much it is."""
+        begins = sorted(self.begins(), key=self.misfit)[:_STARTS]
+        tried = [self.fitted(x, _FIRST_EVALUATIONS) for x in begins]
+        best = min(tried, key=lambda fit: float(fit.cost))
+        fit = self.fitted(best.x, _EVALUATIONS)
+        # The solver's cost is half the sum of squares.
+        return fit.x, 2.0 * float(fit.cost)
+
+    def explained(self, x: FloatArray, misfit: float) -> Explanation:
+        """What (q,) ``x`` with such a ``misfit`` comes to."""
+        spare = len(self.rows.rates) - len(self.low)
+        chance = float(special.chdtrc(spare, misfit)) if spare > 0 else math.nan
+        return Explanation(model=self.model(x), misfit=misfit, chance=chance)
+
     def fitted(self, x: FloatArray, evaluations: int) -> optimize.OptimizeResult:
         """Least squares from ``x``."""
         from scipy import optimize
@@ -263,12 +271,15 @@ def explain(
     RovidError
         A cell is no number, or no drag is known.
     """
+    from rovid.model.kernels import is_compiled
+
     quadratic, linear = table_drag(sine, drag)
     value = inertia.estimate.value("inertia")
     start = Model(inertia=value, quadratic_drag=float(quadratic[0]), linear_drag=float(linear[0]))
     rows = _rows(sine, steady, start, rigid_body)
-    plain = rows.nearest(rows.start)
-    with_effect = () if plain.explains else _with_effect(rows, plain.model)
+    (plain,) = rows.nearest(rows.start, [None])
+    with in_step(wanted=not plain.explains and is_compiled()):
+        with_effect = () if plain.explains else _with_effect(rows, plain.model)
     own = [replace(start, quadratic_drag=q, linear_drag=d) for q, d in zip(quadratic, linear, strict=True)]
     return Amplitudes(
         predictions=tuple(_predictions(sine, rows, own, inertia)),
@@ -282,8 +293,7 @@ def _with_effect(rows: _Rows, plain: Model) -> tuple[Explanation, ...]:
     """Of each effect its best form beside ``plain``, the nearest effect first."""
     # Amplitudes tell nothing of waves, nor of what acts by the heading.
     tried = [effect for effect in forms_for(rows.vehicle) if not isinstance(effect.acts, OnHeading | Wave)]
-    fits = spread(lambda effect: rows.nearest(plain, effect), tried)
-    return _best_forms(fits)
+    return _best_forms(rows.nearest(plain, tried))
 
 
 def _best_forms(fits: Sequence[Explanation]) -> tuple[Explanation, ...]:
