@@ -19,6 +19,7 @@ from typer.main import get_command
 from rovid import __version__
 from rovid.commands.manual import FIRST_SESSION, ManualCommand, ManualGroup, Page
 from rovid.ground.errors import RovidError, shown
+from rovid.ground.memory import collect_seldom
 
 # The file of each command, called as it is, in the order of the help: it holds the command and its page of the manual.
 COMMANDS = (
@@ -41,8 +42,6 @@ COMMANDS = (
     "fleet",
     "help",
 )
-# So many objects more are made before it is looked for those that are of no use any more.
-_MANY = 100_000
 _MODULES = {name.replace("_", "-"): import_module(f"rovid.commands.{name}") for name in COMMANDS}
 MANUAL: dict[str, Page] = {name: module.PAGE for name, module in _MODULES.items()}
 
@@ -61,9 +60,8 @@ def main() -> None:
     """Entry point: run the command; the user's mistakes end with one message and exit status 2."""
     # Before numpy is imported: products of matrices are small here, and BLAS's own threads get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Nothing that is imported goes before the end: to look it all through again and again takes long.
-    gc.set_threshold(_MANY)
-    # Nor is it worth while at the end, when all of it goes.
+    collect_seldom()
+    # Nor is it worth while to look for what is of no use at the end, when all goes.
     atexit.register(gc.freeze)
     if "_ROVID_COMPLETE" in os.environ:
         # typer folds the help that zsh and fish show beside a value; a shell takes each line for a value.

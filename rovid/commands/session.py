@@ -145,10 +145,8 @@ def opened(paths: Sequence[Path], cutoff: float | None, axis: Axis, reading: Rea
     """What the logs at ``paths`` hold, made ready; ``reading`` is what reads one, where another than usual does."""
     compile_beside()
     announce_compilation()
-    from rovid.ground.memory import give_back
     from rovid.study import open_study
 
-    give_back()
     return open_study(paths, cutoff=cutoff, axis=axis, reading=reading)
 
 

@@ -17,6 +17,7 @@ from typing import IO, Any
 
 from rovid.fleet.record import Record, Task
 from rovid.ground.errors import RovidError
+from rovid.ground.memory import collect_seldom
 from rovid.ground.workers import SHARE
 
 _CODE = "from rovid.fleet.alone import main; main()"
@@ -93,6 +94,7 @@ def _signal(number: int) -> str:
 
 def main() -> None:
     """As that process: diagnose the campaign of the first argument, and print the record."""
+    collect_seldom()
     out, sys.stdout = sys.stdout, sys.stderr
     threading.Thread(target=_end_with_the_first, daemon=True).start()
     record = record_of(Task(**json.loads(sys.argv[1])))

@@ -1,13 +1,21 @@
-"""What the system's library for C keeps of memory that is no longer of use."""
+"""When memory that is no longer of use is given back."""
 
 from __future__ import annotations
 
+import gc
 import sys
 
 # Names of the settings in malloc.h.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8
 # Bytes; smaller than what a day's logs make, and larger than what is made again and again.
 _LARGE = 16_000_000
+# So many objects more are made before it is looked for those that are of no use any more.
+_MANY = 100_000
+
+
+def collect_seldom() -> None:
+    """Nothing that is imported goes before the end: to look it all through again and again takes long."""
+    gc.set_threshold(_MANY)
 
 
 def give_back() -> None:
