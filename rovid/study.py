@@ -22,7 +22,6 @@ from rovid.effects import Effect, forms_for
 from rovid.effects.by_trial import trials_of
 from rovid.ground.errors import ConfigError, DataError, nearest
 from rovid.ground.files.form import PLAN
-from rovid.ground.memory import give_back
 from rovid.ground.toml import read_toml
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit, fit_inertia, unlike_rigid_body
@@ -333,7 +332,6 @@ def open_study(
     RovidError
         The logs or rovid.toml cannot be read.
     """
-    give_back()
     steady, sine = find_table(paths, STEADY_COLUMNS), find_table(paths, SINE_COLUMNS)
     if steady is not None or sine is not None:
         if axis is not YAW:

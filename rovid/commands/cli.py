@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import atexit
 import errno
 import functools
-import gc
 import os
 import sys
 from collections.abc import Callable
@@ -18,8 +16,8 @@ from typer.main import get_command
 
 from rovid import __version__
 from rovid.commands.manual import FIRST_SESSION, ManualCommand, ManualGroup, Page
+from rovid.ground import memory
 from rovid.ground.errors import RovidError, shown
-from rovid.ground.memory import collect_seldom
 
 # The file of each command, called as it is, in the order of the help: it holds the command and its page of the manual.
 COMMANDS = (
@@ -60,9 +58,7 @@ def main() -> None:
     """Entry point: run the command; the user's mistakes end with one message and exit status 2."""
     # Before numpy is imported: products of matrices are small here, and BLAS's own threads get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    collect_seldom()
-    # Nor is it worth while to look for what is of no use at the end, when all goes.
-    atexit.register(gc.freeze)
+    memory.settle()
     if "_ROVID_COMPLETE" in os.environ:
         # typer folds the help that zsh and fish show beside a value; a shell takes each line for a value.
         os.environ["COLUMNS"] = "1000"

@@ -131,10 +131,8 @@ def read_ahead(logs: Sequence[Path] | None, parameters: Path | None, axis: str |
     from rovid.readers.ahead import ReadingAhead
 
     def asked() -> tuple[Sequence[Path], Axis]:
-        from rovid.campaign.axis import YAW, axis_named
-
         if logs and not _parameter_file(parameters, axis).exists():
-            return logs, axis_named(axis) if axis else YAW
+            return logs, _axis_of(axis)
         stored = stored_at(parameters, axis, force=force)
         return logs or remembered(stored), stored.axis
 
@@ -238,14 +236,13 @@ def busy(text: str) -> Iterator[None]:
 
 def stored_at(path: Path | None, axis: str | None, *, force: bool = False) -> Parameters:
     """The parameter file that is there, or an empty one; where forced, in place of anything else."""
-    from rovid.campaign.axis import YAW, axis_named
     from rovid.ground.files.form import PARAMETERS
     from rovid.parameters.parameters import Parameters
 
     where = _parameter_file(path, axis)
     if where.exists() and not (force and where.is_file() and not PARAMETERS.marks(where)):
         return known_at(where, axis)
-    return Parameters(path=where, axis=axis_named(axis) if axis else YAW)
+    return Parameters(path=where, axis=_axis_of(axis))
 
 
 def known_at(path: Path | None, axis: str | None = None) -> Parameters:
@@ -263,10 +260,13 @@ def known_at(path: Path | None, axis: str | None = None) -> Parameters:
 
 
 def _parameter_file(path: Path | None, axis: str | None) -> Path:
+    return path or Path(completion.parameter_file(_axis_of(axis).name))
+
+
+def _axis_of(name: str | None) -> Axis:
     from rovid.campaign.axis import YAW, axis_named
 
-    known = axis_named(axis) if axis else YAW
-    return path or Path(completion.parameter_file(known.name))
+    return axis_named(name) if name else YAW
 
 
 def of_yaw(stored: Parameters) -> Parameters:

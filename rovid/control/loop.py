@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -169,10 +169,7 @@ def _steps(loop: ClosedLoop, time: FloatArray) -> Generator[FloatArray, Drive, C
 
     law, plant, wanted, start = loop.law, loop.plant, loop.wanted, loop.start
     model, m, n = plant.model, ticks(law.period), len(time)
-    held: FloatArray | float = 0.0
-    if loop.outside is not None:
-        held = np.append(np.repeat(loop.outside, m), loop.outside[-1])
-    disturbing = _from_outside(plant, time, held, loop.seed)
+    disturbing = _from_outside(loop, time)
     noise = np.random.default_rng([loop.seed, 1]).normal(0.0, 1.0, len(wanted)) * plant.heading_noise
     equation, deviates = model.equation(start), model.instrument.deviates
     rows = TERM_STATES * len(equation.terms.kinds)
@@ -224,7 +221,7 @@ def _steps(loop: ClosedLoop, time: FloatArray) -> Generator[FloatArray, Drive, C
     )
 
 
-def _latest(plant: Plant, where: Actuation, commands: Sequence[FloatArray], first: int, last: int) -> Iterable[Drive]:
+def _latest(plant: Plant, where: Actuation, commands: Sequence[FloatArray], first: int, last: int) -> list[Drive]:
     """What the ``commands`` of each loop from the tick ``first`` to ``last`` make."""
     model, vehicle, count = plant.model, plant.vehicle, len(commands)
     if model.drivetrain.is_plain:
@@ -237,11 +234,11 @@ def _latest(plant: Plant, where: Actuation, commands: Sequence[FloatArray], firs
     ).by_trial
 
 
-# As many as there are ticks in the shortest window, and some.
-@functools.lru_cache(maxsize=256)
-def _side_by_side(tick: float, parts: int, ticks: int, count: int) -> tuple[tuple[Stretch, ...], Intervals | None]:
-    """So many stretches of ``ticks`` of ``tick`` s, each cut into ``parts``; and their intervals where that is so."""
-    at = parts * np.arange(ticks + 1)
+# The whole window is asked for at each tick, once it has passed.
+@functools.lru_cache(maxsize=4)
+def _side_by_side(tick: float, parts: int, length: int, count: int) -> tuple[tuple[Stretch, ...], Intervals | None]:
+    """Stretches of ``length`` ticks of ``tick`` s, each cut into ``parts``, and their intervals where that is so."""
+    at = parts * np.arange(length + 1)
     ends = range(at[-1] + 1, count * (at[-1] + 1) + 1, at[-1] + 1)
     trials = tuple(Stretch(rows=slice(end - at[-1] - 1, end)) for end in ends)
     if parts == 1:
@@ -260,10 +257,12 @@ def _at(values: FloatArray, place: float) -> float:
     return float(values[whole] + share * (values[whole + 1] - values[whole]))
 
 
-def _from_outside(plant: Plant, time: FloatArray, held: FloatArray | float, seed: int) -> FloatArray:
-    """(n,) N m: what is ``held``, the coloured disturbance, and the model's waves where ``plant`` is not quiet."""
-    rng = np.random.default_rng([seed, 0])
-    total = np.zeros(len(time)) + held
+def _from_outside(loop: ClosedLoop, time: FloatArray) -> FloatArray:
+    """(n,) N m: the torque from outside, the coloured disturbance, and the model's waves where it is not quiet."""
+    plant, rng = loop.plant, np.random.default_rng([loop.seed, 0])
+    total = np.zeros(len(time))
+    if loop.outside is not None:
+        total += np.append(np.repeat(loop.outside, ticks(loop.law.period)), loop.outside[-1])
     if plant.disturbance > 0.0:
         total += coloured(time, plant.disturbance, plant.memory, rng)
     wave = plant.model.wave

@@ -271,15 +271,12 @@ def explain(
     RovidError
         A cell is no number, or no drag is known.
     """
-    from rovid.model.kernels import is_compiled
-
     quadratic, linear = table_drag(sine, drag)
     value = inertia.estimate.value("inertia")
     start = Model(inertia=value, quadratic_drag=float(quadratic[0]), linear_drag=float(linear[0]))
     rows = _rows(sine, steady, start, rigid_body)
     (plain,) = rows.nearest(rows.start, [None])
-    with in_step(wanted=not plain.explains and is_compiled()):
-        with_effect = () if plain.explains else _with_effect(rows, plain.model)
+    with_effect = () if plain.explains else _with_effect(rows, plain.model)
     own = [replace(start, quadratic_drag=q, linear_drag=d) for q, d in zip(quadratic, linear, strict=True)]
     return Amplitudes(
         predictions=tuple(_predictions(sine, rows, own, inertia)),
@@ -291,9 +288,12 @@ def explain(
 
 def _with_effect(rows: _Rows, plain: Model) -> tuple[Explanation, ...]:
     """Of each effect its best form beside ``plain``, the nearest effect first."""
+    from rovid.model.kernels import is_compiled
+
     # Amplitudes tell nothing of waves, nor of what acts by the heading.
     tried = [effect for effect in forms_for(rows.vehicle) if not isinstance(effect.acts, OnHeading | Wave)]
-    return _best_forms(rows.nearest(plain, tried))
+    with in_step(wanted=is_compiled()):
+        return _best_forms(rows.nearest(plain, tried))
 
 
 def _best_forms(fits: Sequence[Explanation]) -> tuple[Explanation, ...]:

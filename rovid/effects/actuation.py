@@ -188,8 +188,6 @@ class Actuation:
         """(n, ...) of values that are held between the chosen instants, with each interval cut into ``parts``."""
         if self.parts == 1:
             return held
-        if len(self.trials) == 1 and self.trials[0].cut is None:
-            return np.repeat(held, self.parts, axis=0)[: len(self.time)]
         return np.repeat(held, np.concatenate(self.counts), axis=0)
 
     @cached_property

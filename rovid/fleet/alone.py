@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import IO, Any
 
 from rovid.fleet.record import Record, Task
+from rovid.ground import memory
 from rovid.ground.errors import RovidError
-from rovid.ground.memory import collect_seldom
 from rovid.ground.workers import SHARE
 
 _CODE = "from rovid.fleet.alone import main; main()"
@@ -94,7 +94,7 @@ def _signal(number: int) -> str:
 
 def main() -> None:
     """As that process: diagnose the campaign of the first argument, and print the record."""
-    collect_seldom()
+    memory.settle()
     out, sys.stdout = sys.stdout, sys.stderr
     threading.Thread(target=_end_with_the_first, daemon=True).start()
     record = record_of(Task(**json.loads(sys.argv[1])))
@@ -119,8 +119,8 @@ def record_of(task: Task) -> Record:
         # As seen from the campaign: the same wherever the fleet lies.
         text = str(error).replace(f"{folder}{os.sep}", "").replace(str(folder), task.name)
         facts = {"error": text, "failure": "input"}
-    memory = _peak_memory()
-    return Record(campaign=task.name, folder=task.folder, digest=task.digest, peak_memory=memory, **facts)
+    peak = _peak_memory()
+    return Record(campaign=task.name, folder=task.folder, digest=task.digest, peak_memory=peak, **facts)
 
 
 def _diagnosis(folder: Path, task: Task) -> Mapping[str, Any]:

@@ -45,6 +45,12 @@ def become_copy() -> None:
         os.dup2(nowhere, standard)
 
 
+def end_copy(copy: int) -> None:
+    """End the copy of this number, whatever it is at."""
+    os.kill(copy, signal.SIGKILL)
+    os.waitpid(copy, 0)
+
+
 class Ahead(Generic[Result]):
     """What a ``function`` returns, worked out by a copy while this process does something else.
 
@@ -86,8 +92,7 @@ class Ahead(Generic[Result]):
             return
         self._told.close()
         self._told = None
-        os.kill(self._copy, signal.SIGKILL)
-        os.waitpid(self._copy, 0)
+        end_copy(self._copy)
 
     def __enter__(self) -> Self:
         return self

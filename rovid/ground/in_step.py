@@ -10,13 +10,12 @@ from __future__ import annotations
 import contextlib
 import os
 import pickle
-import signal
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from rovid.ground.copies import become_copy, forked, may_copy
+from rovid.ground.copies import become_copy, end_copy, forked, may_copy
 from rovid.ground.workers import SHARE, cores, spread
 
 Item = TypeVar("Item")
@@ -57,8 +56,7 @@ def in_step(*, wanted: bool = True) -> Iterator[bool]:
             os._exit(0)
         _disband()
         for copy in copies:
-            os.kill(copy, signal.SIGKILL)
-            os.waitpid(copy, 0)
+            end_copy(copy)
 
 
 def _begin(count: int) -> list[int] | None:

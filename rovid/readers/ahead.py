@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from rovid.campaign.axis import Axis
+from rovid.campaign.config import Config, find_config, load_config
+from rovid.campaign.trial import Remark, Trial
 from rovid.ground.copies import Ahead
-
-if TYPE_CHECKING:
-    from rovid.campaign.axis import Axis
-    from rovid.campaign.config import Config
-    from rovid.campaign.trial import Remark, Trial
+from rovid.readers.campaign import are_large, find_logs, trials_of
 
 # Where they were found and what they are called -> trials, and what was remarked.
-_Read = dict[tuple[Path, str], tuple["list[Trial]", "list[Remark]"]]
+_Read = dict[tuple[Path, str], tuple[list[Trial], list[Remark]]]
 
 
 class ReadingAhead(Ahead[_Read]):
@@ -32,8 +30,6 @@ class ReadingAhead(Ahead[_Read]):
 
     def __call__(self, path: Path, config: Config, name: str, remarks: list[Remark]) -> list[Trial]:
         """What is to be used of a log; ``remarks`` grow by what there is to say of it."""
-        from rovid.readers.campaign import trials_of
-
         if self._known is None:
             self._known = self.result() or {}
         # What was read is only kept by whom it is given to.
@@ -46,9 +42,6 @@ class ReadingAhead(Ahead[_Read]):
 
 def _read(paths: Sequence[Path], axis: Axis) -> _Read:
     """All logs, but for those that are so large that one waits for them."""
-    from rovid.campaign.config import find_config, load_config
-    from rovid.readers.campaign import are_large, find_logs, trials_of
-
     config, read = load_config(find_config(paths), axis), _Read()
     logs, _ = find_logs(paths, config)
     if not are_large(logs):

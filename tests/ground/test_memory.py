@@ -12,14 +12,14 @@ import pytest
 CODE = """
 import sys
 import numpy as np
-from rovid.ground.memory import give_back
+from rovid.ground.memory import settle
 
 def resident():
     with open("/proc/self/status") as status:
         return next(int(line.split()[1]) / 1024.0 for line in status if line.startswith("VmRSS"))
 
-if "give" in sys.argv:
-    give_back()
+if "settle" in sys.argv:
+    settle()
 before = resident()
 np.ones(30 << 17).sum()
 stays, arrays = [], []
@@ -40,7 +40,7 @@ def megabytes(*arguments: str) -> list[float]:
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="of the GNU library")
 def test_large_arrays_are_given_back() -> None:
-    held, kept = megabytes("give")
+    held, kept = megabytes("settle")
     assert held > 190.0
     assert kept < 20.0
     _, otherwise = megabytes()

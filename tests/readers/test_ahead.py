@@ -14,6 +14,7 @@ from rovid.campaign.config import Config, find_config, load_config
 from rovid.campaign.trial import Campaign, Remark, Trial
 from rovid.ground import copies
 from rovid.ground.errors import LogError
+from rovid.readers import ahead as ahead_module
 from rovid.readers import campaign as module
 from rovid.readers import read_campaign
 from rovid.readers.ahead import ReadingAhead
@@ -52,7 +53,8 @@ def read(day: Path, *, ahead: bool) -> tuple[Campaign, list[Path]]:
 
     config = load_config(find_config([day]), YAW)
     with pytest.MonkeyPatch.context() as patched, ReadingAhead(lambda: ([day], YAW)) as reading:
-        patched.setattr(module, "trials_of", noted)
+        for each in (module, ahead_module):
+            patched.setattr(each, "trials_of", noted)
         return read_campaign([day], config, reading=reading if ahead else None), here
 
 
@@ -80,7 +82,7 @@ def test_large_logs_are_read_here(day: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert len(every) == 7
 
 
-def test_who_asks_for_nothing_reads_all_here(day: Path) -> None:
+def test_where_the_copy_ends_all_is_read_here(day: Path) -> None:
     def asks() -> tuple[Sequence[Path], Axis]:
         os._exit(1)
 
