@@ -14,13 +14,13 @@ from rovid.ground.straight import straight
 from rovid.model.kernels.filter import NODES, WEIGHTS
 
 SIZE = 5
-# Of the series for the transition: good to 1e-4 at such steps.
-_ORDER = 4
+# Of the series for the transition.
+_ORDER = 6
 # Of the transition what the disturbance's row does not say, and of the noise what stands on and above the diagonal.
 _MOVED = tuple(SIZE * i + j for i in (0, 1, 3, 4) for j in range(SIZE))
 _GROWN = tuple(SIZE * i + j for i in range(SIZE) for j in range(i, SIZE))
 # How strongly the rate is damped at the points by which both are told, over a step; and by them the powers of that.
-DAMPED = 0.35 * (1.0 - np.cos((2.0 * np.arange(5) + 1.0) * np.pi / 10.0))
+DAMPED = 0.35 * (1.0 - np.cos((2.0 * np.arange(6) + 1.0) * np.pi / 12.0))
 POWERS = np.linalg.inv(np.vander(DAMPED, increasing=True))
 POINTS, SERIES = len(DAMPED), len(DAMPED) * (len(_MOVED) + len(_GROWN))
 

@@ -15,11 +15,11 @@ from rovid.ground.straight import straight
 from rovid.model.equation import Equation
 from rovid.model.kernels.batch import beside_of, body_of, clear, each, put
 from rovid.model.kernels.first_use import long
-from rovid.model.kernels.step import MAX_GAP_SUBSTEPS, bare_step, brakes, damping_of, step
+from rovid.model.kernels.step import EFFECTS_STEP_SHARE, MAX_GAP_SUBSTEPS, bare_step, brakes, damping_of, step
 from rovid.model.kernels.torque import ROOM
 
 # The covariance is stepped by a transition of fourth order: good to a percent of a percent with such steps.
-FILTER_STEP_SHARE = 0.3
+_STEP_SHARE = 0.3
 # Gauss-Legendre nodes and weights on 0..1.
 NODES = (0.1127016653792583, 0.5, 0.8872983346207417)
 WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
@@ -32,12 +32,15 @@ _F02, _F12, _N02, _N12, _N00, _N01, _N11, _SERIES = 0, 4, 8, 12, 16, 23, 30, 37
 
 
 @inlined
-def filter_steps(interval: float, rate: Any, push: Any, damping: Any, pace: Any, brake: Any) -> int:
-    """How many steps filters take through ``interval``; see `pace_of` and `brakes`."""
+def filter_steps(interval: float, rate: Any, push: Any, damping: Any, pace: Any, brake: Any, share: float) -> int:
+    """How many steps of no more than such a ``share`` of the shortest time constant filters take through ``interval``.
+
+    See `pace_of` and `brakes` for the rest.
+    """
     # How fast it may turn before the interval is over, or where drag balances the torque.
     size, turning = abs(rate), abs(push) * brake[2]
     soon = smaller(size + interval * turning, larger(size, root(turning * pace[1])))
-    wanted = largest(interval * (larger(damping, damping_of(soon, brake)) + pace[0])) / FILTER_STEP_SHARE
+    wanted = largest(interval * (larger(damping, damping_of(soon, brake)) + pace[0])) / share
     return 1 if not wanted > 1.0 else min(int(wanted) + 1, MAX_GAP_SUBSTEPS)
 
 
@@ -107,7 +110,7 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
             if k > begin:
                 interval = time[k] - time[k - 1]
                 push, beside = each(driven.torque, driven.drive, k - 1), beside_of(driven, k - 1)
-                steps = filter_steps(interval, r, push, damping, pace, brake)
+                steps = filter_steps(interval, r, push, damping, pace, brake, _STEP_SHARE)
                 # Most logs are sampled evenly, to rounding: what depends on the step alone is kept.
                 if abs(interval / steps - h) > SAME * h:
                     h = interval / steps
@@ -116,7 +119,7 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
                     fresh, pull = power * (1.0 - fade * fade), 0.5 * h * body.stiffness * inverse
                     _expand(h, b, inverse, 2.0 * power * b * h, series)
                 # States of effects that are faster than all this have no variance: steps of the mean alone do for them.
-                shares = max(math.ceil(h * terms.fastest / FILTER_STEP_SHARE), 1)
+                shares = max(math.ceil(h * terms.fastest / EFFECTS_STEP_SHARE), 1)
                 for _ in range(steps):
                     a = a - origin
                     # Over a step the disturbance acts by its mean.

@@ -27,14 +27,20 @@ from rovid.model.kernels.covariance import (
     take,
     transition,
 )
-from rovid.model.kernels.filter import FILTER_STEP_SHARE, SAME, filter_steps, pace_of
+from rovid.model.kernels.filter import SAME, filter_steps, pace_of
 from rovid.model.kernels.first_use import long
-from rovid.model.kernels.step import bare_step, brakes, step
+from rovid.model.kernels.step import EFFECTS_STEP_SHARE, bare_step, brakes, step
 from rovid.model.kernels.torque import ROOM, torque_at
 
-# After so many intervals of one length series in the damping are worked out for it, which takes as long as ten steps
-# without them.
+# The transition of sixth order is good to a percent of a percent with such steps.
+_STEP_SHARE = 0.6
+# After so many intervals with steps of one length series in the damping are worked out for it, which takes as long as
+# ten steps without them.
 _WORTH_A_SERIES = 32
+# So many lengths are remembered: intervals differ, and are stepped through by how fast the vehicle may turn. Of each
+# the series, behind which stand the length in s, for how many intervals it did, and what a step leaves of the
+# disturbance in the end and in the mean.
+_LENGTHS, _LENGTH, _INTERVALS, _FADE, _MEAN = 16, SERIES, SERIES + 1, SERIES + 2, SERIES + 3
 
 
 def innovations_wide(logged: Any, driven: Any, models: Any) -> tuple[FloatArray, FloatArray]:
@@ -47,7 +53,7 @@ def innovations_wide(logged: Any, driven: Any, models: Any) -> tuple[FloatArray,
     rows, count = TERM_STATES * len(models.terms.kinds), logged.row.max() + 1
     innovation, variance = np.empty((2, LANES, count))
     state, work = np.zeros((rows, LANES)), np.zeros((3, rows + ROOM, LANES))
-    matrices, series = np.zeros((4, SIZE * SIZE, LANES)), np.zeros((SERIES, LANES))
+    matrices, series = np.zeros((4, SIZE * SIZE, LANES)), np.zeros((_LENGTHS, _MEAN + 1, LANES))
     _filter(logged, driven, models, state, work, matrices, series, innovation, variance)
     return innovation, variance
 
@@ -84,7 +90,7 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
         rate_fourth, rate_fifth, fifth_rate, fifth_fourth, fifth_fifth = _ring(body, terms, inverse, state, work[0])
     pace, pull = pace_of(body, b + frequency), -body.stiffness * inverse
     slopes = inverse, rate_fourth, rate_fifth, -b, fifth_rate, fifth_fourth, fifth_fifth
-    h, fade, mean, alike_so_far = 0.0, zero, zero, 0
+    h, own, oldest = 0.0, series[0], 0
     for run in range(len(logged.begins) - 1):
         clear(state)
         begin, end = logged.begins[run], logged.begins[run + 1]
@@ -103,17 +109,24 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
             if k > begin:
                 push, beside = each(driven.torque, driven.drive, k - 1), beside_of(driven, k - 1)
                 interval = time[k] - time[k - 1]
-                steps = filter_steps(interval, r, push, damping, pace, brake)
+                steps = filter_steps(interval, r, push, damping, pace, brake, _STEP_SHARE)
                 if abs(interval / steps - h) > SAME * h:
                     h = interval / steps
-                    fade = exponential(-h * b)
-                    mean = (1.0 - fade) * tau / h
-                    alike_so_far = 0
-                    write(f, 2 * SIZE + 2, fade)
-                alike_so_far += 1
-                if alike_so_far == _WORTH_A_SERIES:
-                    _expand(pull, slopes, h, drive, kicks, f, q, series)
-                shares = max(math.ceil(h * terms.fastest / FILTER_STEP_SHARE), 1)
+                    at = _place_of(series, h)
+                    if at == _LENGTHS:
+                        at, oldest = oldest, (oldest + 1) % _LENGTHS
+                        left = exponential(-h * b)
+                        write(series[at], _LENGTH, alike(h))
+                        write(series[at], _INTERVALS, zero)
+                        write(series[at], _FADE, left)
+                        write(series[at], _MEAN, (1.0 - left) * tau / h)
+                    own = series[at]
+                    write(f, 2 * SIZE + 2, read(own, _FADE))
+                fade, mean = read(own, _FADE), read(own, _MEAN)
+                own[_INTERVALS, 0] += 1.0
+                if own[_INTERVALS, 0] == _WORTH_A_SERIES:
+                    _expand(pull, slopes, h, drive, kicks, f, q, own)
+                shares = max(math.ceil(h * terms.fastest / EFFECTS_STEP_SHARE), 1)
                 for _ in range(steps):
                     faded, swung, slope, other = d * fade, zero, zero, d * mean
                     if waves:
@@ -138,10 +151,10 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
                     d, w, v = faded, swung, slope
                     # As in the other filter, no more than the series bear.
                     held = smaller(damping, 1.0 / h)
-                    if alike_so_far < _WORTH_A_SERIES:
+                    if own[_INTERVALS, 0] < _WORTH_A_SERIES:
                         _move(pull, held, slopes, h, drive, kicks, f, q)
                     else:
-                        by_series(series, held * h, f, q)
+                        by_series(own, held * h, f, q)
                     congruence(f, p, q, room)
                 late = each(driven.moment, driven.drive, k - 1) * inverse
                 a = a + late
@@ -174,6 +187,15 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
 
 
 @lean
+def _place_of(series: Any, h: float) -> int:
+    """Which of the ``series`` is for steps of ``h`` s; behind the last where none is."""
+    at = 0
+    while at < _LENGTHS and abs(h - series[at, _LENGTH, 0]) > SAME * h:
+        at += 1
+    return at
+
+
+@lean
 def _move(pull: Any, damping: Any, slopes: Any, h: float, drive: Any, kicks: Any, f: Any, q: Any) -> None:
     """Write transition and noise of a step of ``h`` s into ``f`` and ``q``, all but what is left of the disturbance."""
     zero, swing = alike(0.0), Swing(pull, -damping, *slopes)
@@ -187,7 +209,8 @@ def _move(pull: Any, damping: Any, slopes: Any, h: float, drive: Any, kicks: Any
 @lean
 def _expand(pull: Any, slopes: Any, h: float, drive: Any, kicks: Any, f: Any, q: Any, series: Any) -> None:
     """Fill in the ``series`` in the damping of transition and noise, for steps of ``h`` s."""
-    clear(series)
+    for at in range(SERIES):
+        write(series, at, 0.0)
     for point in range(POINTS):
         _move(pull, alike(DAMPED[point] / h), slopes, h, drive, kicks, f, q)
         add_point(POWERS, point, f, q, series)
