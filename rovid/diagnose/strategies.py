@@ -32,6 +32,8 @@ _MARGIN_AHEAD = math.log(ESTABLISHED / (1.0 - ESTABLISHED) / PRIOR_ODDS)
 _THINNED, _THINNED_SECONDS = 0.05, 0.2
 # For waves so many readings do, this share of the time constant apart at most.
 _READINGS, _THINNED_WAVES = 6000, 0.1
+# Readings so many times farther apart are looked at first, whether each next reading can tell what is missing.
+_FARTHER = 4.0
 # Fewer predictions than so many tell nothing: the logs are too short beside the vehicle's time constant.
 _FEWEST_READINGS = 2.0
 # The best of so many more causes may be missing together from what predictions found; slopes promise such a share.
@@ -95,8 +97,8 @@ def by_innovations(full: Readings, candidates: Sequence[Effect], ahead: Work, re
     report("Looking at each next reading …")
     quick = replace(full, interval=interval_of(full))
     few = quick if ahead.waves is None else ahead.waves.records
-    # Where it is hopeless over few readings it is so over more, which would take long to say.
-    if few.interval > quick.interval and _is_hopeless_over(few, candidates, ahead):
+    # Where it is hopeless over few readings it is so over more, which would take long to say if there are many.
+    if few.interval > _FARTHER * quick.interval and _is_hopeless_over(few, candidates, ahead):
         return None
     base = _base_of(quick)
     begun = _begun(base, ahead)

@@ -126,7 +126,8 @@ class Work:
         close = [rival for rival in cause.rivals[:2] if rival.worth > least and not is_signal(rival.effect)]
         if not close or self.final.records is self.full:
             return cause
-        self._refine((self.final, *(rival.fitted for rival in close)))
+        # The base too, which is asked for in the end: one core would be without work.
+        self._refine((self.final, *(rival.fitted for rival in close), self.base))
         here = worth(self.refined(self.final))
         rivals = []
         for rival in cause.rivals:
