@@ -6,13 +6,15 @@ import functools
 import io
 import re
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib import style
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
@@ -198,11 +200,22 @@ def inline(figure: Figure, name: str) -> Markup:
 
 def _accept_any_name(figure: Figure) -> None:
     """A log or thruster may be called anything: what is not seen becomes an escape, in which SVG is none the worse."""
-    for text in figure.findobj(Text):
+    for text in _texts(figure):
         lines = text.get_text().split("\n")
         text.set_text("\n".join(map(visible, lines)))
     # A box stands for each sign of a script that the font lacks.
     warnings.filterwarnings("ignore", message=r"Glyph \d+")
+
+
+def _texts(artist: Artist) -> Iterator[Text]:
+    """All texts in ``artist`` but those of ticks, which are made and said anew whenever it is drawn."""
+    if isinstance(artist, Text):
+        yield artist
+    elif isinstance(artist, Axis):
+        yield artist.label
+    else:
+        for child in artist.get_children():
+            yield from _texts(child)
 
 
 def overlay(panel: Axes, time: FloatArray, measured: FloatArray, simulated: FloatArray, count: int = _POINTS) -> None:
