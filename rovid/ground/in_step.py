@@ -27,15 +27,16 @@ _MOST = 3
 _PLACE, _NONE = struct.Struct("=I"), 2**32 - 1
 
 
-def shared(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+def shared(function: Callable[[Item], Result], items: Iterable[Item], *, among_threads: bool = True) -> list[Result]:
     """``function`` of each of ``items``, shared with the copies where there are any, and among threads otherwise.
 
-    Results go from one process to another: they are numbers and arrays, and nothing that is compared by identity.
+    Results go from one process to another: they are numbers, arrays and text, and nothing that is compared by identity.
+    Where threads cannot have a part in it, it is done one after the other.
     """
     team, every = _TEAM, list(items)
-    if team is None:
-        return spread(function, every)
-    return team.share(function, every)
+    if team is not None:
+        return team.share(function, every)
+    return spread(function, every) if among_threads else [function(item) for item in every]
 
 
 @contextlib.contextmanager

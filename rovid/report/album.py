@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import base64
+import itertools
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
@@ -20,6 +21,7 @@ from rovid.diagnose.record import Finding
 from rovid.effects import Effect
 from rovid.ground.files import Output
 from rovid.ground.files.form import png_form, svg_form
+from rovid.ground.in_step import in_step, shared
 from rovid.ground.numbers import plus_minus
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation
@@ -152,29 +154,35 @@ def plots_in(folder: Path) -> list[Output]:
 
 
 def make_album(evidence: Evidence) -> Album:
-    """Draw whatever the evidence allows."""
+    """Draw whatever the evidence allows: on Linux copies of this process draw their part of it."""
+    with in_step():
+        return _album(evidence)
+
+
+def _album(evidence: Evidence) -> Album:
+    sections = {
+        "thrust": [*_thrust(evidence)],
+        "steady": [*_steady(evidence)],
+        "inertia": [*_inertia(evidence)],
+        "sines": [*_sines(evidence)],
+        "overview": [*_overview(evidence)],
+        "large": [*_large(evidence.after)],
+        "residuals": [*_residuals(evidence)],
+        "compared": [*_compared(evidence)],
+        "left_over": [*_left_over(evidence)],
+        "closed_loop": [*_closed_loop(evidence)],
+    }
+    of_rivals, of_drivers = dict(_rivals(evidence)), dict(_drivers(evidence))
+    sketches = [*itertools.chain(*sections.values()), *of_rivals.values(), *of_drivers.values()]
     guess = evidence.vehicle.guess
-
-    def drawn(sketches: Iterable[Sketch]) -> tuple[Picture, ...]:
-        return tuple(_picture(sketch, guess) for sketch in sketches)
-
-    def by_key(sketches: Iterable[tuple[str, Sketch]]) -> dict[str, Picture]:
-        return {key: _picture(sketch, guess) for key, sketch in sketches}
-
+    # Matplotlib's style is that of the process, so that threads cannot draw.
+    pictures = shared(lambda sketch: _picture(sketch, guess), sketches, among_threads=False)
+    drawn = dict(zip(sketches, pictures, strict=True))
     return Album(
         worst=_worst(evidence),
-        thrust=drawn(_thrust(evidence)),
-        steady=drawn(_steady(evidence)),
-        inertia=drawn(_inertia(evidence)),
-        sines=drawn(_sines(evidence)),
-        overview=drawn(_overview(evidence)),
-        large=drawn(_large(evidence.after)),
-        residuals=drawn(_residuals(evidence)),
-        rivals=by_key(_rivals(evidence)),
-        drivers=by_key(_drivers(evidence)),
-        compared=drawn(_compared(evidence)),
-        left_over=drawn(_left_over(evidence)),
-        closed_loop=drawn(_closed_loop(evidence)),
+        rivals={key: drawn[sketch] for key, sketch in of_rivals.items()},
+        drivers={key: drawn[sketch] for key, sketch in of_drivers.items()},
+        **{name: tuple(drawn[sketch] for sketch in every) for name, every in sections.items()},
     )
 
 

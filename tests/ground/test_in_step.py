@@ -55,6 +55,13 @@ def test_shared_within_shared_stays_where_it_is() -> None:
     assert all(len(set(processes)) == 1 for processes in told)
 
 
+def test_what_threads_cannot_do_is_done_one_after_the_other() -> None:
+    told = shared(lambda _: (_slowly(os.getpid()), threading.get_ident()), range(6), among_threads=False)
+    assert set(told) == {(os.getpid(), threading.get_ident())}
+    with in_step():
+        assert len(set(shared(lambda _: _slowly(os.getpid()), range(30), among_threads=False))) == 3
+
+
 def test_only_the_first_process_goes_on(tmp_path: Path) -> None:
     with in_step() as is_first:
         (tmp_path / f"{os.getpid()} {is_first}").touch()

@@ -13,6 +13,7 @@ import pytest
 
 from rovid import __version__
 from rovid.campaign.trial import Campaign
+from rovid.ground import copies, in_step
 from rovid.ground.errors import OutputError
 from rovid.ground.numbers import plus_minus
 from rovid.parameters.parameters import Entry, Parameters, source_of
@@ -258,6 +259,17 @@ def test_without_holds_the_refusal_stands_in_place_of_the_drag(day: Evidence, tm
     assert not made.steady
     assert not made.overview
     assert not made.residuals
+
+
+def test_copies_draw_the_same_plots(day: Evidence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    few = replace(day, inertia=None, simulations=day.simulations[:3])
+    plots = []
+    for cores in (1, 2):
+        for module in (in_step, copies):
+            monkeypatch.setattr(module, "cores", lambda: cores)  # noqa: B023 - asked within the turn
+        plots.append(make_album(few).files(tmp_path))
+    assert len(plots[0]) >= 10
+    assert plots[0] == plots[1]
 
 
 def test_without_sines_the_regression_stands_alone(tmp_path: Path) -> None:
