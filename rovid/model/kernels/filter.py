@@ -15,7 +15,7 @@ from rovid.ground.straight import straight
 from rovid.model.equation import Equation
 from rovid.model.kernels.batch import beside_of, body_of, clear, each, put
 from rovid.model.kernels.first_use import long
-from rovid.model.kernels.step import EFFECTS_STEP_SHARE, MAX_GAP_SUBSTEPS, bare_step, brakes, damping_of, step
+from rovid.model.kernels.step import MAX_GAP_SUBSTEPS, bare_step, brakes, damping_of, shares_of, step
 from rovid.model.kernels.torque import ROOM
 
 # The covariance is stepped by a transition of fourth order: good to a percent of a percent with such steps.
@@ -119,7 +119,7 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
                     fresh, pull = power * (1.0 - fade * fade), 0.5 * h * body.stiffness * inverse
                     _expand(h, b, inverse, 2.0 * power * b * h, series)
                 # States of effects that are faster than all this have no variance: steps of the mean alone do for them.
-                shares = max(math.ceil(h * terms.fastest / EFFECTS_STEP_SHARE), 1)
+                shares = shares_of(h, terms)
                 for _ in range(steps):
                     a = a - origin
                     # Over a step the disturbance acts by its mean.

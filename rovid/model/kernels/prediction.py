@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -16,12 +15,12 @@ from rovid.model.equation import Equation
 from rovid.model.kernels.batch import clear, in_lanes
 from rovid.model.kernels.first_use import long
 from rovid.model.kernels.step import (
-    EFFECTS_STEP_SHARE,
     REACH,
     bare_step,
     brakes,
     copy,
     move,
+    shares_of,
     step,
     wanted_steps,
     whole_steps,
@@ -175,7 +174,7 @@ def _follow(runs: Any, measured: Any, equation: Any, at: Any, room: Any, torque:
             period, origin = with_lane(period, i, periods[own]), with_lane(origin, i, starts[own])
             longest = max(longest, begins[own + 1] - begins[own])
         abreast = Equation(whole, terms, origin)
-        steps = max(math.ceil(largest(period) * terms.fastest / EFFECTS_STEP_SHARE), 1)
+        steps = shares_of(largest(period), terms)
         h, rows = period / steps, TERM_STATES * terms.remembering
         clear(state)
         for k in range(longest):

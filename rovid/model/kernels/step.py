@@ -5,6 +5,7 @@ Nothing here is changed in place but states: lanes may be held by others too.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from rovid.effects.base import TERM_STATES
@@ -143,6 +144,13 @@ def move(stage: int, rows: int, state: Any, change: Any, h: Any, there: Any, mov
             write(there, j, read(state, j) + REACH[stage] * h * change_here)
         else:
             write(state, j, after)
+
+
+@inlined
+def shares_of(h: float, terms: Any) -> int:
+    """How many shares of ``h`` s the states of effects are moved by, one after the other."""
+    fastest: float = terms.fastest
+    return max(math.ceil(h * fastest / EFFECTS_STEP_SHARE), 1)
 
 
 @inlined

@@ -29,7 +29,7 @@ from rovid.model.kernels.covariance import (
 )
 from rovid.model.kernels.filter import SAME, filter_steps, pace_of
 from rovid.model.kernels.first_use import long
-from rovid.model.kernels.step import EFFECTS_STEP_SHARE, bare_step, brakes, step
+from rovid.model.kernels.step import bare_step, brakes, shares_of, step
 from rovid.model.kernels.torque import ROOM, torque_at
 
 # The transition of sixth order is good to a percent of a percent with such steps.
@@ -115,18 +115,14 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
                     at = _place_of(series, h)
                     if at == _LENGTHS:
                         at, oldest = oldest, (oldest + 1) % _LENGTHS
-                        left = exponential(-h * b)
-                        write(series[at], _LENGTH, alike(h))
-                        write(series[at], _INTERVALS, zero)
-                        write(series[at], _FADE, left)
-                        write(series[at], _MEAN, (1.0 - left) * tau / h)
+                        _begin(series[at], h, tau)
                     own = series[at]
                     write(f, 2 * SIZE + 2, read(own, _FADE))
                 fade, mean = read(own, _FADE), read(own, _MEAN)
                 own[_INTERVALS, 0] += 1.0
                 if own[_INTERVALS, 0] == _WORTH_A_SERIES:
                     _expand(pull, slopes, h, drive, kicks, f, q, own)
-                shares = max(math.ceil(h * terms.fastest / EFFECTS_STEP_SHARE), 1)
+                shares = shares_of(h, terms)
                 for _ in range(steps):
                     faded, swung, slope, other = d * fade, zero, zero, d * mean
                     if waves:
@@ -193,6 +189,16 @@ def _place_of(series: Any, h: float) -> int:
     while at < _LENGTHS and abs(h - series[at, _LENGTH, 0]) > SAME * h:
         at += 1
     return at
+
+
+@inlined
+def _begin(own: Any, h: float, tau: Any) -> None:
+    """Forget what ``own`` was for: it is for steps of ``h`` s, beside a disturbance with a memory of ``tau`` s."""
+    fade = exponential(-h / tau)
+    write(own, _LENGTH, alike(h))
+    write(own, _INTERVALS, alike(0.0))
+    write(own, _FADE, fade)
+    write(own, _MEAN, (1.0 - fade) * tau / h)
 
 
 @lean
