@@ -5,7 +5,7 @@ Everything is given at the start, the middle and the end of each step of the int
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numba
@@ -191,11 +191,11 @@ def drag_factor(steps: Steps, signals: Mapping[str, Signal], hidden: Mapping[str
 def outer_torque(
     steps: Steps,
     signals: Mapping[str, Signal],
-    pitch: FloatArray,
+    pitch: Callable[[FloatArray], FloatArray],
     hidden: Mapping[str, Hidden],
     rng: np.random.Generator,
 ) -> FloatArray:
-    """(3, steps) torque in N m that neither thrusters nor motion set; ``pitch`` in rad, less its mean."""
+    """(3, steps) torque in N m that neither thrusters nor motion set; ``pitch`` in rad at (n,) s, less its mean."""
     total = np.zeros((3, len(steps.length)))
     if bias := hidden.get("bias_torque"):
         total = total + _bias(steps, bias, rng)
@@ -231,7 +231,9 @@ def _wave(steps: Steps, hidden: Hidden, rng: np.random.Generator) -> FloatArray:
     return np.asarray(amplitude * total / np.sqrt(len(frequency)))
 
 
-def _outside(steps: Steps, signals: Mapping[str, Signal], pitch: FloatArray, hidden: Hidden) -> FloatArray:
+def _outside(
+    steps: Steps, signals: Mapping[str, Signal], pitch: Callable[[FloatArray], FloatArray], hidden: Hidden
+) -> FloatArray:
     if hidden.form == "manipulator":
         return hidden.parameters["torque"] * np.radians(steps.at_stages(signals["manipulator_angle"]))
     if hidden.form == "tension":
@@ -239,5 +241,5 @@ def _outside(steps: Steps, signals: Mapping[str, Signal], pitch: FloatArray, hid
     if hidden.form == "surge":
         return hidden.parameters["torque"] * steps.at_stages(signals["surge_speed"])
     if hidden.form == "pitch":
-        return hidden.parameters["torque"] * pitch
+        return hidden.parameters["torque"] * np.stack([pitch(time) for time in steps.time])
     return np.zeros((3, len(steps.length)))

@@ -112,8 +112,7 @@ def simulate(
     signals = courses(truth, float(time[-1]), drawn)
     thrust = static_thrust(truth, acted, steps, hidden) * thrust_factor(truth, steps, signals, hidden)[..., np.newaxis]
     thrust = moving_thrust(thrust, steps, signals, hidden)
-    leaning = np.stack([pitch.angle(at) - pitch.mean for at in steps.time])
-    outer = outer_torque(steps, signals, leaning, hidden, waves)
+    outer = outer_torque(steps, signals, lambda at: pitch.angle(at) - pitch.mean, hidden, waves)
     scale, drift = _euler_terms(roll, pitch, steps.knots)
     states = integrate(
         np.diff(steps.knots / MICRO),
@@ -141,8 +140,9 @@ def simulate(
 def _knots(sample: IntArray, instants: Sequence[IntArray], substep: int) -> IntArray:
     """Ends of the steps in us: every ``substep``, every sample and each of ``instants``, through the last sample."""
     regular = np.arange(0, sample[-1] + 1, substep, dtype=np.int64)
-    knots = np.unique(np.concatenate([regular, sample, *instants]))
-    return np.asarray(knots[(knots >= 0) & (knots <= sample[-1])])
+    # Stable sorting takes each of these for the sorted stretch that it is.
+    knots = np.sort(np.concatenate([regular, sample, *instants]), kind="stable")
+    return np.asarray(knots[(knots >= 0) & (knots <= sample[-1]) & (np.diff(knots, prepend=-1) > 0)])
 
 
 def disturbance_torque(disturbance: Disturbance, knots: IntArray, rng: np.random.Generator) -> FloatArray:

@@ -16,6 +16,7 @@ from tools.hidden import Hidden
 from tools.truth import Dynamics, FloatArray, Truth
 
 _compiled = numba.njit(cache=True)
+_inlined = numba.njit(cache=True, forceinline=True)
 
 # Places in the state; those of the thrusters' lags follow.
 HEADING, RATE, LOAD, SWEPT, MEMORY, SWIRL, MODE, MODE_RATE, LAGS = range(9)
@@ -221,7 +222,7 @@ def _annulus(dynamics: Dynamics, p: _Values) -> Fields:
     return {"swirl_form": 2.0, "swirl_inertia": inertia, "swirl_friction": friction}
 
 
-@_compiled
+@_inlined
 def _drag(rate: float, swept: float, w: Water) -> float:
     """Torque in N m of the water on a hull that turns through it at ``rate`` in rad/s."""
     square = w.quadratic
@@ -238,7 +239,7 @@ def _drag(rate: float, swept: float, w: Water) -> float:
     return (square * abs(rate) + line) * rate + w.cubic * rate**3
 
 
-@_compiled
+@_inlined
 def _moving_thrust(thrust: float, arm: float, rate: float, w: Water) -> float:
     """Thrust in N of a thruster that the turning vehicle carries through the water."""
     if w.advance_form == 0.0 or thrust == 0.0:
@@ -251,7 +252,7 @@ def _moving_thrust(thrust: float, arm: float, rate: float, w: Water) -> float:
     return thrust * (_KT[0] + j * (_KT[1] + j * (_KT[2] + j * _KT[3]))) / _KT[0]
 
 
-@_compiled
+@_inlined
 def _holding(heading: float, rate: float, start: float, w: Water) -> float:
     """Torque in N m that depends on where the vehicle points and which way it moves, and the constant one."""
     turned = heading - start
@@ -273,7 +274,7 @@ def _holding(heading: float, rate: float, start: float, w: Water) -> float:
     return torque
 
 
-@_compiled
+@_inlined
 def _thrusters(y: FloatArray, out: FloatArray, commanded: FloatArray, arms: FloatArray, w: Water) -> float:
     """Torque in N m of the thrusters; writes the slopes of load and lags into ``out``."""
     load = 0.0
@@ -298,7 +299,7 @@ def _thrusters(y: FloatArray, out: FloatArray, commanded: FloatArray, arms: Floa
     return torque
 
 
-@_compiled
+@_inlined
 def _memory(rate: float, state: float, w: Water) -> tuple[float, float]:
     """Torque in N m of water that remembers, and the slope of its state."""
     if w.memory_form == 1.0:
@@ -313,7 +314,7 @@ def _memory(rate: float, state: float, w: Water) -> tuple[float, float]:
     return 0.0, 0.0
 
 
-@_compiled
+@_inlined
 def _slope(
     y: FloatArray,
     out: FloatArray,
@@ -351,6 +352,13 @@ def _slope(
         out[MODE_RATE] = drive - own
 
 
+@_inlined
+def _along(y: FloatArray, length: float, slope: FloatArray, out: FloatArray) -> None:
+    """The state so far along ``slope`` from ``y`` into ``out``."""
+    for i in range(len(y)):
+        out[i] = y[i] + length * slope[i]
+
+
 @_compiled
 def integrate(
     length: FloatArray,
@@ -371,17 +379,20 @@ def integrate(
     """
     states = np.zeros((len(length) + 1, LAGS + len(arms)))
     states[0, HEADING] = heading
-    k1, k2, k3, k4 = np.zeros((4, states.shape[1]))
+    k1, k2, k3, k4, between = np.zeros((5, states.shape[1]))
     for k in range(len(length)):
         h = length[k]
-        y = states[k]
+        y, after = states[k], states[k + 1]
         u, o, f, d = commanded[:, k], outer[:, k], drag_factor[:, k], damping[:, k]
         _slope(y, k1, u[0], arms, o[0], f[0], d[0], scale[k], drift[k], heading, w)
-        _slope(y + 0.5 * h * k1, k2, u[1], arms, o[1], f[1], d[1], scale[k], drift[k], heading, w)
-        _slope(y + 0.5 * h * k2, k3, u[1], arms, o[1], f[1], d[1], scale[k], drift[k], heading, w)
-        _slope(y + h * k3, k4, u[2], arms, o[2], f[2], d[2], scale[k], drift[k], heading, w)
-        after = states[k + 1]
-        after[:] = y + h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+        _along(y, 0.5 * h, k1, between)
+        _slope(between, k2, u[1], arms, o[1], f[1], d[1], scale[k], drift[k], heading, w)
+        _along(y, 0.5 * h, k2, between)
+        _slope(between, k3, u[1], arms, o[1], f[1], d[1], scale[k], drift[k], heading, w)
+        _along(y, h, k3, between)
+        _slope(between, k4, u[2], arms, o[2], f[2], d[2], scale[k], drift[k], heading, w)
+        for i in range(len(y)):
+            after[i] = y[i] + h * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]) / 6.0
         if y[RATE] * after[RATE] < 0.0:
             # Reversed inside the step: what has been swept since is the part of it after the zero.
             after[SWEPT] = 0.5 * after[RATE] ** 2 / abs(after[RATE] - y[RATE]) * h
