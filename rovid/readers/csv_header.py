@@ -7,6 +7,7 @@ import csv
 import re
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import IO
 
@@ -139,16 +140,16 @@ def read_layout(path: Path, wanted: Collection[str]) -> Layout:
         raise LogError(f"{what}.", where=path, mend="Delete it.")
     encoding = _encoding(path, head)
     text = _decode(head, encoding)
-    lines = list(_lines(text))
-    at = _header_line(lines, wanted, path)
+    lines = _beginning(text)
+    at = _header_line([line for line, _ in lines], wanted, path)
     line, end = lines[at]
     delimiter = max(_DELIMITERS, key=lambda sign: _score(_split(line, sign), wanted))
     if _is_comment(line):
         line = line.lstrip("#")
-    before = [text for text, _ in lines[:at] if text]
+    before = [line for line, _ in lines[:at] if line]
     # Of a longer file the last line of its head may be cut.
-    last = None if len(head) < _HEAD else -1
-    sample = [text for text, _ in lines[at + 1 : last]][:_SAMPLE_ROWS]
+    whole = lines if len(head) < _HEAD or lines[-1][1] < len(text) else lines[:-1]
+    sample = [line for line, _ in whole[at + 1 :]][:_SAMPLE_ROWS]
     rows = [tuple(_cells(text, delimiter)) for text in sample if text.strip()]
     return Layout(
         path=path,
@@ -199,6 +200,17 @@ def _binary(path: Path, what: str) -> LogError:
     )
 
 
+def _beginning(text: str) -> list[tuple[str, int]]:
+    """(line, where its end-of-line ends) up to the first that is no comment, and the rows after it."""
+    lines = _lines(text)
+    found = list[tuple[str, int]]()
+    for line in lines:
+        found.append(line)
+        if _is_plain(line[0]):
+            break
+    return [*found, *islice(lines, _SAMPLE_ROWS)]
+
+
 def _lines(text: str) -> Iterator[tuple[str, int]]:
     """(line, where its end-of-line ends) of each line; the last may be cut."""
     start = 0
@@ -209,23 +221,25 @@ def _lines(text: str) -> Iterator[tuple[str, int]]:
         yield text[start:], len(text)
 
 
-def _header_line(lines: list[tuple[str, int]], wanted: Collection[str], path: Path) -> int:
+def _header_line(lines: list[str], wanted: Collection[str], path: Path) -> int:
     """Index of the first line that is no comment, or of a comment just before it that names columns."""
-    texts = [line for line, _ in lines]
-    plain = [at for at, text in enumerate(texts) if text.strip() and not _is_comment(text)]
-    number = plain[0] if plain else None
-    least = 0 if number is None else _hits(texts[number], wanted)
-    before = [at for at, text in enumerate(texts[:number]) if text]
-    if before and _is_comment(texts[before[-1]]):
-        inside = texts[before[-1]].lstrip().lstrip("#")
+    number = next((at for at, line in enumerate(lines) if _is_plain(line)), None)
+    least = 0 if number is None else _hits(lines[number], wanted)
+    before = [at for at, line in enumerate(lines[:number]) if line]
+    if before and _is_comment(lines[before[-1]]):
+        inside = lines[before[-1]].lstrip().lstrip("#")
         if _hits(inside, wanted) > least:
             number = before[-1]
     if number is None:
         raise LogError("has no header row, only comments.", where=path)
-    match = _NOT_TEXT.search(texts[number])
+    match = _NOT_TEXT.search(lines[number])
     if match:
         raise _binary(path, f"the control character {match[0]!r}")
     return number
+
+
+def _is_plain(line: str) -> bool:
+    return bool(line.strip()) and not _is_comment(line)
 
 
 def _is_comment(line: str) -> bool:
