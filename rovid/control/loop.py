@@ -225,7 +225,8 @@ def _latest(plant: Plant, where: Actuation, commands: Sequence[FloatArray], firs
     """What the ``commands`` of each loop from the tick ``first`` to ``last`` make."""
     model, vehicle, count = plant.model, plant.vehicle, len(commands)
     if model.drivetrain.is_plain:
-        return [Drive.held(vehicle.thrust(given[last - 1 : last + 1]) @ where.arms) for given in commands]
+        given = np.concatenate([each[last - 1 : last + 1] for each in commands])
+        return [Drive.held(torque) for torque in np.split(vehicle.thrust(given) @ where.arms, count)]
     trials, intervals = _side_by_side(float(where.time[where.parts]), where.parts, last - first, count)
     time = np.tile(where.time[first * where.parts : last * where.parts + 1], count)
     given = np.concatenate([each[first : last + 1] for each in commands])

@@ -58,14 +58,15 @@ class RovidVehicle:
         # Yaw arm in m, command of no thrust, commands, thrusts in N of each thruster.
         self.thrusters = [
 {tables}        ]
-        self.arms = [arm for arm, *_ in self.thrusters]
+        self.arms = np.array([arm for arm, *_ in self.thrusters])
+        self.curves = [np.array(curve) for _, _, *curve in self.thrusters]
         self.controls = {names!r}
         self.dimU = len(self.controls)
         self.nu = np.zeros(6)
         self.u_actual = np.array({start!r}, float)  # {acting} of each thruster, as it acts
 
     def thrusts(self, commands):
-        return np.array([np.interp(u, *table) for u, (_, _, *table) in zip(commands, self.thrusters)])
+        return np.array([np.interp(u, *curve) for u, curve in zip(commands, self.curves)])
 
     def torque(self, commands):
         return float(np.dot(self.arms, self.thrusts(commands)))
