@@ -8,9 +8,10 @@ import json
 import os
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -79,6 +80,30 @@ def run_rovid(*arguments: object) -> Done:
     finally:
         sys.argv = argv
     return Done(code=code, out=out.getvalue(), err=err.getvalue())
+
+
+@contextlib.contextmanager
+def blank_plots() -> Iterator[None]:
+    """Reports in which every plot is made up but a blank is drawn: for tests of what else a page says and writes."""
+    from matplotlib.figure import Figure
+
+    from rovid.report import album
+    from rovid.report.plots import canvas
+
+    figure = Figure(figsize=(0.5, 0.5))
+    as_png, as_svg = canvas.png(figure), canvas.svg(figure)
+    blanks = {"png": lambda _: as_png, "svg": lambda _: as_svg}
+    with pytest.MonkeyPatch.context() as patch:
+        # In the album alone: what is imported meanwhile would keep blanks for good.
+        patch.setattr(album, "canvas", SimpleNamespace(**vars(canvas) | blanks))
+        yield
+
+
+@pytest.fixture
+def blank() -> Iterator[None]:
+    """Plots of reports are blank; see `blank_plots`."""
+    with blank_plots():
+        yield
 
 
 # Runs of the sample day that are enough to fit all of the plain model, in a quarter of the time.

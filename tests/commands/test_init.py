@@ -29,6 +29,7 @@ def toml_of(folder: Path) -> dict[str, Any]:
     return tomllib.loads((folder / "rovid.toml").read_text())
 
 
+@pytest.mark.usefixtures("blank")
 def test_three_commands_lead_from_logs_to_a_page(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
     folder = logs_of(csv_day, tmp_path / "day")
     document = rovid("init", folder, "--json").document

@@ -28,6 +28,7 @@ def test_a_folder_moved_with_its_parameter_file_still_works(day: Path, rovid: Ro
     assert rovid("fit-inertia", "-p", "there/p.toml").code == 0
 
 
+@pytest.mark.usefixtures("blank")
 def test_options_are_remembered_and_asked_for_anew(day: Path, rovid: Rovid, tmp_path: Path) -> None:
     quick = ("--no-diagnosis", "--no-control", "--no-export")
     assert rovid("fit-drag", day).code == 0
@@ -46,6 +47,7 @@ def test_options_are_remembered_and_asked_for_anew(day: Path, rovid: Rovid, tmp_
     assert {entry.options for entry in entries.values()} == {"--cutoff=0.5"}
 
 
+@pytest.mark.usefixtures("blank")
 def test_a_report_on_other_logs_is_of_those(day: Path, rovid: Rovid, tmp_path: Path) -> None:
     quick = ("--no-diagnosis", "--no-control", "--no-export")
     more = shutil.copytree(day, tmp_path / "more")
@@ -67,6 +69,7 @@ def test_a_report_on_other_logs_is_of_those(day: Path, rovid: Rovid, tmp_path: P
     assert len(now.sources) == 3
 
 
+@pytest.mark.usefixtures("blank")
 def test_a_model_that_was_fitted_as_a_whole_is_fitted_so_again(day: Path, rovid: Rovid, tmp_path: Path) -> None:
     folder = shutil.copytree(day, tmp_path / "day")
     assert rovid("fit", folder, "--effect", "bias_torque").code == 0

@@ -169,6 +169,7 @@ def test_too_little_data_is_one_sentence(day: Evidence) -> None:
     assert "Next Holds of several levels" in shown
 
 
+@pytest.mark.usefixtures("blank")
 def test_tables_alone_make_a_page_that_says_why_there_is_no_diagnosis(rovid: Rovid) -> None:
     assert rovid("report", SAMPLES / "rosub_paper").code == 0
     page = Path("report/index.html").read_text()

@@ -106,7 +106,7 @@ def test_every_command_is_looked_at() -> None:
 
 
 @pytest.mark.parametrize("commands", [OF_A_DAY, OF_OTHERS], ids=["of a day", "of others"])
-@pytest.mark.usefixtures("folder")
+@pytest.mark.usefixtures("folder", "blank")
 def test_output_fits_and_numbers_are_whole(
     commands: tuple[str, ...], rovid: Rovid, slow: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -146,6 +146,7 @@ def test_what_another_wrote_during_a_fit_is_kept(day: Path, tmp_path: Path, monk
     assert "inertia" in read_parameters(path).entries
 
 
+@pytest.mark.usefixtures("blank")
 def test_a_report_takes_its_stale_plots_away_and_leaves_the_rest(day: Path, tmp_path: Path) -> None:
     folder = tmp_path / "report"
     parameters = tmp_path / "parameters.toml"

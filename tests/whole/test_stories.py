@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from rovid.parameters.reading import read_parameters
-from tests.conftest import Done, Rovid, run_rovid
+from tests.conftest import Done, Rovid, blank_plots, run_rovid
 from tools.hidden import Hidden
 from tools.programme import CAMPAIGN
 from tools.trial_day import write_trial_day
@@ -162,7 +162,7 @@ def put_right(placeholder: Played, tmp_path_factory: pytest.TempPathFactory) -> 
     config = folder / "day" / "rovid.toml"
     config.write_text(config.read_text().replace("yaw_arm = 1.0", "yaw_arm = 0.43"))
     done = {}
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, blank_plots():
         patch.chdir(folder)
         for command in (("simulate",), ("control",), ("export", "json"), ("report",), ("control", "--json")):
             done[" ".join(command)] = run_rovid(*command)
@@ -222,7 +222,7 @@ def lagged(tmp_path_factory: pytest.TempPathFactory) -> Played:
     truth = replace(ROSUB, hidden=(LAG, WEAK))
     write_trial_day(folder / "day", seed=5, formats="csv", truth=truth, campaign=SHORT)
     done = {}
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, blank_plots():
         patch.chdir(folder)
         done["fit-drag"] = run_rovid("fit-drag", "day")
         for command in ("fit-inertia", "simulate", "diagnose", "report"):
