@@ -31,8 +31,9 @@ def test_too_little_data_says_what_is_missing_and_what_to_run(tables: Study) -> 
 
 
 def test_what_tables_say_by_themselves_is_a_part_of_its_own(tables: Study) -> None:
-    amplitudes = tables.amplitudes()
-    document = diagnosis_document(tables.diagnosis(), tables)
+    diagnosis = tables.diagnosis()
+    document, amplitudes = diagnosis_document(diagnosis, tables), diagnosis.amplitudes
+    assert amplitudes is not None
     assert len(document["tables"]["predictions"]) == len(amplitudes.predictions)
     assert document["tables"]["plain_model_explains"] is amplitudes.plain.explains
     named = [cause["effect"] for cause in document["tables"]["would_explain"]]
