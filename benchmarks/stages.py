@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import inspect
 import secrets
 import tempfile
 import threading
@@ -36,7 +37,7 @@ STAGES = {
     "rovid.diagnose.diagnosis.by_horizons": "search by predictions ahead",
     "rovid.diagnose.work.Work.settle": "settling",  # with waves, and without what each next reading shows less of
     "rovid.diagnose.strategies.look_for_waves": "waves",
-    "rovid.diagnose.diagnosis.by_innovations": "search by next reading",
+    "rovid.diagnose.strategies.ByInnovations.search": "search by next reading",
     "rovid.diagnose.search.screen": SCREENING,
     "rovid.diagnose.strategies.screen": SCREENING,
     "rovid.diagnose.search.shortlist": "shortlist",
@@ -109,7 +110,16 @@ class Profile:
             with self.entered(name):
                 return function(*arguments, **options)
 
-        return wrapped
+        def step_by_step(*arguments: Any, **options: Any) -> Iterator[Any]:
+            steps = function(*arguments, **options)
+            while True:
+                with self.entered(name):
+                    step = next(steps, None)
+                if step is None:
+                    return
+                yield step
+
+        return step_by_step if inspect.isgeneratorfunction(function) else wrapped
 
     def counted(self, function: Function, count: Callable[..., int]) -> Function:
         """``function``, which is as many passes as ``count`` says of what it is asked."""

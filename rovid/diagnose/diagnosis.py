@@ -13,7 +13,7 @@ from rovid.diagnose.parts import parts_of, pieces_of
 from rovid.diagnose.record import Diagnosis
 from rovid.diagnose.search import Report
 from rovid.diagnose.signals import signal_causes
-from rovid.diagnose.strategies import by_horizons, by_innovations, wave_search
+from rovid.diagnose.strategies import ByInnovations, by_horizons, wave_search
 from rovid.diagnose.work import Work
 from rovid.effects import forms_for
 from rovid.ground.errors import DataError
@@ -81,12 +81,14 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
         cut = [piece.run for piece in pieces]
         candidates = (*forms, *signal_causes((*prepared.items, *runs, *cut)))
         whole = Readings(prepared.items, vehicle, start)
-        ahead = by_horizons(whole, pieces, candidates, report)
-        ahead.look_for_waves = wave_search(whole, forms, pieces)
-        ahead.settle()
-        near = by_innovations(replace(whole, runs=runs), candidates, ahead, report)
-        report("Testing what was found on trials that were not fitted …")
-        return _told(ahead, near, notes)
+        near = ByInnovations(replace(whole, runs=runs), candidates, report)
+        waves = wave_search(whole, forms, pieces)
+        for ahead in by_horizons(whole, pieces, candidates, report, near.explains):
+            ahead.look_for_waves = waves
+            found = _by_next_readings(near, ahead, report)
+            if found is not None:
+                return _told(*found, notes)
+        return _told(ahead, ahead.decided(), notes)
 
 
 def _is_shared_by_copies(runs: Sequence[Run]) -> bool:
@@ -100,14 +102,20 @@ def _unsaid(_: str) -> None:
     """As the first process says it."""
 
 
-def _told(ahead: Work, near: Work | None, notes: list[str]) -> Diagnosis:
-    """What holds of what was found by predictions, or where that explains all, by each next reading."""
-    work = ahead if near is None else near
+def _by_next_readings(near: ByInnovations, ahead: Work, report: Report) -> tuple[Work, list[str]] | None:
+    """What holds of what was found from ``ahead`` on, and what is said of the rest; None if it does not explain all."""
+    ahead.settle()
+    work = near.search(ahead)
+    report("Testing what was found on trials that were not fitted …")
+    if work is None:
+        return None
     refused = work.decided()
-    if not work.by_horizons and not work.explains:
-        # What made it explain all is refused: then predictions tell.
-        work = ahead
-        refused = work.decided()
+    # What made it explain all may be refused: then predictions tell.
+    return (work, refused) if work.explains else None
+
+
+def _told(work: Work, refused: list[str], notes: list[str]) -> Diagnosis:
+    """What is said of ``work``, with what was ``refused`` in it."""
     warnings = [*_said(work, notes), *refused]
     try:
         return concluded(work, [work.cause(effect) for effect in work.final.effects], warnings)

@@ -48,6 +48,8 @@ class Search:
         Every form that may be tried.
     report
         Called with a line of text as the search goes on.
+    enough
+        Whether a model explains so much that the search may end.
     hopeless
         Whether no causes more, by what each of them gains, the most first, can explain what a model misses: then the
         search is given up. None goes on in any case.
@@ -61,18 +63,20 @@ class Search:
         Key of a model -> what each further form promised there.
     cut_short
         Whether so many models were looked at that the search ended before it was done.
-    given_up
-        Whether it ended because it was hopeless.
+    has_enough, given_up
+        Whether it ended because that was enough, or because it was hopeless.
     """
 
     candidates: Sequence[Effect]
     report: Report = field(default=lambda _: None)
+    enough: Callable[[Fitted], bool] | None = None
     hopeless: Callable[[Fitted, Callable[[], Sequence[float]]], bool] | None = None
     thorough: Callable[[Fitted], bool] = field(default=lambda _: False)
     margin: float = MARGIN
     least: float = _NEGLIGIBLE
     promises: dict[Key, list[Promise]] = field(default_factory=dict)
     cut_short: bool = False
+    has_enough: bool = False
     given_up: bool = False
     _barred: set[str] = field(default_factory=set)
     _left: set[Key] = field(default_factory=set)
@@ -83,7 +87,7 @@ class Search:
     def _ends(self) -> bool:
         """Whether to look at no more models."""
         self.cut_short = self.cut_short or len(self._extensions) >= _MOST_LOOKS
-        return self.cut_short or self.given_up
+        return self.cut_short or self.has_enough or self.given_up
 
     @property
     def threshold(self) -> float:
@@ -129,12 +133,12 @@ class Search:
 
     def run(self, base: Fitted) -> Fitted:
         """Exchange what another explains better, add what pays and drop what no longer does, until nothing changes."""
-        self._fits[base.key] = base
+        self._fits[base.key], self.has_enough = base, False
         current = self._pruned(base)
         for _ in range(_MAX_EFFECTS):
-            self._may_give_up(current)
+            self._may_end(current)
             changed = self._grown(self._exchanged(current))
-            if changed is current or self.given_up:
+            if changed is current or self.has_enough or self.given_up:
                 return changed
             current = changed
         self.cut_short = True
@@ -153,12 +157,14 @@ class Search:
                 # What was dropped for it was worth more: adding and dropping would go round in a circle.
                 break
             current = self._opened(added)
-            self._may_give_up(current)
+            self._may_end(current)
             if current is not added:
                 break
         return current
 
-    def _may_give_up(self, current: Fitted) -> None:
+    def _may_end(self, current: Fitted) -> None:
+        if self.enough is not None:
+            self.has_enough = self.has_enough or self.enough(current)
         if self.hopeless is not None and not self.given_up:
             self.given_up = self.hopeless(current, lambda: self._gains(current))
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -22,8 +23,8 @@ from rovid.identify.fitted import Fitted, climbed
 from rovid.identify.free_run import free_run_r2
 from rovid.identify.horizon_misfit import HorizonMisfit
 from rovid.identify.horizons import HorizonRecords, time_constant
-from rovid.identify.likelihood import TRUSTED_R2, fit_base, loosened
-from rovid.identify.misfit import UNLIMITED
+from rovid.identify.likelihood import LIMITS, TRUSTED_R2, fit_base, loosened
+from rovid.identify.misfit import UNLIMITED, Key, Misfit
 from rovid.identify.readings import Readings
 
 # By predictions an addition has to gain so much log-likelihood: with the number of causes tried it is then established.
@@ -36,6 +37,8 @@ _READINGS, _THINNED_WAVES = 6000, 0.1
 _FARTHER = 4.0
 # Fewer predictions than so many tell nothing: the logs are too short beside the vehicle's time constant.
 _FEWEST_READINGS = 2.0
+# A model that explains all takes so few steps from what predictions found.
+_NEAR_BY = 8
 # The best of so many more causes may be missing together from what predictions found; slopes promise such a share.
 _TOGETHER, _SHARE = 3, 0.25
 # A search after which no more predictions count than so many times those before is the last.
@@ -44,8 +47,14 @@ _MORE = 1.2
 _COUNTED = 6
 
 
-def by_horizons(full: Readings, pieces: Sequence[Piece], candidates: Sequence[Effect], report: Report) -> Work:
-    """Search by predictions some time ahead.
+def by_horizons(
+    full: Readings,
+    pieces: Sequence[Piece],
+    candidates: Sequence[Effect],
+    report: Report,
+    is_enough: Callable[[Fitted], bool],
+) -> Iterator[Work]:
+    """Search by predictions some time ahead: what was found once that ``is_enough``, and whoever asks on, all of it.
 
     What is missing makes errors correlate for long, so that little counts. With the right cause they do so for less:
     the correlation is that which the best next cause would leave, whether that is claimed in the end or not.
@@ -53,15 +62,22 @@ def by_horizons(full: Readings, pieces: Sequence[Piece], candidates: Sequence[Ef
     records = HorizonRecords.of(full, full.start)
     base = final = _ahead((), records, HorizonMisfit(records).coordinates.first())
     if records.readings < _FEWEST_READINGS:
-        return Work(Search([], report), records, base, base, pieces, by_horizons=True)
+        yield Work(Search([], report), records, base, base, pieces, by_horizons=True)
+        return
     # No phase of a wave is known to a prediction.
     listed = _but_waves(candidates)
+    enough: Callable[[Fitted], bool] | None = is_enough
     while True:
-        search = Search(listed, report, thorough=_is_far_off, margin=_MARGIN_AHEAD, least=0.0)
+        search = Search(listed, report, enough=enough, thorough=_is_far_off, margin=_MARGIN_AHEAD, least=0.0)
         final = search.run(final)
+        if search.has_enough:
+            yield Work(search, records, base, final, pieces, by_horizons=True)
+            search.enough = enough = None
+            final = search.run(final)
         closer = _counting(records, final, search)
         if closer.readings < _MORE * records.readings:
-            return Work(search, records, base, final, pieces, by_horizons=True)
+            yield Work(search, records, base, final, pieces, by_horizons=True)
+            return
         records = closer
         base = _ahead(base.effects, records, base.x)
         final = _ahead(final.effects, records, final.x)
@@ -89,30 +105,78 @@ def _interval_of_waves(full: Readings) -> float:
     return max(interval_of(full), min(seconds / _READINGS, farthest))
 
 
-def by_innovations(full: Readings, candidates: Sequence[Effect], ahead: Work, report: Report) -> Work | None:
-    """Search by the likelihood of each next reading, over some of the readings, from what ``ahead`` found on.
+@dataclass(frozen=True, eq=False)
+class ByInnovations:
+    """Search by the likelihood of each next reading of ``full``, over some of the readings."""
 
-    None where that does not explain all: each next reading would then not tell what is missing.
-    """
-    report("Looking at each next reading …")
-    quick = replace(full, interval=interval_of(full))
-    few = quick if ahead.waves is None else ahead.waves.records
-    # Where it is hopeless over few readings it is so over more, which would take long to say if there are many.
-    if few.interval > _FARTHER * quick.interval and _is_hopeless_over(few, candidates, ahead):
-        return None
-    base = _base_of(quick)
-    begun = _begun(base, ahead)
-    search = Search(_beside(begun, candidates), report, hopeless=_is_hopeless)
-    pieces = [Piece(number, -math.inf, math.inf, run) for number, run in enumerate(full.runs)]
-    work = Work(search, full, base, search.run(begun), pieces)
-    if search.given_up or not work.explains:
-        return None
-    return work
+    full: Readings
+    candidates: Sequence[Effect]
+    report: Report
+    _bases: dict[float, Fitted] = field(default_factory=dict)
+    _explained: dict[Key, bool] = field(default_factory=dict)
 
+    def explains(self, found: Fitted) -> bool:
+        """Whether the effects of ``found`` leave white innovations, and no more disturbance than there may be."""
+        misfit, x = self._beginning(self._few, found, found)
+        if misfit.key not in self._explained:
+            # A model that does is near by, and holds whatever the disturbance may be.
+            near = quickly_climbed(misfit.under(max(LIMITS)), x, _NEAR_BY)
+            self._explained[misfit.key] = near.is_white and not near.at_limit
+        return self._explained[misfit.key]
 
-def _base_of(records: Readings) -> Fitted:
-    """The model without effects, by each next reading."""
-    return fit_base(records, free_run_r2(records.runs, records.start))
+    def search(self, ahead: Work) -> Work | None:
+        """Search on from what ``ahead`` found.
+
+        None where that does not explain all: each next reading would then not tell what is missing.
+        """
+        self.report("Looking at each next reading …")
+        found, waves = ahead.final, ahead.waves
+        if waves is not None and waves.fitted is not None and waves.confidence >= ESTABLISHED:
+            found = waves.fitted
+        # Where it is hopeless over few readings it is so over more, which would take long to say.
+        if self._few is not self._quick and self._is_hopeless(self._begun(self._few, found, ahead.final)):
+            return None
+        begun = self._begun(self._quick, found, ahead.final)
+        search = Search(_beside(begun, self.candidates), self.report, hopeless=_is_hopeless)
+        pieces = [Piece(number, -math.inf, math.inf, run) for number, run in enumerate(self.full.runs)]
+        work = Work(search, self.full, self._base(self._quick), search.run(begun), pieces)
+        if search.given_up or not work.explains:
+            return None
+        return work
+
+    @cached_property
+    def _quick(self) -> Readings:
+        return replace(self.full, interval=interval_of(self.full))
+
+    @cached_property
+    def _few(self) -> Readings:
+        """As many as show waves, where there are many more; else all that are searched."""
+        few = replace(self.full, interval=_interval_of_waves(self.full))
+        return few if few.interval > _FARTHER * self._quick.interval else self._quick
+
+    def _base(self, records: Readings) -> Fitted:
+        """The model without effects, by each next reading of ``records``."""
+        if records.interval not in self._bases:
+            self._bases[records.interval] = fit_base(records, free_run_r2(records.runs, records.start))
+        return self._bases[records.interval]
+
+    def _beginning(self, records: Readings, found: Fitted, ahead: Fitted) -> tuple[Misfit, FloatArray]:
+        """That with the effects of ``found``, and (p,) where to climb from: the inertia and drag of ``ahead``."""
+        base = self._base(records)
+        x = np.concatenate((base.x, found.x[len(found.shared) :]))
+        x[:DISTURBANCE] = ahead.x[:DISTURBANCE]
+        return base.misfit.like(found.effects), x
+
+    def _begun(self, records: Readings, found: Fitted, ahead: Fitted) -> Fitted:
+        """The model with the effects of ``found``, fitted."""
+        if not found.effects:
+            return self._base(records)
+        return loosened(climbed(*self._beginning(records, found, ahead)))
+
+    def _is_hopeless(self, begun: Fitted) -> bool:
+        taken = {effect.id for effect in begun.effects}
+        more = [effect for effect in _beside(begun, self.candidates) if effect.id not in taken]
+        return _is_hopeless(begun, lambda: gains_of(screen(begun, more)))
 
 
 def _beside(begun: Fitted, candidates: Sequence[Effect]) -> list[Effect]:
@@ -125,26 +189,6 @@ def _beside(begun: Fitted, candidates: Sequence[Effect]) -> list[Effect]:
 def _but_waves(effects: Sequence[Effect]) -> list[Effect]:
     """Those of the ``effects`` that need no phase."""
     return [effect for effect in effects if not effect.wave]
-
-
-def _is_hopeless_over(records: Readings, candidates: Sequence[Effect], ahead: Work) -> bool:
-    begun = _begun(_base_of(records), ahead)
-    taken = {effect.id for effect in begun.effects}
-    more = [effect for effect in _beside(begun, candidates) if effect.id not in taken]
-    return _is_hopeless(begun, lambda: gains_of(screen(begun, more)))
-
-
-def _begun(base: Fitted, ahead: Work) -> Fitted:
-    """``base`` with the effects that predictions found, and with the waves beside them."""
-    of_effects, waves = ahead.final, ahead.waves
-    if waves is not None and waves.fitted is not None and waves.confidence >= ESTABLISHED:
-        of_effects = waves.fitted
-    if not of_effects.effects:
-        return base
-    own = of_effects.x[len(of_effects.shared) :]
-    x = np.concatenate((base.x, own))
-    x[:DISTURBANCE] = ahead.final.x[:DISTURBANCE]
-    return loosened(climbed(base.misfit.like(of_effects.effects), x))
 
 
 def _is_hopeless(current: Fitted, gains: Callable[[], Sequence[float]]) -> bool:
