@@ -58,9 +58,7 @@ WITHOUT = {
     # What a diagnosis says follows from all of its steps; it is held against truth by `whole/test_causes.py`.
     "diagnose/diagnosis.py": "a step of the diagnosis",
     "diagnose/experiments.py": "a step of the diagnosis",
-    "diagnose/search.py": "a step of the diagnosis",
     "diagnose/signals.py": "a step of the diagnosis",
-    "diagnose/strategies.py": "a step of the diagnosis",
     "diagnose/waves.py": "a step of the diagnosis",
     "diagnose/work.py": "a step of the diagnosis",
 }

@@ -13,7 +13,7 @@ from rovid.diagnose.parts import parts_of, pieces_of
 from rovid.diagnose.record import Diagnosis
 from rovid.diagnose.search import Report
 from rovid.diagnose.signals import signal_causes
-from rovid.diagnose.strategies import ByInnovations, by_horizons, wave_search
+from rovid.diagnose.strategies import ByInnovations, by_horizons, few_of, wave_search
 from rovid.diagnose.work import Work
 from rovid.effects import forms_for
 from rovid.ground.errors import DataError
@@ -81,8 +81,9 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
         cut = [piece.run for piece in pieces]
         candidates = (*forms, *signal_causes((*prepared.items, *runs, *cut)))
         whole = Readings(prepared.items, vehicle, start)
-        near = ByInnovations(replace(whole, runs=runs), candidates, report)
-        waves = wave_search(whole, forms, pieces)
+        few = few_of(whole)
+        near = ByInnovations(replace(whole, runs=runs), few, candidates, report)
+        waves = wave_search(few, forms, pieces)
         for ahead in by_horizons(whole, pieces, candidates, report, near.explains):
             ahead.look_for_waves = waves
             found = _by_next_readings(near, ahead, report)

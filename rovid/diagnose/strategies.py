@@ -91,25 +91,25 @@ def _counting(records: HorizonRecords, final: Fitted, search: Search) -> Horizon
     return max(counted, key=lambda one: one.readings)
 
 
-def wave_search(full: Readings, forms: Sequence[Effect], pieces: Sequence[Piece]) -> Callable[[Fitted], Waves]:
-    """What looks for waves beside a model, by each next reading, over some of the readings."""
-    wave = next((form for form in forms if form.wave), None)
-    few = Readings(full.runs, full.vehicle, full.start, interval=_interval_of_waves(full))
-    return lambda beside: look_for_waves(few, beside, wave, pieces)
-
-
-def _interval_of_waves(full: Readings) -> float:
-    """Seconds between the readings that are looked at for waves."""
+def few_of(full: Readings) -> Readings:
+    """As few of the readings as still show waves."""
     seconds = sum(float(np.ptp(run.trial.time)) for run in full.runs)
     farthest = _THINNED_WAVES * time_constant(full.start, full.rate)
-    return max(interval_of(full), min(seconds / _READINGS, farthest))
+    return replace(full, interval=max(interval_of(full), min(seconds / _READINGS, farthest)))
+
+
+def wave_search(few: Readings, forms: Sequence[Effect], pieces: Sequence[Piece]) -> Callable[[Fitted], Waves]:
+    """What looks for waves beside a model, by each next of ``few`` readings."""
+    wave = next((form for form in forms if form.wave), None)
+    return lambda beside: look_for_waves(few, beside, wave, pieces)
 
 
 @dataclass(frozen=True, eq=False)
 class ByInnovations:
-    """Search by the likelihood of each next reading of ``full``, over some of the readings."""
+    """Search by the likelihood of each next reading of ``full``, over some of them; whether it pays ``few`` tell."""
 
     full: Readings
+    few: Readings
     candidates: Sequence[Effect]
     report: Report
     _bases: dict[float, Fitted] = field(default_factory=dict)
@@ -117,7 +117,7 @@ class ByInnovations:
 
     def explains(self, found: Fitted) -> bool:
         """Whether the effects of ``found`` leave white innovations, and no more disturbance than there may be."""
-        misfit, x = self._beginning(self._few, found, found)
+        misfit, x = self._beginning(self._first, found, found)
         if misfit.key not in self._explained:
             # A model that does is near by, and holds whatever the disturbance may be.
             near = quickly_climbed(misfit.under(max(LIMITS)), x, _NEAR_BY)
@@ -134,7 +134,7 @@ class ByInnovations:
         if waves is not None and waves.fitted is not None and waves.confidence >= ESTABLISHED:
             found = waves.fitted
         # Where it is hopeless over few readings it is so over more, which would take long to say.
-        if self._few is not self._quick and self._is_hopeless(self._begun(self._few, found, ahead.final)):
+        if self._first is not self._quick and self._is_hopeless(self._begun(self._first, found, ahead.final)):
             return None
         begun = self._begun(self._quick, found, ahead.final)
         search = Search(_beside(begun, self.candidates), self.report, hopeless=_is_hopeless)
@@ -148,11 +148,10 @@ class ByInnovations:
     def _quick(self) -> Readings:
         return replace(self.full, interval=interval_of(self.full))
 
-    @cached_property
-    def _few(self) -> Readings:
-        """As many as show waves, where there are many more; else all that are searched."""
-        few = replace(self.full, interval=_interval_of_waves(self.full))
-        return few if few.interval > _FARTHER * self._quick.interval else self._quick
+    @property
+    def _first(self) -> Readings:
+        """Which are looked at first: the few, where there are many more to be searched."""
+        return self.few if self.few.interval > _FARTHER * self._quick.interval else self._quick
 
     def _base(self, records: Readings) -> Fitted:
         """The model without effects, by each next reading of ``records``."""

@@ -1,0 +1,52 @@
+"""When a search for causes ends, and that it goes on where it ended."""
+
+from __future__ import annotations
+
+import pytest
+
+from rovid.diagnose.search import Search
+from rovid.effects import effect_named
+from rovid.identify.fitted import Fitted, climbed
+from rovid.identify.horizon_misfit import HorizonMisfit
+from tests.predictions import BIAS, biased
+
+CANDIDATES = [BIAS, effect_named("drag_curvature"), effect_named("thrust_asymmetry")]
+
+
+@pytest.fixture(scope="module")
+def base() -> Fitted:
+    plain = HorizonMisfit(biased())
+    return climbed(plain, plain.coordinates.first())
+
+
+def test_it_ends_with_enough_and_goes_on_when_more_is_asked_for(base: Fitted) -> None:
+    search = Search(CANDIDATES, enough=lambda found: bool(found.effects))
+    early = search.run(base)
+    assert search.has_enough
+    assert early.effects == (BIAS,)
+    # What else there may be beside it was not looked for.
+    assert early.key not in search.promises
+    search.enough = None
+    later, whole = search.run(early), Search(CANDIDATES).run(base)
+    assert early.key in search.promises
+    assert later.effects == whole.effects == (BIAS,)
+    assert later.x == pytest.approx(whole.x, rel=1e-6)
+
+
+def test_where_nothing_is_missing_nothing_is_looked_at(base: Fitted) -> None:
+    search = Search(CANDIDATES, enough=lambda _: True)
+    assert search.run(base) is base
+    assert search.promises == {}
+
+
+def test_what_is_never_enough_changes_nothing(base: Fitted) -> None:
+    asked: list[tuple[str, ...]] = []
+
+    def enough(found: Fitted) -> bool:
+        asked.append(tuple(effect.id for effect in found.effects))
+        return False
+
+    search = Search(CANDIDATES, enough=enough)
+    assert search.run(base).effects == (BIAS,)
+    assert not search.has_enough
+    assert {*asked} == {(), ("bias_torque",)}

@@ -1,0 +1,70 @@
+"""Searching by predictions until each next reading explains all, and by those from there on."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from rovid.diagnose.parts import pieces_of
+from rovid.diagnose.strategies import ByInnovations, by_horizons, few_of
+from rovid.effects import Effect, effect_named
+from rovid.ground.arrays import FloatArray
+from rovid.identify.free_run import fit_free_run
+from rovid.identify.readings import Readings
+from tests import synthetic
+from tests.predictions import NOISE, TIME, TORQUE
+
+LAG = effect_named("thruster_lag")
+CANDIDATES = [LAG, effect_named("drag_curvature"), effect_named("thrust_asymmetry")]
+LONG, PERIOD = 1500, 0.2
+
+
+def late(torque: FloatArray, lag: float) -> FloatArray:
+    """Mean until the next instant of a held torque that comes through a first-order lag, settled at the start."""
+    if not lag:
+        return torque
+    fade, state, means = math.exp(-PERIOD / lag), float(torque[0]), []
+    for wanted in torque.tolist():
+        means.append(wanted + (state - wanted) * (1.0 - fade) * lag / PERIOD)
+        state = wanted + (state - wanted) * fade
+    return np.array(means)
+
+
+def readings(lag: float) -> Readings:
+    """Of four runs whose torque comes so many s late, in water that is never quite still."""
+    rng = np.random.default_rng(1)
+    runs = []
+    for first in range(0, 4 * LONG, LONG):
+        rows = slice(first, first + LONG)
+        water = synthetic.gauss_markov(LONG, PERIOD, 2.0, 4.0, rng)
+        off = late(TORQUE[rows], lag) - TORQUE[rows] + water
+        runs.append(synthetic.run(TIME[:LONG], TORQUE[rows], disturbance=off, noise=NOISE[rows]))
+    return Readings(runs, synthetic.LOGGED, fit_free_run(runs, certainty=0.0))
+
+
+def unsaid(_: str) -> None:
+    pass
+
+
+@pytest.mark.parametrize(("lag", "found"), [(0.0, ()), (1.5, (LAG,))])
+def test_predictions_are_asked_until_each_next_reading_explains_all(lag: float, found: tuple[Effect, ...]) -> None:
+    full = readings(lag)
+    near, pieces = ByInnovations(full, few_of(full), CANDIDATES, unsaid), pieces_of(full.runs, synthetic.LOGGED, 1.0)
+    early, whole = by_horizons(full, pieces, CANDIDATES, unsaid, near.explains)
+    assert early.final.effects == whole.final.effects == found
+    assert near.explains(early.final)
+    assert near.explains(early.base) is not bool(found)
+    work = near.search(early)
+    assert work is not None
+    assert work.explains
+    assert work.final.effects == found
+
+
+def test_what_is_never_enough_is_searched_to_the_end() -> None:
+    full = readings(1.5)
+    pieces = pieces_of(full.runs, synthetic.LOGGED, 1.0)
+    (work,) = by_horizons(full, pieces, CANDIDATES, unsaid, lambda _: False)
+    assert work.final.effects == (LAG,)
+    assert not work.search.has_enough
