@@ -33,7 +33,7 @@ from rovid.report.stages import stages_of
 from rovid.study import Study, files_at_hand
 
 _T = TypeVar("_T")
-_PATIENCE = "Diagnosing, which takes ten seconds or more (--no-diagnosis leaves it out):"
+_PATIENCE = "Diagnosing, which takes some seconds or more (--no-diagnosis leaves it out):"
 
 
 def build_report(
