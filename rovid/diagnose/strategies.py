@@ -72,8 +72,8 @@ def by_horizons(
         final = search.run(final)
         if search.has_enough:
             yield Work(search, records, base, final, pieces, by_horizons=True)
-            search.enough = enough = None
-            final = search.run(final)
+            enough = None
+            continue
         closer = _counting(records, final, search)
         if closer.readings < _MORE * records.readings:
             yield Work(search, records, base, final, pieces, by_horizons=True)
