@@ -254,15 +254,21 @@ def shortlist(current: Fitted, promises: Sequence[Promise], least: float) -> lis
     listed: list[Promise] = []
     for group in ranked:
         if group[0].gain >= _PROMISE * top:
-            listed += [promise for promise in group[:_FORMS_FITTED] if _is_worth_a_fit(promise, group[0])]
+            listed += _worth_a_fit(group)
     return listed
 
 
-def _is_worth_a_fit(promise: Promise, first: Promise) -> bool:
-    """Whether a form promises enough beside the ``first`` of its cause, or anything at all with fewer parameters."""
-    if promise.gain >= _PROMISE * first.gain:
-        return True
-    return promise.gain > 0.0 and len(promise.effect.parameters) < len(first.effect.parameters)
+def _worth_a_fit(group: Sequence[Promise]) -> list[Promise]:
+    """Of the forms of a cause, best first: the first few that promise enough, and simpler ones that promise at all."""
+    first, few, rest = group[:1], group[:_FORMS_FITTED], group[_FORMS_FITTED:]
+    least = _PROMISE * first[0].gain
+    listed = [promise for promise in few if promise.gain >= least or _is_simpler(promise, first)]
+    return [*listed, *(promise for promise in rest if _is_simpler(promise, listed))]
+
+
+def _is_simpler(promise: Promise, others: Sequence[Promise]) -> bool:
+    """Whether a form promises anything with fewer parameters than any of the ``others``."""
+    return promise.gain > 0.0 and len(promise.effect.parameters) < min(len(one.effect.parameters) for one in others)
 
 
 def _outright(current: Fitted, promise: Promise) -> float:

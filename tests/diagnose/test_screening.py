@@ -67,6 +67,13 @@ def test_a_simpler_form_is_fitted_though_it_promises_little() -> None:
     assert listed({"supply_sag:drift": 100.0, "supply_sag": 2.0}) == ["supply_sag:drift"]
 
 
+def test_the_simplest_form_is_fitted_behind_however_many_others() -> None:
+    others = ["tether_torsion:wound", "tether_torsion:rest", "tether_torsion:stiffening"]
+    promised = {key: 100.0 - place for place, key in enumerate(others)}
+    assert listed({**promised, "tether_torsion": 90.0}) == [*others, "tether_torsion"]
+    assert listed({**promised, "tether_torsion": 0.0}) == others
+
+
 def test_no_more_than_seven_causes_are_fitted() -> None:
     causes = ["bias_torque", "thruster_lag", "tether_torsion", "command_delay", "drag_curvature", "slew_limit"]
     causes += ["thruster_deadband", "thrust_asymmetry", "drag_asymmetry"]
