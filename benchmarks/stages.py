@@ -35,6 +35,7 @@ STAGES = {
     "rovid.diagnose.diagnosis.fit_free_run": "start fit",
     "rovid.diagnose.diagnosis.pieces_of": "cutting into pieces",
     "rovid.diagnose.diagnosis.by_horizons": "search by predictions ahead",
+    "rovid.diagnose.strategies.ByInnovations.explains": "asking whether that explains all",
     "rovid.diagnose.work.Work.settle": "settling",  # with waves, and without what each next reading shows less of
     "rovid.diagnose.strategies.look_for_waves": "waves",
     "rovid.diagnose.strategies.ByInnovations.search": "search by next reading",

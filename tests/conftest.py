@@ -84,7 +84,7 @@ def run_rovid(*arguments: object) -> Done:
 
 @contextlib.contextmanager
 def blank_plots() -> Iterator[None]:
-    """Reports in which every plot is made up but a blank is drawn: for tests of what else a page says and writes."""
+    """Reports whose plots are all set up, but drawn as one blank: for tests of what else a page says and writes."""
     from matplotlib.figure import Figure
 
     from rovid.report import album

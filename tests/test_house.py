@@ -56,7 +56,6 @@ WITHOUT = {
     "report/evidence.py": "a record",
     "diagnose/record.py": "records",
     # What a diagnosis says follows from all of its steps; it is held against truth by `whole/test_causes.py`.
-    "diagnose/diagnosis.py": "a step of the diagnosis",
     "diagnose/experiments.py": "a step of the diagnosis",
     "diagnose/signals.py": "a step of the diagnosis",
     "diagnose/waves.py": "a step of the diagnosis",

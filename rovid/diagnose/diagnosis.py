@@ -29,6 +29,7 @@ _BY_HORIZONS = (
 )
 # Instants; of longer logs compiled loops are most of the work, which threads share, and copies would take memory.
 _LONG = 300_000
+_TESTING = "Testing what was found on trials that were not fitted …"
 _SHRUNK = (
     "With {} predictions would be better, but each next reading shows less of it than that asks for, as where commands "
     "answer what waves do: it is not claimed."
@@ -89,6 +90,7 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
             found = _by_next_readings(near, ahead, report)
             if found is not None:
                 return _told(*found, notes)
+        report(_TESTING)
         return _told(ahead, ahead.decided(), notes)
 
 
@@ -104,12 +106,12 @@ def _unsaid(_: str) -> None:
 
 
 def _by_next_readings(near: ByInnovations, ahead: Work, report: Report) -> tuple[Work, list[str]] | None:
-    """What holds of what was found from ``ahead`` on, and what is said of the rest; None if it does not explain all."""
+    """What each next reading finds from ``ahead`` on, and what was refused of it; None if it does not explain all."""
     ahead.settle()
     work = near.search(ahead)
-    report("Testing what was found on trials that were not fitted …")
     if work is None:
         return None
+    report(_TESTING)
     refused = work.decided()
     # What made it explain all may be refused: then predictions tell.
     return (work, refused) if work.explains else None

@@ -48,8 +48,8 @@ class Search:
         Every form that may be tried.
     report
         Called with a line of text as the search goes on.
-    enough
-        Whether a model explains so much that the search may end.
+    is_enough
+        Whether a model explains so much that the search may end; not asked of one that is far off.
     hopeless
         Whether no causes more, by what each of them gains, the most first, can explain what a model misses: then the
         search is given up. None goes on in any case.
@@ -64,12 +64,12 @@ class Search:
     cut_short
         Whether so many models were looked at that the search ended before it was done.
     has_enough, given_up
-        Whether it ended because that was enough, or because it was hopeless.
+        Whether it ended because what it had found was enough, or because it was hopeless.
     """
 
     candidates: Sequence[Effect]
     report: Report = field(default=lambda _: None)
-    enough: Callable[[Fitted], bool] | None = None
+    is_enough: Callable[[Fitted], bool] | None = None
     hopeless: Callable[[Fitted, Callable[[], Sequence[float]]], bool] | None = None
     thorough: Callable[[Fitted], bool] = field(default=lambda _: False)
     margin: float = MARGIN
@@ -163,8 +163,8 @@ class Search:
         return current
 
     def _may_end(self, current: Fitted) -> None:
-        if self.enough is not None:
-            self.has_enough = self.has_enough or self.enough(current)
+        if self.is_enough is not None and not self.thorough(current):
+            self.has_enough = self.has_enough or self.is_enough(current)
         if self.hopeless is not None and not self.given_up:
             self.given_up = self.hopeless(current, lambda: self._gains(current))
 

@@ -54,7 +54,7 @@ def by_horizons(
     report: Report,
     is_enough: Callable[[Fitted], bool],
 ) -> Iterator[Work]:
-    """Search by predictions some time ahead: what was found once that ``is_enough``, and whoever asks on, all of it.
+    """Search by predictions some time ahead: first what was found once it ``is_enough``, and at last all that there is.
 
     What is missing makes errors correlate for long, so that little counts. With the right cause they do so for less:
     the correlation is that which the best next cause would leave, whether that is claimed in the end or not.
@@ -68,14 +68,18 @@ def by_horizons(
     listed = _but_waves(candidates)
     enough: Callable[[Fitted], bool] | None = is_enough
     while True:
-        search = Search(listed, report, enough=enough, thorough=_is_far_off, margin=_MARGIN_AHEAD, least=0.0)
-        final = search.run(final)
+        search = Search(listed, report, is_enough=enough, thorough=_is_far_off, margin=_MARGIN_AHEAD, least=0.0)
+        found = search.run(final)
         if search.has_enough:
-            yield Work(search, records, base, final, pieces, by_horizons=True)
+            yield Work(search, records, base, found, pieces, by_horizons=True)
+            # Whoever asks on is told what is found by searching as if nothing had been enough.
             enough = None
             continue
+        final = found
         closer = _counting(records, final, search)
         if closer.readings < _MORE * records.readings:
+            # What is refused of it is not enough either.
+            search.is_enough = None
             yield Work(search, records, base, final, pieces, by_horizons=True)
             return
         records = closer
@@ -106,7 +110,10 @@ def wave_search(few: Readings, forms: Sequence[Effect], pieces: Sequence[Piece])
 
 @dataclass(frozen=True, eq=False)
 class ByInnovations:
-    """Search by the likelihood of each next reading of ``full``, over some of them; whether it pays ``few`` tell."""
+    """Search by the likelihood of each next reading of ``full``, over some of them.
+
+    Where there are many, ``few`` tell beforehand whether that pays.
+    """
 
     full: Readings
     few: Readings
@@ -119,7 +126,7 @@ class ByInnovations:
         """Whether the effects of ``found`` leave white innovations, and no more disturbance than there may be."""
         misfit, x = self._beginning(self._first, found, found)
         if misfit.key not in self._explained:
-            # A model that does is near by, and holds whatever the disturbance may be.
+            # A model that does is near by; and what the widest limit does not leave, none does.
             near = quickly_climbed(misfit.under(max(LIMITS)), x, _NEAR_BY)
             self._explained[misfit.key] = near.is_white and not near.at_limit
         return self._explained[misfit.key]
@@ -159,18 +166,18 @@ class ByInnovations:
             self._bases[records.interval] = fit_base(records, free_run_r2(records.runs, records.start))
         return self._bases[records.interval]
 
-    def _beginning(self, records: Readings, found: Fitted, ahead: Fitted) -> tuple[Misfit, FloatArray]:
-        """That with the effects of ``found``, and (p,) where to climb from: the inertia and drag of ``ahead``."""
+    def _beginning(self, records: Readings, found: Fitted, predicted: Fitted) -> tuple[Misfit, FloatArray]:
+        """Misfit with the effects of ``found``, and (p,) where to climb from, by the inertia and drag ``predicted``."""
         base = self._base(records)
         x = np.concatenate((base.x, found.x[len(found.shared) :]))
-        x[:DISTURBANCE] = ahead.x[:DISTURBANCE]
+        x[:DISTURBANCE] = predicted.x[:DISTURBANCE]
         return base.misfit.like(found.effects), x
 
-    def _begun(self, records: Readings, found: Fitted, ahead: Fitted) -> Fitted:
+    def _begun(self, records: Readings, found: Fitted, predicted: Fitted) -> Fitted:
         """The model with the effects of ``found``, fitted."""
         if not found.effects:
             return self._base(records)
-        return loosened(climbed(*self._beginning(records, found, ahead)))
+        return loosened(climbed(*self._beginning(records, found, predicted)))
 
     def _is_hopeless(self, begun: Fitted) -> bool:
         taken = {effect.id for effect in begun.effects}

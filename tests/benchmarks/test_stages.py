@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -35,6 +36,21 @@ def test_passes_count_once_in_the_stage_that_waits_for_them() -> None:
         pass
     passes = [(place, stage.passes) for place, stage in profile.ordered()]
     assert passes == [(("search",), 5), (("search", "climbs"), 2), (("search", "screening"), 0), (("waves",), 1)]
+
+
+def test_a_stage_of_steps_is_left_between_them() -> None:
+    profile = Profile()
+
+    def steps() -> Iterator[int]:
+        one(1)
+        yield 1
+        one(2)
+        yield 2
+
+    one = profile.counted(lambda x: [x], lambda _: 1)
+    for _ in profile.timed(steps, "search")():
+        one(3)
+    assert [(place, stage.passes) for place, stage in profile.ordered()] == [(("search",), 2)]
 
 
 def test_a_stage_that_was_never_entered_is_said() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from rovid.diagnose.search import Search
@@ -20,21 +21,28 @@ def base() -> Fitted:
 
 
 def test_it_ends_with_enough_and_another_goes_on_from_there(base: Fitted) -> None:
-    search = Search(CANDIDATES, enough=lambda found: bool(found.effects))
+    search = Search(CANDIDATES, is_enough=lambda found: bool(found.effects))
     early = search.run(base)
     assert search.has_enough
     assert early.effects == (BIAS,)
     # What else there may be beside it was not looked for.
     assert early.key not in search.promises
-    later, whole = Search(CANDIDATES).run(early), Search(CANDIDATES).run(base)
+    further = Search(CANDIDATES)
+    later, whole = further.run(early), Search(CANDIDATES).run(base)
+    assert early.key in further.promises
     assert later.effects == whole.effects == (BIAS,)
     assert later.x == pytest.approx(whole.x, rel=1e-6)
 
 
 def test_where_nothing_is_missing_nothing_is_looked_at(base: Fitted) -> None:
-    search = Search(CANDIDATES, enough=lambda _: True)
+    search = Search(CANDIDATES, is_enough=lambda _: True)
     assert search.run(base) is base
     assert search.promises == {}
+
+
+def test_a_model_that_is_far_off_is_never_enough(base: Fitted) -> None:
+    search = Search(CANDIDATES, is_enough=lambda _: True, thorough=lambda found: not found.effects)
+    assert search.run(base).effects == (BIAS,)
 
 
 def test_what_is_never_enough_changes_nothing(base: Fitted) -> None:
@@ -44,7 +52,7 @@ def test_what_is_never_enough_changes_nothing(base: Fitted) -> None:
         asked.append(tuple(effect.id for effect in found.effects))
         return False
 
-    search = Search(CANDIDATES, enough=enough)
-    assert search.run(base).effects == (BIAS,)
-    assert not search.has_enough
+    found, plain = Search(CANDIDATES, is_enough=enough).run(base), Search(CANDIDATES).run(base)
+    assert found.effects == plain.effects == (BIAS,)
+    assert np.array_equal(found.x, plain.x)
     assert {*asked} == {(), ("bias_torque",)}

@@ -52,14 +52,25 @@ def unsaid(_: str) -> None:
 def test_predictions_are_asked_until_each_next_reading_explains_all(lag: float, found: tuple[Effect, ...]) -> None:
     full = readings(lag)
     near, pieces = ByInnovations(full, few_of(full), CANDIDATES, unsaid), pieces_of(full.runs, synthetic.LOGGED, 1.0)
-    early, whole = by_horizons(full, pieces, CANDIDATES, unsaid, near.explains)
-    assert early.final.effects == whole.final.effects == found
+    works = by_horizons(full, pieces, CANDIDATES, unsaid, near.explains)
+    early = next(works)
+    assert early.final.effects == found
+    assert early.final.key not in early.search.promises
     assert near.explains(early.final)
     assert near.explains(early.base) is not bool(found)
     work = near.search(early)
     assert work is not None
     assert work.explains
     assert work.final.effects == found
+    # Whatever was refused of it, the search to the end knows nothing of that.
+    for effect in CANDIDATES:
+        early.search.bar(effect)
+    early.final = early.base
+    (whole,) = works
+    (alone,) = by_horizons(full, pieces, CANDIDATES, unsaid, lambda _: False)
+    assert whole.final.effects == alone.final.effects == found
+    assert whole.final.x == pytest.approx(alone.final.x, abs=0.0)
+    assert whole.final.key in whole.search.promises
 
 
 def test_what_is_never_enough_is_searched_to_the_end() -> None:
@@ -67,4 +78,6 @@ def test_what_is_never_enough_is_searched_to_the_end() -> None:
     pieces = pieces_of(full.runs, synthetic.LOGGED, 1.0)
     (work,) = by_horizons(full, pieces, CANDIDATES, unsaid, lambda _: False)
     assert work.final.effects == (LAG,)
-    assert not work.search.has_enough
+    assert work.final.key in work.search.promises
+    # Whoever refuses some of it and searches on is not told that the rest is enough.
+    assert work.search.is_enough is None

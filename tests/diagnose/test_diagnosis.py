@@ -1,0 +1,35 @@
+"""What a diagnosis falls back on where each next reading does not explain all after all."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rovid.diagnose.diagnosis import diagnose
+from rovid.diagnose.record import Diagnosis
+from rovid.diagnose.strategies import ByInnovations
+from rovid.motion.runs import Runs
+from tests import synthetic
+from tests.diagnose.test_strategies import readings
+
+
+def said(monkeypatch: pytest.MonkeyPatch, *, explains: bool) -> tuple[Diagnosis, list[str]]:
+    """By predictions, which the first look at each next reading ends early or not, while no search by it holds."""
+    monkeypatch.setattr(ByInnovations, "explains", lambda *_: explains)
+    monkeypatch.setattr(ByInnovations, "search", lambda *_: None)
+    told: list[str] = []
+    runs = Runs(items=tuple(readings(1.5).runs), cutoff=1.0, chosen=False, remarks=())
+    return diagnose(runs, synthetic.LOGGED, told.append), told
+
+
+def test_predictions_say_what_they_do_without_an_early_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    (early, once_more), (whole, once) = (said(monkeypatch, explains=explains) for explains in (True, False))
+    assert [finding.effect.id for finding in early.findings] == ["thruster_lag"]
+    assert early.verdict == whole.verdict
+    assert early.warnings == whole.warnings
+    for one, other in ((early.base, whole.base), (early.extended, whole.extended)):
+        assert one is not None
+        assert other is not None
+        assert np.array_equal(one.estimate.values, other.estimate.values)
+    assert once_more.count("Looking for waves …") == 2
+    assert once.count("Looking for waves …") == 1
