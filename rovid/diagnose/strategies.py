@@ -52,7 +52,7 @@ def by_horizons(
     pieces: Sequence[Piece],
     candidates: Sequence[Effect],
     report: Report,
-    is_enough: Callable[[Fitted], bool],
+    is_enough: Callable[[Fitted], bool] | None,
 ) -> Iterator[Work]:
     """Search by predictions some time ahead: first what was found once it ``is_enough``, and at last all that there is.
 
@@ -66,14 +66,13 @@ def by_horizons(
         return
     # No phase of a wave is known to a prediction.
     listed = _but_waves(candidates)
-    enough: Callable[[Fitted], bool] | None = is_enough
     while True:
-        search = Search(listed, report, is_enough=enough, thorough=_is_far_off, margin=_MARGIN_AHEAD, least=0.0)
+        search = Search(listed, report, is_enough=is_enough, thorough=_is_far_off, margin=_MARGIN_AHEAD, least=0.0)
         found = search.run(final)
         if search.has_enough:
             yield Work(search, records, base, found, pieces, by_horizons=True)
             # Whoever asks on is told what is found by searching as if nothing had been enough.
-            enough = None
+            is_enough = None
             continue
         final = found
         closer = _counting(records, final, search)
@@ -141,7 +140,7 @@ class ByInnovations:
         if waves is not None and waves.fitted is not None and waves.confidence >= ESTABLISHED:
             found = waves.fitted
         # Where it is hopeless over few readings it is so over more, which would take long to say.
-        if self._first is not self._quick and self._is_hopeless(self._begun(self._first, found, ahead.final)):
+        if self._first is not self._quick and self._gives_up(self._begun(self._first, found, ahead.final)):
             return None
         begun = self._begun(self._quick, found, ahead.final)
         search = Search(_beside(begun, self.candidates), self.report, hopeless=_is_hopeless)
@@ -179,7 +178,7 @@ class ByInnovations:
             return self._base(records)
         return loosened(climbed(*self._beginning(records, found, predicted)))
 
-    def _is_hopeless(self, begun: Fitted) -> bool:
+    def _gives_up(self, begun: Fitted) -> bool:
         taken = {effect.id for effect in begun.effects}
         more = [effect for effect in _beside(begun, self.candidates) if effect.id not in taken]
         return _is_hopeless(begun, lambda: gains_of(screen(begun, more)))
