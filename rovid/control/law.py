@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -62,7 +63,7 @@ class Law:
     lowest: float = -math.inf
     highest: float = math.inf
 
-    @property
+    @functools.cached_property
     def blend(self) -> float:
         """Share of a new rate in the filtered one."""
         if self.rate_filter <= 0.0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -150,89 +150,98 @@ def _is_forgotten(whole: Drive, seen: Drive) -> bool:
 
 def _run(loops: Sequence[ClosedLoop], time: FloatArray, where: Actuation, window: int) -> list[Course]:
     """From sample to sample, looking back upon so many ticks; all effects between command and torque act together."""
-    plant, m = loops[0].plant, ticks(loops[0].law.period)
-    running = [_steps(loop, time) for loop in loops]
-    commands, courses = [next(one) for one in running], list[Course]()
+    plant, m, shape = loops[0].plant, ticks(loops[0].law.period), (len(loops), len(time))
+    asked, torque, moment = np.zeros((3, *shape))
+    commands, beside = np.zeros((*shape, len(plant.vehicle.thrusters))), np.zeros((*shape, 1 + len(SPEEDS)))
+    courses = [
+        _begun(loop, time, *its) for loop, *its in zip(loops, asked, commands, torque, moment, beside, strict=True)
+    ]
+    running = [_steps(loop, course) for loop, course in zip(loops, courses, strict=True)]
+    inverses = {loop.allocation: [one.allocation is loop.allocation for one in loops] for loop in loops}
     for at in range(0, len(time) - 1, m):
-        drives = _latest(plant, where, commands, max(at - window, 0), at + m)
-        for one, drive in zip(running, drives, strict=True):
-            try:
-                one.send(drive)
-            except StopIteration as end:
-                courses.append(end.value)
+        for one in running:
+            next(one)
+        for allocation, its in inverses.items():
+            commands[its, at : at + m + 1] = allocation(asked[its, at])[:, None]
+        made = _latest(plant, where, commands[:, : at + m + 1], max(at - window, 0), m)
+        for series, latest in zip((torque, moment, beside), made, strict=True):
+            series[:, at : at + m] = latest
+    for one in running:
+        next(one, None)
     return courses
 
 
-def _steps(loop: ClosedLoop, time: FloatArray) -> Generator[FloatArray, Drive, Course]:
-    """One loop: hands out its commands, as far as they are given, and is told what the latest of them make."""
+def _begun(
+    loop: ClosedLoop,
+    time: FloatArray,
+    asked: FloatArray,
+    commands: FloatArray,
+    torque: FloatArray,
+    moment: FloatArray,
+    beside: FloatArray,
+) -> Course:
+    """Before its first step."""
+    n, m, wanted = len(time), ticks(loop.law.period), loop.wanted
+    return Course(
+        time=time,
+        heading=np.full(n, loop.start),
+        rate=np.zeros(n),
+        wanted=np.append(np.repeat(wanted, m), wanted[-1]),
+        torque=asked,
+        commands=commands,
+        outside=_from_outside(loop, time),
+        drive=Drive(torque, moment, beside, np.zeros(n), np.array([0, n])),
+    )
+
+
+def _steps(loop: ClosedLoop, course: Course) -> Iterator[None]:
+    """Go ``course``: at each sample what is asked for is there, and its drive is wanted until the next."""
     from rovid.model.kernels import ROOM, advance
 
-    law, plant, wanted, start = loop.law, loop.plant, loop.wanted, loop.start
-    model, m, n = plant.model, ticks(law.period), len(time)
-    disturbing = _from_outside(loop, time)
-    noise = np.random.default_rng([loop.seed, 1]).normal(0.0, 1.0, len(wanted)) * plant.heading_noise
-    equation, deviates = model.equation(start), model.instrument.deviates
+    law, plant, heading, drive = loop.law, loop.plant, course.heading, course.drive
+    model, m, tick = plant.model, ticks(law.period), float(course.time[1])
+    noise = np.random.default_rng([loop.seed, 1]).normal(0.0, 1.0, len(loop.wanted)) * plant.heading_noise
+    equation, deviates = model.equation(loop.start), model.instrument.deviates
     rows = TERM_STATES * len(equation.terms.kinds)
     states, work = np.zeros((rows, LANES)), np.zeros((3, rows + ROOM, LANES))
-    heading, rate, asked = np.full(n, start), np.zeros(n), np.zeros(n)
-    commands = np.zeros((n, len(plant.vehicle.thrusters)))
-    torque, moment, beside = np.zeros(n), np.zeros(n), np.zeros((n, 1 + len(SPEEDS)))
-    angle, turning, stiffness, tick = 0.0, 0.0, 0.0, float(time[1])
-    state = None
-    for k in range(len(wanted)):
+    rate, angle, stiffness, state = 0.0, 0.0, 0.0, None
+    for k in range(len(loop.wanted)):
         at = k * m
         read = float(_at(heading, at - plant.delay / tick))
         if deviates:
             read += float(model.instrument.deviation(np.array([read]))[0])
         read += noise[k]
         state = law.start(read) if state is None else state
-        ask, state = law.step(state, read, float(wanted[k]))
-        asked[at : at + m] = ask
-        commands[at : at + m + 1] = loop.allocation(np.array([ask]))
-        drive = yield commands
-        now, latest = slice(at, at + m), slice(-m - 1, -1)
-        torque[now], moment[now], beside[now] = drive.torque[latest], drive.moment[latest], drive.beside[latest]
+        course.torque[at : at + m], state = law.step(state, read, float(loop.wanted[k]))
+        yield
         for j in range(at, at + m):
-            turning, angle, stiffness = advance(
-                turning,
-                angle,
-                torque[j],
-                disturbing[j],
-                moment[j],
-                beside[j],
-                tick,
-                equation,
-                states,
-                work,
-                stiffness,
-            )
-            heading[j + 1], rate[j + 1] = start + angle, turning
-    asked[-1], torque[-1], beside[-1] = asked[-2], torque[-2], beside[-2]
-    shown = heading + model.instrument.deviation(heading) if deviates else heading
-    return Course(
-        time=time,
-        heading=shown,
-        rate=rate,
-        wanted=np.append(np.repeat(wanted, m), wanted[-1]),
-        torque=asked,
-        commands=commands,
-        outside=disturbing,
-        drive=Drive(torque, moment, beside, np.zeros(n), np.array([0, n])),
-    )
+            told = drive.torque[j], course.outside[j], drive.moment[j], drive.beside[j]
+            rate, angle, stiffness = advance(rate, angle, *told, tick, equation, states, work, stiffness)
+            heading[j + 1], course.rate[j + 1] = loop.start + angle, rate
+    for series in (course.torque, drive.torque, drive.beside):
+        series[-1] = series[-2]
+    if deviates:
+        heading += model.instrument.deviation(heading)
 
 
-def _latest(plant: Plant, where: Actuation, commands: Sequence[FloatArray], first: int, last: int) -> list[Drive]:
-    """What the ``commands`` of each loop from the tick ``first`` to ``last`` make."""
-    model, vehicle, count = plant.model, plant.vehicle, len(commands)
+def _latest(
+    plant: Plant, where: Actuation, commands: FloatArray, first: int, m: int
+) -> tuple[FloatArray, FloatArray | float, FloatArray | float]:
+    """What the (l, n, k) ``commands`` of l loops make from the last but ``m`` on: torque, moment, what is beside.
+
+    Those from before the tick ``first`` are not looked at.
+    """
+    model, vehicle, (count, last, k) = plant.model, plant.vehicle, commands.shape
     if model.drivetrain.is_plain:
-        given = np.concatenate([each[last - 1 : last + 1] for each in commands])
-        return [Drive.held(torque) for torque in np.split(vehicle.thrust(given) @ where.arms, count)]
-    trials, intervals = _side_by_side(float(where.time[where.parts]), where.parts, last - first, count)
-    time = np.tile(where.time[first * where.parts : last * where.parts + 1], count)
-    given = np.concatenate([each[first : last + 1] for each in commands])
-    return model.drivetrain.driven(
-        Commanded(vehicle, replace(where, time=time, trials=trials), given), intervals
-    ).by_trial
+        return (vehicle.thrust(commands[:, -1]) @ where.arms)[:, None], 0.0, 0.0
+    length, parts = last - first, where.parts
+    trials, intervals = _side_by_side(float(where.time[parts]), parts, length - 1, count)
+    time = np.tile(where.time[first * parts : (last - 1) * parts + 1], count)
+    held = commands[:, first:].reshape(-1, k)
+    drive = model.drivetrain.driven(Commanded(vehicle, replace(where, time=time, trials=trials), held), intervals)
+    torque, moment = drive.torque.reshape(count, length), drive.moment.reshape(count, length)
+    latest = slice(-m - 1, -1)
+    return torque[:, latest], moment[:, latest], drive.beside.reshape(count, length, -1)[:, latest]
 
 
 # The whole window is asked for at each tick, once it has passed.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +19,7 @@ from rovid.control.tuning import (
     BANDWIDTHS,
     Loop,
     Margins,
-    actuators,
+    Probes,
     damping_ratio,
     drawn,
     gains,
@@ -126,11 +127,10 @@ def unaided(law: Law) -> Law:
 
 def loop_of(law: Law, model: Model, vehicle: Vehicle, allocation: Allocation, setting: Setting) -> Loop:
     """The loop of ``law`` about rest, at the amplitude of the torque in use."""
-    amplitude = _amplitude(allocation, setting)
     return Loop(
         law=law,
         motion=linearised(model),
-        actuators=actuators(model, vehicle, allocation, law.period, amplitude),
+        actuators=probes_for(model, vehicle, allocation, setting).actuators(model),
         delay=setting.delay,
     )
 
@@ -216,12 +216,11 @@ def spread_of(
     """Monte Carlo over the covariance of the parameter file, the controller held; None where it has no covariance."""
     if not any(value > 0.0 for value in parameters.covariance.values()):
         return None
-    every = []
+    probes, every = probes_for(parameters.model(), vehicle, allocation, setting), []
     for model in drawn(parameters, _DRAWS, seed=0):
         moved = replace(loop, motion=linearised(model))
         if not model.drivetrain.is_plain:
-            amplitude = _amplitude(allocation, setting)
-            moved = replace(moved, actuators=actuators(model, vehicle, allocation, setting.period, amplitude))
+            moved = replace(moved, actuators=probes.actuators(model))
         every.append(moved.margins())
     low, high = 5.0, 95.0
     return Spread(
@@ -247,15 +246,12 @@ def closed_runs(
     bench = allocate(vehicle, bare)
     limits = {"lowest": bench.lowest, "highest": bench.highest}
     plain = replace(law, hold=(0.0,) * len(law.hold), **limits)
-    ways = [(bare, plain, bench, True, False), (bare, unaided(plain), bench, False, False)]
+    with_and_without = [(plain, bench, True, False), (unaided(plain), bench, False, False)]
+    ways = [(bare, with_and_without)]
     if model.effects:
-        ways += [
-            (model, law, allocation, True, True),
-            (model, plain, bench, True, False),
-            (model, unaided(plain), bench, False, False),
-        ]
+        ways.append((model, [(law, allocation, True, True), *with_and_without]))
     results = list[list[RunResult]]()
-    for acting, controller, inverse, aided, known in ways:
+    for acting, every in ways:
         plant = Plant(
             model=acting,
             vehicle=vehicle,
@@ -263,8 +259,9 @@ def closed_runs(
             heading_noise=setting.heading_noise,
             disturbance=_DISTURBANCE * setting.torque_in_use,
         )
-        runs = run_manoeuvres(controller, inverse, plant, wanted)
-        results.append(
+        loops = [loops_of(controller, inverse, plant, wanted) for controller, inverse, _, _ in every]
+        runs = iter(run_manoeuvres([*itertools.chain(*loops)]))
+        results += [
             [
                 RunResult(
                     name=manoeuvre.name,
@@ -274,16 +271,17 @@ def closed_runs(
                     measures=measures,
                     quiet=quiet,
                 )
-                for manoeuvre, (measures, quiet) in zip(wanted, runs, strict=True)
+                for manoeuvre, (measures, quiet) in zip(wanted, itertools.islice(runs, len(wanted)), strict=True)
             ]
-        )
+            for _, _, aided, known in every
+        ]
     return [result for every_way in zip(*results, strict=True) for result in every_way]
 
 
-def run_manoeuvres(
+def loops_of(
     law: Law, allocation: Allocation, plant: Plant, manoeuvres: Sequence[Manoeuvre], seed: int = 0
-) -> list[tuple[Measures, Course]]:
-    """Closed-loop runs, and the same without noise, disturbance and waves, which shows their limit cycle."""
+) -> list[ClosedLoop]:
+    """Each manoeuvre, and behind it the same without noise, disturbance and waves."""
     count = math.ceil(duration(law, plant.model) / law.period)
     time = law.period * np.arange(count)
     loops = []
@@ -300,6 +298,11 @@ def run_manoeuvres(
             seed=seed,
         )
         loops += [loop, replace(loop, plant=plant.quiet(), outside=steady, seed=0)]
+    return loops
+
+
+def run_manoeuvres(loops: Sequence[ClosedLoop]) -> list[tuple[Measures, Course]]:
+    """Of each two of ``loops_of`` the measures, and the quiet run, which shows its limit cycle."""
     courses = iter(run_closed(loops))
     return [(measure(course, quiet), quiet) for course, quiet in zip(courses, courses, strict=True)]
 
@@ -319,6 +322,7 @@ def _decay(ratio: float) -> float:
     return ratio - math.sqrt(ratio**2 - 1.0)
 
 
-def _amplitude(allocation: Allocation, setting: Setting) -> float:
-    """N m of the sines that the actuators are tried with: as in use, but half of what there is at most."""
-    return min(setting.torque_in_use, 0.5 * allocation.highest, -0.5 * allocation.lowest)
+def probes_for(model: Model, vehicle: Vehicle, allocation: Allocation, setting: Setting) -> Probes:
+    """Sines as large as the torque in use, but half of what there is at most."""
+    amplitude = min(setting.torque_in_use, 0.5 * allocation.highest, -0.5 * allocation.lowest)
+    return Probes.of(vehicle, model.drivetrain.parts, allocation, setting.period, amplitude)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from rovid.campaign.vehicle import Vehicle
 from rovid.control.allocation import Allocation, bare_actuation
 from rovid.control.law import Law, total_of_terms
+from rovid.effects.actuation import Actuation
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
@@ -106,18 +108,18 @@ class Loop:
         """(f,) L at the (f,) frequencies in rad/s, below half the sampling frequency; sampled exactly."""
         period = self.law.period
         matrix, by_torque = self.motion
-        folded = frequency[:, None] + 2.0 * math.pi / period * _FOLDS
-        s = 1j * folded
+        folds = 2.0 * math.pi / period * _FOLDS
+        s = 1j * (frequency[:, None] + folds)
         # c adj(sI - A) b = det(sI - A + b c) - det(sI - A), with c the heading; b of the size of one.
         own, scale = np.poly(matrix), float(np.max(np.abs(by_torque)))
         closed = matrix.copy()
         closed[:, 0] -= by_torque / scale
         added = np.poly(closed) - own
         heading = scale * np.polyval(added, s) / np.polyval(own, s)
-        # Held over the period, delayed, and sampled.
-        held = -np.expm1(-s * period) / (s * period)
-        sampled = np.sum(held * heading * np.exp(-s * self.delay), axis=1)
-        return np.asarray(self.controller(frequency) * self.actuation(frequency) * sampled)
+        # Held over the period, which is the same in every fold, delayed, and sampled.
+        held = -np.expm1(-1j * frequency * period) / period
+        sampled = np.exp(-1j * frequency * self.delay) * ((heading / s) @ np.exp(-1j * folds * self.delay))
+        return np.asarray(self.controller(frequency) * self.actuation(frequency) * held * sampled)
 
     def controller(self, frequency: FloatArray) -> ComplexArray:
         """(f,) wanted torque per heading, with its sign turned."""
@@ -247,36 +249,59 @@ def _slopes(change: Callable[[FloatArray, float], FloatArray], size: int) -> Flo
     return slopes
 
 
-def actuators(
-    model: Model, vehicle: Vehicle, allocation: Allocation, period: float, amplitude: float
-) -> tuple[FloatArray, ComplexArray]:
-    """Frequencies in rad/s and the (f,) response from wanted to acting torque of sines of ``amplitude`` in N m.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Probes:
+    """Sines of torque that are wanted, and the commands that they are turned into.
 
-    The describing function of whatever acts between command and torque, found by sending sines through it.
+    Attributes
+    ----------
+    frequencies
+        (f,) rad/s.
+    given
+        Commands of every sine, one after the other.
+    measured
+        Of each sine its samples where it has settled, of all of ``given``, and what these are multiplied by to give the
+        response.
     """
-    frequencies = np.geomspace(_LOWEST_PROBE, _HIGHEST_PROBE * math.pi / period, _PROBES)
-    if model.drivetrain.is_plain:
-        return frequencies, np.ones(_PROBES, dtype=np.complex128)
-    response = np.empty(_PROBES, dtype=np.complex128)
-    for at, frequency in enumerate(frequencies):
-        measured = max(round(2.0 * math.pi / frequency / period), _FEWEST_SAMPLES)
-        count = measured + max(measured, math.ceil(_SETTLING / period))
-        time = period * np.arange(count + 1)
-        where = bare_actuation(vehicle, time, model.drivetrain.parts)
-        wanted = amplitude * np.sin(frequency * time)
-        acting = model.drivetrain.driven(Commanded(vehicle, where, allocation(wanted))).torque
-        part = slice(count - measured, count)
-        # Of a sine itself this coordinate is its amplitude over 2j.
-        response[at] = _phasor(time[part], acting[part], float(frequency)) / (amplitude / 2j)
-    return frequencies, response
+
+    frequencies: FloatArray
+    given: Commanded
+    measured: Sequence[tuple[slice, ComplexArray]]
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, parts: int, allocation: Allocation, period: float, amplitude: float) -> Self:
+        """Of ``amplitude`` in N m, sampled at ``period`` s, for effects that need intervals in so many ``parts``."""
+        frequencies = np.geomspace(_LOWEST_PROBE, _HIGHEST_PROBE * math.pi / period, _PROBES)
+        begin, where, commands, measured = 0, [], [], list[tuple[slice, ComplexArray]]()
+        for frequency in frequencies.tolist():
+            length = max(round(2.0 * math.pi / frequency / period), _FEWEST_SAMPLES)
+            count = length + max(length, math.ceil(_SETTLING / period))
+            time = period * np.arange(count + 1)
+            where.append(bare_actuation(vehicle, time, parts))
+            commands.append(allocation(amplitude * np.sin(frequency * time)))
+            # Of a sine itself this coordinate is its amplitude over 2j.
+            phasor = _phasor(time[count - length : count], frequency) / (amplitude / 2j)
+            measured.append((slice(begin + count - length, begin + count), phasor))
+            begin += count + 1
+        given = Commanded(vehicle, Actuation.joined(where), np.concatenate(commands))
+        return cls(frequencies=frequencies, given=given, measured=measured)
+
+    def actuators(self, model: Model) -> tuple[FloatArray, ComplexArray]:
+        """Frequencies in rad/s and the (f,) response from wanted to acting torque.
+
+        The describing function of whatever acts between command and torque, found by sending the sines through it.
+        """
+        if model.drivetrain.is_plain:
+            return self.frequencies, np.ones(_PROBES, dtype=np.complex128)
+        acting = model.drivetrain.driven(self.given).torque
+        return self.frequencies, np.array([phasor @ acting[rows] for rows, phasor in self.measured])
 
 
-def _phasor(time: FloatArray, signal: FloatArray, frequency: float) -> complex:
-    """What exp(i w t) of ``frequency`` w in rad/s has to be multiplied by to fit the ``signal``, its mean aside."""
+def _phasor(time: FloatArray, frequency: float) -> ComplexArray:
+    """(n,) of a signal at (n,) ``time``: what exp(i w t) is multiplied by to fit it, its mean aside."""
     ahead, back = np.exp(1j * frequency * time), np.exp(-1j * frequency * time)
     basis = np.column_stack((ahead, back, np.ones(len(time))))
-    coefficients, *_ = np.linalg.lstsq(basis, signal, rcond=None)
-    return complex(coefficients[0])
+    return np.asarray(np.linalg.pinv(basis)[0])
 
 
 def largest_bandwidth(loop_of: Callable[[float], Loop], limit: float) -> float:

@@ -13,7 +13,7 @@ from rovid.control.allocation import Allocation, allocate
 from rovid.control.law import Law
 from rovid.control.loop import ClosedLoop, Course, Plant, run_closed
 from rovid.control.setting import Setting
-from rovid.control.tuning import Loop, actuators, linearised
+from rovid.control.tuning import Loop, Probes, linearised
 from rovid.effects import effect_named
 from rovid.effects.base import Scales
 from rovid.ground.arrays import FloatArray
@@ -59,7 +59,7 @@ def closed(
 
 def loop(controller: Law, delay: float = 0.0, model: Model = PAPER) -> Loop:
     known = allocate(VEHICLE, model)
-    response = actuators(model, VEHICLE, known, controller.period, 126.0)
+    response = Probes.of(VEHICLE, model.drivetrain.parts, known, controller.period, 126.0).actuators(model)
     return Loop(law=controller, motion=linearised(model), actuators=response, delay=delay)
 
 
