@@ -8,14 +8,25 @@ ROVID  ?= $(BIN)/rovid
 
 .PHONY: demo demo-alone test pytest test-slow lint docs release bench sweep torture clean
 
-$(VENV)/installed: pyproject.toml
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+# By all cores, and wherever Python is told to keep nothing of the kind by itself; what does not compile is not used. Tests
+# of libraries, what runs otherwise, and MAVLink's many dialects that are not read, would be a third of it.
+COMPILE := $(BIN)/python -m compileall -qq -j 0 -x \
+	'site-packages/(.*/tests?/|(OpenGL|mypyc?|pip|setuptools)/|pymavlink/dialects/v../(?!ardupilotmega))'
+
+$(VENV)/ready: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --group dev --editable .
-	# By all cores, and wherever Python is told to keep nothing of the kind by itself; what does not compile is not used.
-	# Tests of libraries, and MAVLink's many dialects that are not read, would be a third of it.
-	-$(BIN)/python -m compileall -qq -j 0 -x 'site-packages/(.*/tests?/|pymavlink/dialects/v../(?!ardupilotmega))' \
-		$(VENV)/lib rovid
+	$(INSTALL) --upgrade 'pip>=25.1'
+	$(INSTALL) --no-compile --editable '.[app,fleet,logs]'
+	-$(COMPILE) $(VENV)/lib rovid
+	touch $@
+
+# The simulation, compiled by one core while another installs.
+KERNELS := from rovid.model.kernels import compile_now; compile_now()
+
+$(VENV)/installed: $(VENV)/ready
+	$(BIN)/python -c '$(KERNELS)' & $(INSTALL) --no-compile --group dev && wait
+	-$(COMPILE) $(VENV)/lib
 	touch $@
 
 define DEMO
@@ -27,7 +38,7 @@ define DEMO
 	@$(ROVID) report -p demo/parameters.toml -o demo/report
 endef
 
-demo: $(VENV)/installed  ## identify the sample trial day and write its page
+demo: $(VENV)/ready  ## identify the sample trial day and write its page
 	$(DEMO)
 
 demo-alone:  ## the same by an installed ROVID, in whatever folder holds the sample logs

@@ -17,6 +17,18 @@ from tests.conftest import ROOT
 pytestmark = pytest.mark.usefixtures("here")
 
 
+def copied(folder: Path) -> Path:
+    """A copy of rovid in ``folder``, which it returns."""
+    shutil.copytree(ROOT / "rovid", folder / "rovid", ignore=shutil.ignore_patterns("__pycache__"))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def earlier(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Digests before anything changed."""
+    return digests(copied(tmp_path_factory.mktemp("earlier")))
+
+
 def digests(folder: Path) -> dict[str, str]:
     """Of some functions of the copy of rovid in ``folder``: what they are made of."""
     code = """
@@ -49,10 +61,9 @@ def digests(folder: Path) -> dict[str, str]:
     ],
 )
 def test_what_is_compiled_is_held_against_what_it_is_made_of(
-    tmp_path: Path, changed: str, before: str, after: str, touched: set[str]
+    tmp_path: Path, earlier: dict[str, str], changed: str, before: str, after: str, touched: set[str]
 ) -> None:
-    shutil.copytree(ROOT / "rovid", tmp_path / "rovid", ignore=shutil.ignore_patterns("__pycache__"))
-    earlier, source = digests(tmp_path), tmp_path / "rovid" / changed
+    source = copied(tmp_path) / "rovid" / changed
     text = source.read_text()
     assert before in text
     source.write_text(text.replace(before, after, 1))
@@ -73,7 +84,7 @@ COUNT = """
 
 
 def test_it_is_compiled_again_when_that_changes_and_only_then(tmp_path: Path) -> None:
-    shutil.copytree(ROOT / "rovid", tmp_path / "rovid", ignore=shutil.ignore_patterns("__pycache__"))
+    copied(tmp_path)
     environment = os.environ | {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
 
     def counted() -> list[str]:
