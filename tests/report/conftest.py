@@ -14,16 +14,15 @@ from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.control.loop_design import Control
 from rovid.effects import Effect, effect_named
 from rovid.ground.arrays import FloatArray
-from rovid.ground.files import Claim
 from rovid.identify.inertia import fit_inertia
 from rovid.identify.steady import fit_drag
 from rovid.identify.steady_points import steady_points
 from rovid.model.simulation import TrialSimulation, compare, simulate_runs
 from rovid.motion.runs import prepare
 from rovid.parameters.parameters import Entry, Parameters
-from rovid.report import build
+from rovid.report import build, page
+from rovid.report.album import Album, make_album
 from rovid.report.evidence import Evidence
-from rovid.report.page import write_report
 from rovid.report.stages import Stage
 from rovid.study import Study, open_study
 from tools.hidden import Hidden
@@ -207,20 +206,32 @@ def lagged_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def lagged(lagged_folder: Path) -> Evidence:
-    """What `rovid report` gathers of a short day with a hidden lag; its page is in ``folder``."""
+def reported(lagged_folder: Path) -> tuple[Evidence, Album]:
+    """What `rovid report` gathers and draws of a short day with a hidden lag; its page is in ``lagged_folder``."""
     write_trial_day(lagged_folder / "day", seed=3, formats="csv", truth=replace(ROSUB, hidden=(LAG,)), campaign=SHORT)
-    kept: list[Evidence] = []
+    kept: list[tuple[Evidence, Album]] = []
 
-    def write(target: Path, evidence: Evidence, *, claim: Claim) -> Path:
-        kept.append(evidence)
-        return write_report(target, evidence, claim=claim)
+    def draw(evidence: Evidence) -> Album:
+        kept.append((evidence, make_album(evidence)))
+        return kept[-1][1]
 
     said: list[str] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "write_report", write)
+        patch.setattr(page, "make_album", draw)
         stored = Parameters(path=lagged_folder / "parameters.toml")
         build.build_report(stored, open_study([lagged_folder / "day"]), lagged_folder / "report", report=said.append)
     assert said[-1] == "Drawing and writing the page …"
     assert len(said) > 2
     return kept[0]
+
+
+@pytest.fixture(scope="session")
+def lagged(reported: tuple[Evidence, Album]) -> Evidence:
+    """See ``reported``."""
+    return reported[0]
+
+
+@pytest.fixture(scope="session")
+def lagged_album(reported: tuple[Evidence, Album]) -> Album:
+    """See ``reported``."""
+    return reported[1]

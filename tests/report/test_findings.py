@@ -58,8 +58,8 @@ def with_diagnosis(evidence: Evidence, **changes: Any) -> Evidence:
     return replace(evidence, diagnosis=replace(evidence.diagnosis, **changes))
 
 
-def test_a_hidden_lag_is_named_with_its_numbers(lagged: Evidence, finding: Finding) -> None:
-    shown = text(section(lagged, make_album(lagged)))
+def test_a_hidden_lag_is_named_with_its_numbers(lagged: Evidence, lagged_album: Album, finding: Finding) -> None:
+    shown = text(section(lagged, lagged_album))
     assert finding.effect.equation in shown
     assert finding.estimate.value("thruster_lag.time_constant") == pytest.approx(0.8, abs=0.05)
     assert f"On trials that were not fitted it gains {finding.held_out_gain:.0f}." in shown
@@ -69,13 +69,13 @@ def test_a_hidden_lag_is_named_with_its_numbers(lagged: Evidence, finding: Findi
     assert re.search(r"thruster lag: time constant, s – 0\.8\d* ± 0\.0\d+", model)
 
 
-def test_the_page_has_the_section_and_its_plots(lagged: Evidence, lagged_folder: Path) -> None:
+def test_the_page_has_the_section_and_its_plots(lagged: Evidence, lagged_album: Album, lagged_folder: Path) -> None:
     page = (lagged_folder / "report" / "index.html").read_text()
     assert 'href="#diagnosis"' in page
     assert lagged.diagnosis is not None
     for name in ("rivals_thruster_lag", "missing_thruster_lag", "diagnosis_gain", "diagnosis_residuals"):
         assert {path.suffix for path in (lagged_folder / "report" / "plots").glob(f"{name}.*")} == {".png", ".svg"}
-    alts = re.findall(r'<img [^>]*alt="([^"]*)"', section(lagged, make_album(lagged)))
+    alts = re.findall(r'<img [^>]*alt="([^"]*)"', section(lagged, lagged_album))
     assert [alt.split(" ")[0] for alt in alts] == ["Missing", "Log-likelihood"]
 
 
@@ -199,7 +199,7 @@ def test_names_are_shown_as_they_are(lagged: Evidence, finding: Finding) -> None
         undecided=(effect,),
     )
     evidence = with_diagnosis(lagged, findings=(strange,), signals=((effect, 1.0),), warnings=(NASTY,))
-    picture = make_album(replace(evidence, simulations=(), runs=None, drag=None, inertia=None))
+    picture = make_album(replace(evidence, simulations=(), runs=None, drag=None, inertia=None, control=None))
     part = section(evidence, picture)
     assert "<b>" not in part
     assert "49" not in re.sub(r"base64,[^\"]+", "", part).split("<h3")[1].split("</h3>")[0]

@@ -54,7 +54,7 @@ OF_OTHERS = (
     "fit-drag tables/table3.csv -p tables.toml",
     "fit-inertia tables/sine_trials.csv -p tables.toml",
     "diagnose tables -p tables.toml",
-    "fleet tables bare -o fleet",
+    "fleet day bare -o fleet",
     "help",
     "help supply_sag",
 )
