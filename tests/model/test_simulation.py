@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint
 
 from rovid.effects import effect_named
 from rovid.ground.arrays import FloatArray
@@ -21,7 +21,7 @@ from tests.synthetic import LOGGED, ROSUB, clock, run, trial
 
 
 def exact(time: FloatArray, torque: FloatArray, model: Model, start: float) -> tuple[FloatArray, FloatArray]:
-    """Rate and angle by an implicit solver at tight tolerance, restarted at each change of the torque."""
+    """Rate and angle by LSODA at tight tolerance, restarted at each change of the torque."""
     state, out = np.array([start, 0.0]), []
     for (first, last), push in zip(itertools.pairwise(time), torque, strict=False):
         out.append(state)
@@ -29,7 +29,7 @@ def exact(time: FloatArray, torque: FloatArray, model: Model, start: float) -> t
         def slope(_: float, y: FloatArray, push: float = push) -> list[float]:
             return [(push - model.drag(y[:1])[0]) / model.inertia, y[0]]
 
-        state = solve_ivp(slope, (first, last), state, method="Radau", rtol=1e-10, atol=1e-12).y[:, -1]
+        state = odeint(slope, state, (first, last), rtol=1e-10, atol=1e-12, tfirst=True)[-1]
     rate, angle = np.array([*out, state]).T
     return rate, angle
 

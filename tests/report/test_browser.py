@@ -95,10 +95,6 @@ def readings(tab: Tab) -> list[str]:
     return found
 
 
-def test_the_sample_days_page_is_small(sample_page: Path) -> None:
-    assert sample_page.stat().st_size < 5e6
-
-
 @in_browser
 def test_the_sample_days_page_opens_quickly_and_moves(browser: Tab, sample_page: Path) -> None:
     browser.call("Performance.enable")

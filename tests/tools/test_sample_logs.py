@@ -16,7 +16,7 @@ import pandas as pd
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint
 from scipy.optimize import least_squares
 from scipy.signal import butter, sosfiltfilt
 
@@ -194,7 +194,7 @@ def integrated(series: dict[str, Series]) -> FloatArray:
             drag = (dynamics.quadratic_drag * abs(y[1]) + dynamics.linear_drag) * y[1]
             return [y[1], (torque - drag) / dynamics.inertia]
 
-        state = solve_ivp(slope, (begin, end), state, rtol=1e-9, atol=1e-12).y[:, -1]
+        state = odeint(slope, state, (begin, end), rtol=1e-9, atol=1e-12, tfirst=True)[-1]
         states.append(state)
     angle = np.array(states)[np.searchsorted(events, heading), 0]
     return np.asarray(angle - angle[0])

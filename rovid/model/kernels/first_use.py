@@ -50,7 +50,7 @@ def begin() -> bool:
 
 def compile_now() -> None:
     """Compile it in this process, before others are started that would each do so."""
-    for loop in long_loops().values():
+    for loop in (*long_loops().values(), *quick_loops()):
         loop()
 
 
