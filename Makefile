@@ -26,7 +26,7 @@ KERNELS := from rovid.model.kernels import compile_now; compile_now()
 
 $(VENV)/installed: $(VENV)/ready
 	$(BIN)/python -c '$(KERNELS)' & $(INSTALL) --no-compile --group dev && wait
-	-$(COMPILE) $(VENV)/lib
+	-$(COMPILE) $(VENV)/lib tools benchmarks docs
 	touch $@
 
 define DEMO
