@@ -11,8 +11,10 @@ from typing import Any
 
 import pytest
 
+from rovid import study
 from rovid.commands.cli import MANUAL
 from rovid.control import loop_design
+from rovid.inspect import check
 from rovid.report import build
 from rovid.study import Study
 from tests.conftest import SAMPLES, Rovid, write_short_day
@@ -81,6 +83,8 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """What took long, by its name; what is there is not worked out again, for it is the same at any width."""
     kept: dict[str, Any] = {}
     for owner, name in (
+        (study, "read_campaign"),
+        (check, "check_logs"),
         (Study, "diagnosis"),
         (Study, "likelihood"),
         (Study, "plan"),

@@ -232,7 +232,9 @@ def test_every_shipped_hold_turns_at_its_analytic_rate(run: Run) -> None:
 @pytest.mark.parametrize("truth", [ROSUB, OBSERVATION], ids=lambda truth: truth.name.split()[0])
 def test_integration_has_converged(truth: Truth) -> None:
     quiet = replace(truth, disturbance=Disturbance(standard_deviation=0.0))
-    for run in CAMPAIGN:
+    # One of each kind.
+    kinds = {"hold_07", "sine_20s", "staircase", "coast_01", "steps", "multilevel", "aft_only"}
+    for run in (run for run in CAMPAIGN if run.name in kinds):
         sample = np.arange(0, int(run.duration * MICRO) + 1, 50_000)
         held = Held(instant=sample + 3_700, value=run.command(sample / MICRO))
         coarse, fine = (
