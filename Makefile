@@ -10,7 +10,7 @@ ROVID  ?= $(BIN)/rovid
 
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # By all cores, and wherever Python is told to keep nothing of the kind by itself; what does not compile is not used. Tests
-# of libraries, what runs otherwise, and MAVLink's many dialects that are not read, would be a third of it.
+# of libraries, what nothing here imports, and MAVLink's many dialects that are not read, would be a third of it.
 COMPILE := $(BIN)/python -m compileall -qq -j 0 -x \
 	'site-packages/(.*/tests?/|(OpenGL|mypyc?|pip|setuptools)/|pymavlink/dialects/v../(?!ardupilotmega))'
 
@@ -21,11 +21,13 @@ $(VENV)/ready: pyproject.toml
 	-$(COMPILE) $(VENV)/lib rovid
 	touch $@
 
-# The simulation, compiled by one core while another installs.
-KERNELS := from rovid.model.kernels import compile_now; compile_now()
+# The simulation, compiled by one core while another installs; where that fails it is compiled at first use.
+KERNELS := from rovid.model.kernels import compile_now, is_compiled; is_compiled() or compile_now()
 
 $(VENV)/installed: $(VENV)/ready
-	$(BIN)/python -c '$(KERNELS)' & $(INSTALL) --no-compile --group dev && wait
+	$(BIN)/python -c '$(KERNELS)' & kernels=$$!; \
+	$(INSTALL) --no-compile --group dev --editable '.[app,fleet,logs]'; installed=$$?; \
+	wait $$kernels || true; exit $$installed
 	-$(COMPILE) $(VENV)/lib tools benchmarks docs
 	touch $@
 
@@ -68,7 +70,7 @@ release: $(VENV)/installed  ## sdist and wheel in dist/, and the demo from that 
 	.ci/try_wheel $(PYTHON)
 
 $(VENV)/compared: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group bench
+	$(INSTALL) --group bench
 	touch $@
 
 bench: $(VENV)/compared  ## timings, as ratios measured in one run, and whether standard errors hold

@@ -195,7 +195,10 @@ def _begun(
 
 
 def _steps(loop: ClosedLoop, course: Course) -> Iterator[None]:
-    """Go ``course``: at each sample what is asked for is there, and its drive is wanted until the next."""
+    """Fill in ``course``: at each sample the torque that is asked for, whose drive has to be there to go on.
+
+    Its heading is the true one until the end, and then what the instrument shows.
+    """
     from rovid.model.kernels import ROOM, advance
 
     law, plant, heading, drive = loop.law, loop.plant, course.heading, course.drive
@@ -227,9 +230,9 @@ def _steps(loop: ClosedLoop, course: Course) -> Iterator[None]:
 def _latest(
     plant: Plant, where: Actuation, commands: FloatArray, first: int, m: int
 ) -> tuple[FloatArray, FloatArray | float, FloatArray | float]:
-    """What the (l, n, k) ``commands`` of l loops make from the last but ``m`` on: torque, moment, what is beside.
+    """(l, m) torque and moment, and (l, m, 3) what is beside, that (l, n, k) ``commands`` make in the last ``m`` ticks.
 
-    Those from before the tick ``first`` are not looked at.
+    Or what is the same in all of them. Commands from before the tick ``first`` are not looked at.
     """
     model, vehicle, (count, last, k) = plant.model, plant.vehicle, commands.shape
     if model.drivetrain.is_plain:

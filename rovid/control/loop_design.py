@@ -25,9 +25,9 @@ from rovid.control.tuning import (
     gains,
     largest_bandwidth,
     linearised,
+    one_way_only,
 )
 from rovid.ground.arrays import FloatArray
-from rovid.ground.errors import DataError
 from rovid.model.model import Model
 from rovid.parameters.parameters import Parameters
 
@@ -130,7 +130,7 @@ def loop_of(law: Law, model: Model, vehicle: Vehicle, allocation: Allocation, se
     return Loop(
         law=law,
         motion=linearised(model),
-        actuators=probes_for(model, vehicle, allocation, setting).actuators(model),
+        actuators=_probes_for(model, vehicle, allocation, setting).actuators(model),
         delay=setting.delay,
     )
 
@@ -145,7 +145,7 @@ def choose_bandwidth(model: Model, vehicle: Vehicle, allocation: Allocation, set
     """
     capacity = min(allocation.highest, -allocation.lowest)
     if not capacity > 0.0:
-        raise DataError("the thrusters turn the vehicle one way only.", mend="Look at yaw_arm and curve in rovid.toml.")
+        raise one_way_only()
 
     def law_at(bandwidth: float) -> Law:
         kp, kd = gains(model.inertia, damping, bandwidth)
@@ -216,7 +216,7 @@ def spread_of(
     """Monte Carlo over the covariance of the parameter file, the controller held; None where it has no covariance."""
     if not any(value > 0.0 for value in parameters.covariance.values()):
         return None
-    probes, every = probes_for(parameters.model(), vehicle, allocation, setting), []
+    probes, every = _probes_for(parameters.model(), vehicle, allocation, setting), []
     for model in drawn(parameters, _DRAWS, seed=0):
         moved = replace(loop, motion=linearised(model))
         if not model.drivetrain.is_plain:
@@ -259,8 +259,8 @@ def closed_runs(
             heading_noise=setting.heading_noise,
             disturbance=_DISTURBANCE * setting.torque_in_use,
         )
-        loops = [loops_of(controller, inverse, plant, wanted) for controller, inverse, _, _ in every]
-        runs = iter(run_manoeuvres([*itertools.chain(*loops)]))
+        loops = [closed_loops(controller, inverse, plant, wanted) for controller, inverse, _, _ in every]
+        runs = iter(measured_runs([*itertools.chain(*loops)]))
         results += [
             [
                 RunResult(
@@ -278,7 +278,7 @@ def closed_runs(
     return [result for every_way in zip(*results, strict=True) for result in every_way]
 
 
-def loops_of(
+def closed_loops(
     law: Law, allocation: Allocation, plant: Plant, manoeuvres: Sequence[Manoeuvre], seed: int = 0
 ) -> list[ClosedLoop]:
     """Each manoeuvre, and behind it the same without noise, disturbance and waves."""
@@ -301,8 +301,8 @@ def loops_of(
     return loops
 
 
-def run_manoeuvres(loops: Sequence[ClosedLoop]) -> list[tuple[Measures, Course]]:
-    """Of each two of ``loops_of`` the measures, and the quiet run, which shows its limit cycle."""
+def measured_runs(loops: Sequence[ClosedLoop]) -> list[tuple[Measures, Course]]:
+    """Of each two of ``closed_loops`` the measures, and the quiet run, which shows its limit cycle."""
     courses = iter(run_closed(loops))
     return [(measure(course, quiet), quiet) for course, quiet in zip(courses, courses, strict=True)]
 
@@ -322,7 +322,8 @@ def _decay(ratio: float) -> float:
     return ratio - math.sqrt(ratio**2 - 1.0)
 
 
-def probes_for(model: Model, vehicle: Vehicle, allocation: Allocation, setting: Setting) -> Probes:
+def _probes_for(model: Model, vehicle: Vehicle, allocation: Allocation, setting: Setting) -> Probes:
     """Sines as large as the torque in use, but half of what there is at most."""
     amplitude = min(setting.torque_in_use, 0.5 * allocation.highest, -0.5 * allocation.lowest)
-    return Probes.of(vehicle, model.drivetrain.parts, allocation, setting.period, amplitude)
+    parts = model.drivetrain.parts
+    return Probes(vehicle=vehicle, parts=parts, allocation=allocation, period=setting.period, amplitude=amplitude)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -251,50 +251,65 @@ def _slopes(change: Callable[[FloatArray, float], FloatArray], size: int) -> Flo
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Probes:
-    """Sines of torque that are wanted, and the commands that they are turned into.
+    """Sines of torque that are wanted of ``vehicle``'s thrusters.
 
     Attributes
     ----------
-    frequencies
-        (f,) rad/s.
-    given
-        Commands of every sine, one after the other.
-    measured
-        Of each sine its samples where it has settled, of all of ``given``, and what these are multiplied by to give the
-        response.
+    parts
+        Into which each interval is cut for what acts between command and torque.
+    period, amplitude
+        s, of the sampling; N m.
     """
 
-    frequencies: FloatArray
-    given: Commanded
-    measured: Sequence[tuple[slice, ComplexArray]]
+    vehicle: Vehicle
+    parts: int
+    allocation: Allocation
+    period: float
+    amplitude: float
 
-    @classmethod
-    def of(cls, vehicle: Vehicle, parts: int, allocation: Allocation, period: float, amplitude: float) -> Self:
-        """Of ``amplitude`` in N m, sampled at ``period`` s, for effects that need intervals in so many ``parts``."""
-        frequencies = np.geomspace(_LOWEST_PROBE, _HIGHEST_PROBE * math.pi / period, _PROBES)
-        begin, where, commands, measured = 0, [], [], list[tuple[slice, ComplexArray]]()
-        for frequency in frequencies.tolist():
-            length = max(round(2.0 * math.pi / frequency / period), _FEWEST_SAMPLES)
-            count = length + max(length, math.ceil(_SETTLING / period))
-            time = period * np.arange(count + 1)
-            where.append(bare_actuation(vehicle, time, parts))
-            commands.append(allocation(amplitude * np.sin(frequency * time)))
-            # Of a sine itself this coordinate is its amplitude over 2j.
-            phasor = _phasor(time[count - length : count], frequency) / (amplitude / 2j)
-            measured.append((slice(begin + count - length, begin + count), phasor))
-            begin += count + 1
-        given = Commanded(vehicle, Actuation.joined(where), np.concatenate(commands))
-        return cls(frequencies=frequencies, given=given, measured=measured)
+    @property
+    def frequencies(self) -> FloatArray:
+        """(f,) rad/s."""
+        return np.geomspace(_LOWEST_PROBE, _HIGHEST_PROBE * math.pi / self.period, _PROBES)
 
     def actuators(self, model: Model) -> tuple[FloatArray, ComplexArray]:
         """Frequencies in rad/s and the (f,) response from wanted to acting torque.
 
         The describing function of whatever acts between command and torque, found by sending the sines through it.
+
+        Raises
+        ------
+        DataError
+            Something does, and the thrusters turn the vehicle one way only.
         """
         if model.drivetrain.is_plain:
             return self.frequencies, np.ones(_PROBES, dtype=np.complex128)
-        acting = model.drivetrain.driven(self.given).torque
-        return self.frequencies, np.array([phasor @ acting[rows] for rows, phasor in self.measured])
+        given, measured = self._sines
+        acting = model.drivetrain.driven(given).torque
+        return self.frequencies, np.array([phasor @ acting[rows] for rows, phasor in measured])
+
+    @cached_property
+    def _sines(self) -> tuple[Commanded, list[tuple[slice, ComplexArray]]]:
+        """Commands of every sine, one after the other; where each has settled, and weights of its response there."""
+        if not self.amplitude > 0.0:
+            raise one_way_only()
+        begin, where, commands, measured = 0, [], [], list[tuple[slice, ComplexArray]]()
+        for frequency in self.frequencies.tolist():
+            length = max(round(2.0 * math.pi / frequency / self.period), _FEWEST_SAMPLES)
+            count = length + max(length, math.ceil(_SETTLING / self.period))
+            time = self.period * np.arange(count + 1)
+            where.append(bare_actuation(self.vehicle, time, self.parts))
+            commands.append(self.allocation(self.amplitude * np.sin(frequency * time)))
+            # Of a sine itself this coordinate is its amplitude over 2j.
+            phasor = _phasor(time[count - length : count], frequency) / (self.amplitude / 2j)
+            measured.append((slice(begin + count - length, begin + count), phasor))
+            begin += count + 1
+        return Commanded(self.vehicle, Actuation.joined(where), np.concatenate(commands)), measured
+
+
+def one_way_only() -> DataError:
+    """The thrusters cannot turn the vehicle both ways."""
+    return DataError("the thrusters turn the vehicle one way only.", mend="Look at yaw_arm and curve in rovid.toml.")
 
 
 def _phasor(time: FloatArray, frequency: float) -> ComplexArray:

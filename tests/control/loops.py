@@ -59,7 +59,10 @@ def closed(
 
 def loop(controller: Law, delay: float = 0.0, model: Model = PAPER) -> Loop:
     known = allocate(VEHICLE, model)
-    response = Probes.of(VEHICLE, model.drivetrain.parts, known, controller.period, 126.0).actuators(model)
+    probes = Probes(
+        vehicle=VEHICLE, parts=model.drivetrain.parts, allocation=known, period=controller.period, amplitude=126.0
+    )
+    response = probes.actuators(model)
     return Loop(law=controller, motion=linearised(model), actuators=response, delay=delay)
 
 

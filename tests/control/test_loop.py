@@ -11,7 +11,8 @@ from scipy import signal
 from scipy.integrate import solve_ivp
 
 from rovid.control.allocation import allocate
-from rovid.control.loop import Plant
+from rovid.control.loop import ClosedLoop, Plant, run_closed
+from rovid.control.loop_design import unaided
 from rovid.effects import Effect, forms_for
 from rovid.ground.arrays import FloatArray
 from rovid.model.model import Model
@@ -77,6 +78,36 @@ def test_recorded_commands_drive_the_open_loop_to_the_same_heading(effect: Effec
         assert rate == pytest.approx(course.rate, abs=reach)
     assert heading - heading[0] == pytest.approx(course.heading - course.heading[0], abs=reach)
     assert np.ptp(course.heading) > 1.0
+
+
+SWIRLED = with_effect("heading_deviation", 0.05, 0.3, model=with_effect("entrained_swirl", 0.3, 20.0))
+
+
+@pytest.mark.parametrize("period", [0.1, 0.35])
+@pytest.mark.parametrize("model", [PAPER, with_effect("thruster_lag", 1.0), SWIRLED], ids=["plain", "lag", "swirl"])
+def test_loops_side_by_side_go_as_each_by_itself(model: Model, period: float) -> None:
+    """With other gains, starts, noise, delays and inverses of the thrusters; and as what is commanded drives them."""
+    plant = Plant(model=model, vehicle=VEHICLE, heading_noise=1e-3, disturbance=2.0)
+    known, bench = allocate(VEHICLE, model), allocate(VEHICLE, PAPER)
+    loops = [
+        ClosedLoop(law=controller, allocation=inverse, plant=each, wanted=np.full(200, 2.0), start=start, seed=7)
+        for controller, inverse, each, start in (
+            (law(900.0, 3000.0, period=period), known, plant, 1.0),
+            (law(500.0, 2000.0, period=period, lowest=-40.0, highest=40.0), bench, replace(plant, delay=0.5), 1.5),
+            (unaided(law(900.0, 3000.0, period=period)), known, plant.quiet(), 2.5),
+        )
+    ]
+    for together, loop in zip(run_closed(loops), loops, strict=True):
+        (alone,) = run_closed([loop])
+        for name in ("heading", "rate", "torque", "commands", "outside"):
+            assert getattr(together, name) == pytest.approx(getattr(alone, name), rel=1e-9, abs=1e-9), name
+        drive = model.drive(VEHICLE, together.trial())
+        for name in ("torque", "moment", "beside"):
+            found, by_itself, whole = (getattr(one, name) for one in (together.drive, alone.drive, drive))
+            assert found == pytest.approx(by_itself, rel=1e-9, abs=1e-9), name
+            # What an effect remembers from before the window.
+            reach = 1e-4 * float(np.max(np.abs(whole))) + 1e-9
+            assert found[:-1] == pytest.approx(whole[:-1], abs=reach), name
 
 
 def test_an_effect_that_remembers_more_than_the_window_is_given_all_of_it() -> None:

@@ -11,7 +11,7 @@ import pytest
 from rovid.campaign.vehicle import Vehicle
 from rovid.control.allocation import allocate
 from rovid.control.loop import Plant
-from rovid.control.loop_design import choose_bandwidth, law_for, loop_of, loops_of, run_manoeuvres, unaided
+from rovid.control.loop_design import choose_bandwidth, closed_loops, law_for, loop_of, measured_runs, unaided
 from rovid.control.setting import Manoeuvre, Setting, manoeuvres, paper_runs
 from rovid.control.tuning import gains
 from rovid.effects import Effect, forms_for
@@ -25,10 +25,14 @@ def test_a_dead_zone_and_a_lag_make_a_limit_cycle_that_is_seen() -> None:
     model = with_effect("thruster_lag", 1.0, model=with_effect("command_hysteresis", 0.4))
     bench = allocate(VEHICLE, PAPER)
     controller = law(2000.0, 3000.0)
-    ((shaken, _),) = run_manoeuvres(loops_of(controller, bench, Plant(model=model, vehicle=VEHICLE), paper_runs()[2:3]))
+    ((shaken, _),) = measured_runs(
+        closed_loops(controller, bench, Plant(model=model, vehicle=VEHICLE), paper_runs()[2:3])
+    )
     assert shaken.limit_cycle is not None
     assert shaken.limit_cycle.amplitude_deg > 0.2
-    ((calm, _),) = run_manoeuvres(loops_of(controller, bench, Plant(model=PAPER, vehicle=VEHICLE), paper_runs()[2:3]))
+    ((calm, _),) = measured_runs(
+        closed_loops(controller, bench, Plant(model=PAPER, vehicle=VEHICLE), paper_runs()[2:3])
+    )
     assert calm.limit_cycle is None
 
 
@@ -81,7 +85,7 @@ def test_a_random_vehicle_keeps_its_heading_within_predicted_margins(seed: int) 
         disturbance=0.02 * setting.torque_in_use,
     )
     wanted = manoeuvres((), setting.torque_in_use)[:3]
-    for found, _ in run_manoeuvres(loops_of(controller, allocation, plant, wanted, seed=seed)):
+    for found, _ in measured_runs(closed_loops(controller, allocation, plant, wanted, seed=seed)):
         assert found.settling_time is not None
         assert found.steady_error_deg < 0.6
         # What a play or a dead zone leaves, if anything.
@@ -108,11 +112,11 @@ def test_pd_alone_has_no_aid() -> None:
 
 
 def test_a_manoeuvre_against_a_current_has_the_error_of_its_stiffness() -> None:
-    loops = loops_of(
+    loops = closed_loops(
         law(1000.0, 3500.0),
         allocate(LOGGED, PAPER),
         Plant(model=PAPER, vehicle=LOGGED),
         [Manoeuvre(name="", start=120.0, wanted=120.0, current=10.0)],
     )
-    ((found, _),) = run_manoeuvres(loops)
+    ((found, _),) = measured_runs(loops)
     assert found.steady_error_deg == pytest.approx(math.degrees(10.0 / 1000.0), rel=1e-3)

@@ -210,7 +210,7 @@ def test_commands_of_a_page(page: Path, request: pytest.FixtureRequest) -> None:
     with contextlib.nullcontext() if page.name == "tutorial.md" else blank_plots():
         run(page, chosen, request)
     if any(words[:2] == ["rovid", "report"] for block in chosen for words in block.commands()):
-        # A page opens quickly on a tablet.
+        # The tutorial's holds all plots of the sample day, and opens quickly on a tablet.
         assert 100_000 < Path("report/index.html").stat().st_size < 5_000_000
         assert Path("parameters.toml").is_file()
     if page.name == "tutorial.md":

@@ -40,7 +40,8 @@ def digests(folder: Path) -> dict[str, str]:
     """
     environment = os.environ | {"PYTHONPATH": str(folder)}
     command = [sys.executable, "-c", textwrap.dedent(code)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    # What Python runs with -c it looks for in the working folder first.
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
     return dict(json.loads(done.stdout))
 
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import pytest
 
-from rovid import study
 from rovid.commands.cli import MANUAL
 from rovid.control import loop_design
 from rovid.inspect import check
@@ -83,7 +82,6 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """What took long, by its name; what is there is not worked out again, for it is the same at any width."""
     kept: dict[str, Any] = {}
     for owner, name in (
-        (study, "read_campaign"),
         (check, "check_logs"),
         (Study, "diagnosis"),
         (Study, "likelihood"),

@@ -38,7 +38,6 @@ STYLE: dict[str, Any] = {
     "axes.spines.top": False,
     "axes.titlelocation": "left",
     "axes.titlesize": 10,
-    "axes.titley": 1.0,  # not searched for: nothing else stands above a panel
     "date.converter": "concise",
     "figure.dpi": 130,
     "figure.facecolor": "white",
