@@ -71,7 +71,9 @@ def test_a_second_process_compiles_at_first_use(tmp_path: Path) -> None:
     [
         ("sys.executable = '/nonexistent'", 0),
         ("sys.executable = 'false'", 1),
-        ("import threading; threading.Timer(0.5, lambda: begun[0].stop()).start()", 1),
+        pytest.param(
+            "import threading; threading.Timer(0.5, lambda: begun[0].stop()).start()", 1, marks=pytest.mark.slow
+        ),
     ],
 )
 def test_whatever_becomes_of_it_the_first_goes_on(tmp_path: Path, fate: str, begun: int) -> None:

@@ -204,6 +204,7 @@ def test_what_the_thrusters_have_by_themselves_is_there(effect: str, name: str, 
     assert verdict_on(named, truth | {"advance_loss": 0.0, "rotor_seconds": 0.0}) == "wrong"
 
 
+@pytest.mark.slow
 def test_thrusters_too_slow_for_the_plain_model_are_no_lack_of_data(tmp_path: Path) -> None:
     """Two minutes of an autopilot that swings: without the cause no inertia fits, nor any time constant."""
     write_campaign(tmp_path / "logs", draw(8800021))
