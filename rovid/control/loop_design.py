@@ -216,12 +216,11 @@ def spread_of(
     """Monte Carlo over the covariance of the parameter file, the controller held; None where it has no covariance."""
     if not any(value > 0.0 for value in parameters.covariance.values()):
         return None
-    probes, every = _probes_for(parameters.model(), vehicle, allocation, setting), []
-    for model in drawn(parameters, _DRAWS, seed=0):
-        moved = replace(loop, motion=linearised(model))
-        if not model.drivetrain.is_plain:
-            moved = replace(moved, actuators=probes.actuators(model))
-        every.append(moved.margins())
+    probes = _probes_for(parameters.model(), vehicle, allocation, setting)
+    every = [
+        replace(loop, motion=linearised(model), actuators=probes.actuators(model)).margins()
+        for model in drawn(parameters, _DRAWS, seed=0)
+    ]
     low, high = 5.0, 95.0
     return Spread(
         draws=len(every),
