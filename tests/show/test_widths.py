@@ -55,7 +55,7 @@ OF_OTHERS = (
     "fit-drag tables/table3.csv -p tables.toml",
     "fit-inertia tables/sine_trials.csv -p tables.toml",
     "diagnose tables -p tables.toml",
-    "fleet day bare -o fleet",
+    "fleet tables bare -o fleet",
     "help",
     "help supply_sag",
 )
