@@ -14,18 +14,17 @@ from rovid.control.allocation import Allocation, allocate
 from rovid.control.law import Law, holds
 from rovid.control.loop import ClosedLoop, Course, Plant, run_closed
 from rovid.control.measures import Measures, measure
+from rovid.control.probes import Probes, one_way_only
 from rovid.control.setting import WAVE_PERIOD, Manoeuvre, Options, Setting, manoeuvres
 from rovid.control.tuning import (
     BANDWIDTHS,
     Loop,
     Margins,
-    Probes,
     damping_ratio,
     drawn,
     gains,
     largest_bandwidth,
     linearised,
-    one_way_only,
 )
 from rovid.ground.arrays import FloatArray
 from rovid.model.model import Model

@@ -12,8 +12,9 @@ from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.control.allocation import Allocation, allocate
 from rovid.control.law import Law
 from rovid.control.loop import ClosedLoop, Course, Plant, run_closed
+from rovid.control.probes import Probes
 from rovid.control.setting import Setting
-from rovid.control.tuning import Loop, Probes, linearised
+from rovid.control.tuning import Loop, linearised
 from rovid.effects import effect_named
 from rovid.effects.base import Scales
 from rovid.ground.arrays import FloatArray

@@ -14,11 +14,10 @@ from scipy import signal
 from rovid.control.allocation import allocate
 from rovid.control.law import Law
 from rovid.control.loop import Plant
-from rovid.control.tuning import Loop, Probes, damping_ratio, drawn, gains, linearised
+from rovid.control.tuning import Loop, damping_ratio, drawn, gains, linearised
 from rovid.ground.arrays import FloatArray
-from rovid.ground.errors import DataError
 from rovid.parameters.parameters import Entry, Parameters
-from tests.control.loops import PAPER, VEHICLE, law, loop, run_one, swing, with_effect
+from tests.control.loops import PAPER, law, loop, run_one, swing, with_effect
 from tests.synthetic import LOGGED
 
 
@@ -146,11 +145,3 @@ def test_weights_on_heading_and_torque_ask_for_a_damping_ratio_of_half_the_root_
     optimal, _, _ = control.lqr(*motion, np.diag([1.0 / heading**2, 0.0]), np.array([[1.0 / torque**2]]))
     known = gains(5057.0, math.sqrt(0.5), math.sqrt(torque / heading / 5057.0))
     assert optimal.ravel() == pytest.approx(known, rel=1e-6)
-
-
-def test_no_sine_is_sent_where_thrusters_turn_one_way() -> None:
-    model = with_effect("thruster_lag", 1.0)
-    probes = Probes(vehicle=VEHICLE, parts=1, allocation=allocate(VEHICLE, PAPER), period=0.1, amplitude=0.0)
-    assert np.all(probes.actuators(PAPER)[1] == 1.0)
-    with pytest.raises(DataError, match="one way only"):
-        probes.actuators(model)
