@@ -105,8 +105,9 @@ def test_a_folder_holds_what_is_said_of_it(index: int, tmp_path: Path) -> None:
     found = senses(logs, truth)
     wrong = [name for name, way in truth.thrusters.items() if way and found[name] * way < -SURE]
     assert not wrong, f"{told} {found}"
-    sure = [name for name, way in truth.thrusters.items() if way and found[name] * way > SURE]
-    assert sure, f"{told} {found}"
+    turning = [found[name] * way for name, way in truth.thrusters.items() if way]
+    # Judged all together, for a tunnel thruster turns its vessel little.
+    assert sum(turning) > SURE * np.sqrt(len(turning)), f"{told} {found}"
 
 
 def test_the_same_seed_makes_the_same_folder(tmp_path: Path) -> None:
