@@ -8,7 +8,7 @@ ROVID  ?= $(BIN)/rovid
 
 .PHONY: demo demo-alone test pytest test-slow lint docs release bench sweep torture clean
 
-INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+INSTALL := .ci/install $(BIN)/python
 # By all cores, and wherever Python is told to keep nothing of the kind by itself; what does not compile is not used. Tests
 # of libraries, what nothing here imports, and MAVLink's many dialects that are not read, would be a third of it.
 COMPILE := $(BIN)/python -m compileall -qq -j 0 -x \
@@ -16,19 +16,20 @@ COMPILE := $(BIN)/python -m compileall -qq -j 0 -x \
 
 $(VENV)/ready: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(INSTALL) --upgrade 'pip>=25.1'
-	$(INSTALL) --no-compile --editable '.[app,fleet,logs]'
+	$(INSTALL) --editable '.[app,fleet,logs]'
 	-$(COMPILE) $(VENV)/lib rovid
 	touch $@
 
-# The simulation, compiled by one core while another installs; where that fails it is compiled at first use.
+$(VENV)/installed: $(VENV)/ready
+	$(INSTALL) --group dev --editable '.[app,fleet,logs]'
+	-$(COMPILE) $(VENV)/lib tools benchmarks docs
+	touch $@
+
+# The simulation, compiled once and not by each worker of the tests; where that fails it is compiled at first use.
 KERNELS := from rovid.model.kernels import compile_now, is_compiled; is_compiled() or compile_now()
 
-$(VENV)/installed: $(VENV)/ready
-	$(BIN)/python -c '$(KERNELS)' & kernels=$$!; \
-	$(INSTALL) --no-compile --group dev --editable '.[app,fleet,logs]'; installed=$$?; \
-	wait $$kernels || true; exit $$installed
-	-$(COMPILE) $(VENV)/lib tools benchmarks docs
+$(VENV)/compiled: $(VENV)/installed
+	-$(BIN)/python -c '$(KERNELS)'
 	touch $@
 
 define DEMO
@@ -49,10 +50,10 @@ demo-alone:  ## the same by an installed ROVID, in whatever folder holds the sam
 test: $(VENV)/installed  ## all tests; fails when none ran
 	$(MAKE) --no-print-directory --jobs=2 lint pytest
 
-pytest: $(VENV)/installed
+pytest: $(VENV)/compiled
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 
-test-slow: $(VENV)/installed  ## the tests that take minutes each
+test-slow: $(VENV)/compiled  ## the tests that take minutes each
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m slow
 
 lint: $(VENV)/installed
