@@ -262,20 +262,22 @@ def run(
             seen[tick] = state[3] + deviation(state[3], cause) + noise[tick]
             rate[tick] = state[2] + rate_noise[tick]
             demand = demanded(mode, pilot, wanted, decide, tick, seen, rate, memory)
-            asked = np.clip(mix_yaw * demand + mix_surge * surge[tick], -1.0, 1.0)
-            commands[tick] = np.round(asked * fineness) / fineness
+            for index in range(count):
+                asked = min(max(mix_yaw[index] * demand + mix_surge[index] * surge[tick], -1.0), 1.0)
+                commands[tick, index] = round(asked * fineness) / fineness
         late = k - delays[tick]
         if late >= 0:
-            arrived[:] = commands[min(late // every, tick)]
+            for index in range(count):
+                arrived[index] = commands[min(late // every, tick), index]
         turn_rotors(arrived, cause, thrusters, rotors[0], step, through[0], running[0], spins[0], spin_rate[0])
         turn_rotors(commands[tick], plain, thrusters, rotors[1], step, through[1], running[1], spins[1], spin_rate[1])
         push(spins[1, 0], thrusters, plain, 0.0, 1.0, state, without)
         scale = cause[SCALE] * (1.0 - cause[DRIFT] * k * step)
         for stage in range(4):
             moment_of = (stage + 1) // 2  # start, middle, middle, end
-            trial[:] = state
-            if stage > 0:
-                trial += (0.5 if stage < 3 else 1.0) * step * slopes[stage - 1, :6]
+            onward = 0.0 if stage == 0 else step if stage == 3 else 0.5 * step
+            for j in range(6):
+                trial[j] = state[j] + onward * slopes[stage - 1, j]
             push(spins[0, moment_of], thrusters, cause, sag, scale, trial, pushed[moment_of])
             rates(trial, pushed[moment_of], series[2 * k + moment_of], hull, weather, cause, slopes[stage])
             if stage == 0:
@@ -291,4 +293,6 @@ def run(
             state[j] += step / 6.0 * (slopes[0, j] + 2.0 * slopes[1, j] + 2.0 * slopes[2, j] + slopes[3, j])
         if cause[SAG] > 0.0:
             sag += step / cause[SAG_TIME] * (load(spins[0, 2], thrusters) - sag)
-        spins[:, 0] = spins[:, 2]
+        for bank in range(2):
+            for index in range(count):
+                spins[bank, 0, index] = spins[bank, 2, index]
