@@ -155,9 +155,8 @@ class _Rows:
 
     def simulated(self, model: Model) -> FloatArray:
         """(n,) rad/s, what tables would say: the peak of a sine and the mean of a hold, once it has settled."""
-        drives = model.drivetrain.driven(self._given[model.drivetrain.parts]).by_trial
-        every = zip(self.runs, drives, strict=True)
-        return np.array([_as_told(run, model.simulate_rate(run, drive)) for run, drive in every])
+        drive = model.drivetrain.driven(self._given[model.drivetrain.parts])
+        return np.array([*map(_as_told, self.runs, model.simulate_rates(self.runs, drive))])
 
     @cached_property
     def _given(self) -> dict[int, Commanded]:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise, starmap
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.effects.actuation import bridged
-from rovid.effects.base import TERM_STATES
+from rovid.effects.base import TERM_STATES, Body
 from rovid.ground.arrays import FloatArray, IntArray
-from rovid.ground.lanes import LANES
 from rovid.model.drive import Drive
-from rovid.model.equation import Equation
+from rovid.model.equation import Equation, Terms
 from rovid.motion.rates import on_grid, uniform_grid
 
 _START_SECONDS = 2.0
@@ -31,16 +31,36 @@ def integrated(
     ``begin`` is the rate and the angle since the start of the trial at the first of them; ``states`` of the terms there
     are (m * TERM_STATES,), at rest if not given.
     """
+    body, terms, start = equation
+    return abreast(body, terms, time, drive, np.array([start]), np.array([begin]), states)
+
+
+def abreast(
+    body: Body,
+    terms: Terms,
+    time: FloatArray,
+    drive: Drive,
+    starts: FloatArray,
+    first: FloatArray,
+    states: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """As ``integrated``, of all r trials whose instants and drives stand one after the other.
+
+    ``starts`` are (r,) their positions at the start, ``first`` (r, 2) their rates and angles at the first instant.
+    """
     from rovid.model import kernels
 
-    count = len(equation.terms.kinds)
-    if count > 0 or drive.moment.any():
-        states = np.zeros(count * TERM_STATES) if states is None else states
-        series = drive.torque, drive.moment, drive.beside
-        rate, angle = kernels.simulate_effects(time, *series, equation, begin, np.column_stack([states] * LANES))
-        return rate, angle
-    rate, angle = kernels.simulate(time, drive.torque, equation.body, begin[0])
-    return rate, angle + begin[1]
+    if len(terms.kinds) or drive.moment.any():
+        states = np.zeros(len(terms.kinds) * TERM_STATES) if states is None else states
+        states = np.broadcast_to(states, (len(starts), states.shape[-1]))
+        given = drive.torque, drive.moment, drive.beside
+        return kernels.simulate_effects(drive.begins, time, given, starts, first, states, body, terms)
+    rates, angles = [], []
+    for rows, begin in zip(starmap(slice, pairwise(drive.begins.tolist())), first, strict=True):
+        rate, angle = kernels.simulate(time[rows], drive.torque[rows], body, begin[0])
+        rates.append(rate)
+        angles.append(angle + begin[1])
+    return np.concatenate(rates), np.concatenate(angles)
 
 
 def along(

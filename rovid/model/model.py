@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,7 +21,7 @@ from rovid.model.drive import Drive
 from rovid.model.drivetrain import Drivetrain
 from rovid.model.equation import Equation, Terms, terms_of
 from rovid.model.instrument import Instrument
-from rovid.model.integration import euler_heading, initial_rate, integrated
+from rovid.model.integration import abreast, euler_heading, initial_rate, integrated
 from rovid.model.names import base_names
 
 
@@ -121,16 +123,26 @@ class Model:
         heading, rate = self.instrument.as_measured(true[first] + angle - angle[first], rate)
         return rate, heading
 
-    def simulate_rate(self, trial: Trial, drive: Drive) -> FloatArray:
-        """(n,) rate as `simulate` has it; most often nobody has to turn it into a position."""
+    def simulate_rates(self, trials: Sequence[Trial], drive: Drive) -> list[FloatArray]:
+        """(n,) rate of each trial as `simulate` has it, under the ``drive`` of all, one after the other.
+
+        Most often nobody has to turn it into a position.
+        """
         if self.instrument.deviates:
-            return self.simulate(trial, drive)[0]
-        return self._integrated(trial, drive)[0]
+            return [self.simulate(trial, one)[0] for trial, one in zip(trials, drive.by_trial, strict=True)]
+        time = np.concatenate([trial.time for trial in trials])
+        first = np.array([self._first(trial) for trial in trials])
+        starts = np.array([trial.start for trial in trials])
+        rate, _ = abreast(self.body, self.terms, time, drive, starts, first)
+        return [rate[begin:end] for begin, end in pairwise(drive.begins.tolist())]
 
     def _integrated(self, trial: Trial, drive: Drive) -> tuple[FloatArray, FloatArray]:
         """(n,) rate of the body, and the angle that it turned."""
-        begin = initial_rate(trial, self.swing), 0.0
-        return integrated(self.equation_in(trial), trial.time, drive, begin)
+        return integrated(self.equation_in(trial), trial.time, drive, self._first(trial))
+
+    def _first(self, trial: Trial) -> tuple[float, float]:
+        """Rate of the body at the first instant, and the angle that it has turned by then."""
+        return initial_rate(trial, self.swing), 0.0
 
     @property
     def slow_inertia(self) -> float:

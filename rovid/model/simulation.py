@@ -71,7 +71,7 @@ def simulate_runs(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[T
 
 def simulated_rate(run: Run, model: Model, drive: Drive) -> FloatArray:
     """(m,) rate of the free-running ``model``, behind the filter that the measured one went through."""
-    return run.rates.smooth_samples(run.trial, model.simulate_rate(run.trial, drive))
+    return run.rates.smooth_samples(run.trial, *model.simulate_rates([run.trial], drive))
 
 
 def overall(simulations: Sequence[TrialSimulation]) -> Fit:

@@ -133,11 +133,11 @@ def term(effect: Effect, values: FloatArray, rate: float, push: float, state: Fl
 def simulated(effect: Effect, values: FloatArray, torque: FloatArray, time: FloatArray = TIME) -> FloatArray:
     from rovid.model.kernels import simulate_effects
 
-    equation = Equation(BODY, terms_of([Acting(effect, values)], 0.0), 0.4)
     still = np.zeros(len(time))
     beside = np.column_stack([np.sqrt(np.abs(torque)), still + 0.8, still - 0.2])
-    rest = np.zeros((TERM_STATES, LANES))
-    rate, _ = simulate_effects(time, torque, still, beside, equation, (0.0, 0.0), rest)
+    rest = np.full(1, 0.4), np.zeros((1, 2)), np.zeros((1, TERM_STATES))
+    terms = terms_of([Acting(effect, values)], 0.0)
+    rate, _ = simulate_effects(np.array([0, len(time)]), time, (torque, still, beside), *rest, BODY, terms)
     return np.asarray(rate)
 
 

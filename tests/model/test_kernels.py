@@ -14,7 +14,6 @@ from scipy.linalg import expm
 from rovid.effects import MOTION, Effect, effect_named
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
-from rovid.ground.lanes import LANES
 from rovid.model.acting import Acting
 from rovid.model.drive import Drive
 from rovid.model.equation import Equation, terms_of
@@ -200,12 +199,36 @@ def test_all_restarts_together_go_where_each_would_alone(effect: Effect) -> None
     moved = predict(np.full(4, period), torque, beside, rate, angle, states, first, reach, np.full(4, 0.4), body, terms)
     for lane, (at, steps) in enumerate(zip(first, reach, strict=True)):
         held = slice(at, at + steps + 1)
-        here = (np.arange(steps + 1) * period, torque[held], np.zeros(steps + 1), beside[held])
+        driven = torque[held], np.zeros(steps + 1), beside[held]
+        there = np.full(1, 0.4), np.array([(rate[at], angle[at])]), states[at : at + 1]
         _, alone = simulate_effects(
-            *here, Equation(body, terms, 0.4), (rate[at], angle[at]), np.column_stack([states[at]] * LANES)
+            np.array([0, steps + 1]), np.arange(steps + 1) * period, driven, *there, body, terms
         )
         assert moved[lane, : steps + 1] == pytest.approx(alone - angle[at], rel=1e-9, abs=1e-12)
         assert np.isnan(moved[lane, steps + 1 :]).all()
+
+
+@pytest.mark.parametrize("key", ["oscillatory_drag", "tank_seiche:thrust"])
+def test_runs_side_by_side_go_where_each_would_alone(key: str) -> None:
+    effect = effect_named(key)
+    scales, begin = records().scales, zip(effect.starts[0], effect.parameters, strict=True)
+    terms = terms_of([Acting(effect, np.array([value * scales.of(one) for value, one in begin]))], 0.0)
+    # More than there are lanes, of all lengths; those behind an end begin at another time of the day.
+    lengths, rng = [160, 2, 90, 300, 1, 211], np.random.default_rng(4)
+    begins = np.cumsum([0, *lengths])
+    time = np.concatenate([1e7 * (number % 2) + 0.2 * np.arange(length) for number, length in enumerate(lengths)])
+    torque, moment = np.repeat(rng.normal(0.0, 90.0, begins[-1] // 4), 4), np.full(begins[-1], 0.4)
+    beside = np.column_stack((np.sqrt(np.abs(torque)), np.full((begins[-1], 2), 0.3)))
+    starts, first = rng.uniform(-3.0, 3.0, 6), rng.normal(0.0, 0.05, (6, 2))
+    states = rng.normal(0.0, 0.01, (6, TERM_STATES))
+    together = simulate_effects(begins, time, (torque, moment, beside), starts, first, states, ROSUB.body, terms)
+    for number, (begin, end) in enumerate(pairwise(begins)):
+        own, alone = slice(begin, end), slice(number, number + 1)
+        drive = torque[own], moment[own], beside[own]
+        here = starts[alone], first[alone], states[alone], ROSUB.body, terms
+        wanted = simulate_effects(np.array([0, end - begin]), time[own], drive, *here)
+        # Those side by side take as many steps as the one that asks for most.
+        np.testing.assert_allclose([series[own] for series in together], wanted, rtol=1e-4, atol=1e-5)
 
 
 def test_a_model_that_runs_away_predicts_nothing() -> None:

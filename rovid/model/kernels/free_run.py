@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from rovid.effects.base import Body
-from rovid.ground.arrays import FloatArray
-from rovid.ground.compiled import lean
-from rovid.ground.lanes import LANES, alike, lane, larger
-from rovid.model.kernels.batch import in_lanes
+from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.compiled import inlined, lean
+from rovid.ground.lanes import LANES, alike, lane, larger, with_lane
+from rovid.model.equation import Equation
+from rovid.model.kernels.batch import each, in_lanes
 from rovid.model.kernels.step import bare_step, brakes, damping_of, step, wanted_steps, whole_steps
 from rovid.model.kernels.torque import ROOM
 
@@ -108,62 +109,88 @@ def advance(
     rate, angle, stiffness
         At the interval's end.
     """
-    abreast, body = in_lanes(equation), equation.body
     told = alike(beside[0]), alike(beside[1]), alike(beside[2])
-    rate, angle, torque = alike(r), alike(a), alike(push)
-    steps = whole_steps(wanted_steps(rate, torque + other, alike(stiffness), interval, abreast))
-    h, fastest = alike(interval / steps), alike(equation.terms.fastest)
+    motion = alike(r), alike(a), alike(stiffness)
+    drive = alike(push), alike(other), alike(moment), told
+    rate, angle, fastest = _onward(motion, drive, alike(interval), in_lanes(equation), state, work)
+    return lane(rate, 0), lane(angle, 0), lane(fastest, 0)
+
+
+@inlined
+def _onward(motion: Any, drive: Any, interval: Any, equation: Any, state: Any, work: Any) -> Any:
+    """Rate, angle and stiffness an ``interval`` later, all in lanes; see ``advance``."""
+    (rate, angle, stiffness), (push, other, moment, beside), body = motion, drive, equation.body
+    steps = whole_steps(wanted_steps(rate, push + other, stiffness, interval, equation))
+    h, fastest = interval / steps, alike(equation.terms.fastest)
     for _ in range(steps):
-        rate, angle, damping = step(rate, angle, torque, alike(other), told, abreast, state, work, h)
+        rate, angle, damping = step(rate, angle, push, other, beside, equation, state, work, h)
         fastest = larger(fastest, damping)
-    r, a = lane(rate, 0), lane(angle, 0)
     # What came late in the interval has turned the vehicle less, and drag has taken less of it.
-    a += moment / body.inertia
-    r -= damping_of(r, brakes(body)) * moment / body.inertia
-    return r, a, lane(fastest, 0)
+    late = moment / body.inertia
+    return rate - damping_of(rate, brakes(body)) * late, angle + late, fastest
 
 
 def simulate_effects(
+    begins: IntArray,
     time: FloatArray,
-    torque: FloatArray,
-    moment: FloatArray,
-    beside: FloatArray,
-    equation: Any,
-    begin: tuple[float, float],
+    drive: tuple[FloatArray, FloatArray, FloatArray],
+    starts: FloatArray,
+    first: FloatArray,
     states: FloatArray,
+    body: Body,
+    terms: Any,
 ) -> tuple[FloatArray, FloatArray]:
-    """As ``simulate``, with effects in the equation of motion.
+    """As ``simulate``, of r runs one after the other, with effects in the equation of motion.
 
     Parameters
     ----------
-    torque
-        (n,) N m; each value the mean until the next instant.
-    moment, beside
-        (n,) N m s^2 and (n, 3), see `rovid.model.drive.Drive`.
-    equation
-        `rovid.model.equation.Equation`.
-    begin
-        Rate in rad/s and angle in rad, since the start of the trial, at the first instant.
-    states
-        (m * TERM_STATES, LANES) of the effects there.
+    begins
+        (r + 1,) the instant with which each run begins, and how many there are in all.
+    drive
+        (n,) N m, each value the mean until the next instant; (n,) N m s^2 and (n, 3), the moment and what is beside,
+        see `rovid.model.drive.Drive`.
+    starts
+        (r,) rad, the position at the start of each one's trial.
+    first, states
+        (r, 2) rate in rad/s and angle in rad since the start of the trial, and (r, m * TERM_STATES) of the effects, at
+        the first instant of each.
+    body, terms
+        Of the `rovid.model.equation.Equation` of them all.
     """
-    rate, angle = np.empty(len(time)), np.empty(len(time))
-    rate[0], angle[0] = begin
-    state, work = states.copy(), np.zeros((3, len(states) + ROOM, LANES))
-    _simulate_effects(np.diff(time), (torque, moment, beside), equation, state, work, rate, angle)
+    intervals = np.diff(time, append=time[-1])
+    # For those that have come to an end no time passes.
+    intervals[begins[1:] - 1] = 0.0
+    given = np.column_stack((intervals, *drive))
+    moved = np.empty((len(time), 2))
+    moved[begins[:-1]] = first
+    at, room = np.zeros((2, LANES), dtype=np.int64), np.zeros((4, states.shape[1] + ROOM, LANES))
+    _simulate_effects((begins, starts, states), given, Equation(body, terms, 0.0), at, room, moved)
+    rate, angle = np.ascontiguousarray(moved.T)
     return rate, angle
 
 
 @lean
-def _simulate_effects(
-    intervals: FloatArray, drive: Any, equation: Any, state: Any, work: Any, rate: FloatArray, angle: FloatArray
-) -> None:
-    """Fill in ``rate`` and ``angle`` behind the first."""
-    (torque, moment, beside), stiffness = drive, 0.0
-    r, a = rate[0], angle[0]
-    for k in range(len(intervals)):
-        interval = intervals[k]
-        r, a, stiffness = advance(
-            r, a, torque[k], 0.0, moment[k], beside[k], interval, equation, state, work, stiffness
-        )
-        rate[k + 1], angle[k + 1] = r, a
+def _simulate_effects(runs: Any, given: FloatArray, equation: Any, at: Any, room: Any, moved: FloatArray) -> None:
+    """The runs side by side, one in each lane; fills in what they ``moved`` behind the first instant of each."""
+    (begins, starts, states), whole = runs, in_lanes(equation).body
+    here, last, state, work = at[0], at[1], room[0], room[1:]
+    for group in range(0, len(starts), LANES):
+        origin, longest = alike(0.0), 0
+        for i in range(LANES):
+            # Lanes beyond the last run do as that does.
+            own = min(group + i, len(starts) - 1)
+            origin, here[i], last[i] = with_lane(origin, i, starts[own]), begins[own], begins[own + 1] - 1
+            longest = max(longest, last[i] - here[i])
+            for j in range(states.shape[1]):
+                state[j, i] = states[own, j]
+        abreast = Equation(whole, equation.terms, origin)
+        r, a, stiffness = each(moved, here, 0), each(moved, here, 1), alike(0.0)
+        for _ in range(longest):
+            interval, late = each(given, here, 0), each(given, here, 2)
+            told = each(given, here, 3), each(given, here, 4), each(given, here, 5)
+            drive = each(given, here, 1), alike(0.0), late, told
+            r, a, stiffness = _onward((r, a, stiffness), drive, interval, abreast, state, work)
+            for i in range(LANES):
+                if here[i] < last[i]:
+                    here[i] += 1
+                    moved[here[i], 0], moved[here[i], 1] = lane(r, i), lane(a, i)

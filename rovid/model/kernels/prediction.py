@@ -10,9 +10,8 @@ from rovid.effects.base import TERM_STATES, Body
 from rovid.ground.arrays import FloatArray
 from rovid.ground.compiled import lean
 from rovid.ground.lanes import LANES, alike, lane, larger, largest, with_lane, within
-from rovid.ground.straight import straight
 from rovid.model.equation import Equation
-from rovid.model.kernels.batch import clear, in_lanes
+from rovid.model.kernels.batch import clear, each, in_lanes
 from rovid.model.kernels.first_use import long
 from rovid.model.kernels.step import (
     REACH,
@@ -184,8 +183,8 @@ def _follow(runs: Any, measured: Any, equation: Any, at: Any, room: Any, torque:
                 at[0, i] = min(begins[own] + k, begins[own + 1] - 1)
                 at[1, i] = min(begins[own] + k + 1, begins[own + 1] - 1)
             here, behind = at[0], at[1]
-            rate, angle, push = _at(course, here, 0), _at(course, here, 1), _at(course, here, 2)
-            told = _at(beside, here, 0), _at(beside, here, 1), _at(beside, here, 2)
+            rate, angle, push = each(course, here, 0), each(course, here, 1), each(course, here, 2)
+            told = each(beside, here, 0), each(beside, here, 1), each(beside, here, 2)
             jump(rate, abreast, state)
             given = torque_at(rate, angle, push, told, abreast, state, change)
             for i in range(min(LANES, len(periods) - first)):
@@ -193,7 +192,7 @@ def _follow(runs: Any, measured: Any, equation: Any, at: Any, room: Any, torque:
                     torque[here[i]] = lane(given, i)
                     for j in range(states.shape[1]):
                         states[here[i], j] = state[j, i]
-            faster, farther = (_at(course, behind, 0) - rate) / steps, (_at(course, behind, 1) - angle) / steps
+            faster, farther = (each(course, behind, 0) - rate) / steps, (each(course, behind, 1) - angle) / steps
             for number in range(steps):
                 r, a = rate + float(number) * faster, angle + float(number) * farther
                 jump(r, abreast, state)
@@ -204,12 +203,3 @@ def _follow(runs: Any, measured: Any, equation: Any, at: Any, room: Any, torque:
                     move(stage, rows, state, change, h, there, moved)
                     if stage < 3:
                         passed = REACH[stage]
-
-
-@straight
-def _at(table: Any, rows: Any, column: int) -> Any:
-    """In lanes, the ``column`` of each one's own of the ``rows``."""
-    x = alike(0.0)
-    for i in range(LANES):
-        x = with_lane(x, i, table[rows[i], column])
-    return x
