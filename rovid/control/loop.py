@@ -17,6 +17,7 @@ from rovid.control.law import Law
 from rovid.effects.actuation import SPEEDS, Actuation, Stretch
 from rovid.effects.base import TERM_STATES
 from rovid.ground.arrays import FloatArray
+from rovid.ground.first_order import fading_sum
 from rovid.ground.lanes import LANES
 from rovid.model.commanded import Commanded
 from rovid.model.drive import Drive, Intervals
@@ -290,10 +291,8 @@ def _from_outside(loop: ClosedLoop, time: FloatArray) -> FloatArray:
 
 def coloured(time: FloatArray, size: float, memory: float, rng: np.random.Generator) -> FloatArray:
     """(n,) first-order Gauss-Markov series of standard deviation ``size`` and correlation time ``memory`` in s."""
-    from scipy.signal import lfilter
-
     fade = math.exp(-float(time[1] - time[0]) / memory)
     kicks = rng.normal(0.0, size * math.sqrt(1.0 - fade**2), len(time))
     # The series begins with all the size that it is to have.
     kicks[0] = rng.normal(0.0, size)
-    return np.asarray(lfilter([1.0], [1.0, -fade], kicks))
+    return fading_sum(kicks, fade)

@@ -14,6 +14,7 @@ from rovid.effects.actuation import neutral_commands
 from rovid.export.curves import Curve
 from rovid.export.subject import Subject
 from rovid.ground.arrays import FloatArray
+from rovid.ground.first_order import fading_sum
 from rovid.model.model import Model
 
 # s; every target's step goes into it a whole number of times.
@@ -124,10 +125,8 @@ def lagged(values: FloatArray, time_constant: float, step: float) -> FloatArray:
     """First-order lag of (m,) ``values``, from zero, updated exactly and ahead of each step."""
     if time_constant <= 0.0:
         return values
-    from scipy.signal import lfilter  # a third of a second, which every other command would wait for
-
     fade = math.exp(-step / time_constant)
-    return np.asarray(lfilter([1.0 - fade], [1.0, -fade], values))
+    return fading_sum((1.0 - fade) * values, fade)
 
 
 def thrust_torque(

@@ -292,18 +292,23 @@ def _acceleration_spectrum(trials: Sequence[Trial], period: float) -> tuple[Floa
             part = second[start:stop]
             if len(part) < _FEWEST_BENDS:
                 continue
-            total += _density(part, length, period) * len(part)
+            total += density(part, length, period) * len(part)
             weight += len(part)
     if not weight:
         raise _too_short(trials)
     return frequency, total / weight
 
 
-def _density(part: FloatArray, length: int, period: float) -> FloatArray:
-    """(length/2 + 1,) one-sided power spectral density of (n,) ``part``, which is cut into pieces (Welch 1967)."""
+def density(part: FloatArray, length: int, period: float, *, about_mean: bool = False) -> FloatArray:
+    """(length/2 + 1,) one-sided power spectral density of (n,) ``part``, which is cut into pieces (Welch 1967).
+
+    A shorter one is padded to the ``length``: of all the density is known at the same frequencies. ``about_mean`` takes
+    its mean off each piece.
+    """
     size = min(length, len(part))
     window = np.hanning(size + 1)[:-1]
     pieces = np.lib.stride_tricks.sliding_window_view(part, size)[:: size - size // 2]
+    pieces = pieces - pieces.mean(axis=1, keepdims=True) if about_mean else pieces
     power = np.mean(np.abs(np.fft.rfft(pieces * window, length)) ** 2, axis=0)
     power[1:-1] *= 2.0
     return np.asarray(power * period / np.sum(window**2))
@@ -339,7 +344,7 @@ def finite_stretches(values: FloatArray) -> list[tuple[int, int]]:
     return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
 
 
-def _quickly_transformed(length: int) -> int:
+def quickly_transformed(length: int) -> int:
     """The ``length`` of a series, or somewhat more, with small factors alone: of those Fourier transforms are quick."""
     return min(odd << max((length - 1) // odd, 0).bit_length() for odd in (1, 3, 5, 9, 15))
 
@@ -356,7 +361,7 @@ def _convolve(values: FloatArray, kernel: FloatArray) -> FloatArray:
     # A running sum over a filled array would smear the position's large offset; take it off first.
     offset = float(values[known][0]) if known.any() else 0.0
     filled = np.where(known, values - offset, 0.0)
-    size = _quickly_transformed(len(filled) + len(kernel) - 1)
+    size = quickly_transformed(len(filled) + len(kernel) - 1)
     spectrum = np.fft.rfft(filled, size) * _spectrum(kernel.tobytes(), size)
     out = np.fft.irfft(spectrum, size)[len(kernel) // 2 :][: len(filled)]
     complete = np.zeros(len(known), dtype=bool)

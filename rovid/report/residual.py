@@ -7,14 +7,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import signal
 
 from rovid.campaign.trial import Campaign, Trial
 from rovid.campaign.vehicle import Vehicle
 from rovid.ground.arrays import FloatArray, IntArray
 from rovid.model.integration import along
 from rovid.model.model import Model
-from rovid.motion.rates import finite_stretches
+from rovid.motion.rates import density, finite_stretches, quickly_transformed
 from rovid.motion.runs import Run, Runs, prepare
 
 _SEGMENT = 1024
@@ -166,9 +165,8 @@ def spectrum(items: Sequence[Residual], cutoff: float) -> tuple[FloatArray, Floa
     frequency = np.linspace(0.0, cutoff, 256)[1:]
     total, weight = np.zeros(len(frequency)), 0.0
     for period, part in _stretches(items):
-        # Short segments are padded to the same length, so that all stretches are known at frequencies as dense.
-        own, density = signal.welch(part, fs=1.0 / period, nperseg=min(_SEGMENT, len(part)), nfft=_SEGMENT)
-        total += np.interp(frequency, own, np.asarray(density)) * len(part) * period
+        own = density(part, _SEGMENT, period, about_mean=True)
+        total += np.interp(frequency, np.fft.rfftfreq(_SEGMENT, period), own) * len(part) * period
         weight += len(part) * period
     if not weight:
         return frequency, np.full(len(frequency), np.nan)
@@ -180,8 +178,9 @@ def autocorrelation(items: Sequence[Residual], longest: float) -> tuple[FloatArr
     lags = np.linspace(0.0, longest, 200)
     total = np.zeros(len(lags))
     for period, part in _stretches(items):
-        # It is symmetric about lag zero, which stands in the middle.
-        products = signal.correlate(part, part, mode="full", method="fft")[len(part) - 1 :]
+        # With as many zeros behind it none comes round again.
+        size = quickly_transformed(2 * len(part))
+        products = np.fft.irfft(np.abs(np.fft.rfft(part, size)) ** 2, size)[: len(part)]
         own = period * np.arange(len(part))
         total += np.interp(lags, own, products, right=0.0) * period
     if not total[0] > 0.0:

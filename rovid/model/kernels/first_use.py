@@ -15,6 +15,7 @@ import numpy as np
 from rovid.effects.base import Body
 from rovid.ground.caches import keeps_compiled
 from rovid.ground.compiled import is_kept
+from rovid.ground.first_order import fading_sum
 from rovid.ground.lanes import LANES
 from rovid.ground.second import Second, say
 from rovid.ground.workers import cores
@@ -78,11 +79,12 @@ def work() -> None:
 
 
 def quick_loops() -> list[Callable[[], object]]:
-    """Each loop over held signals, asked for next to nothing."""
+    """Each loop over held signals, and the recursion, asked for next to nothing."""
     from rovid.effects import series
 
     two = np.arange(2.0)
-    return [functools.partial(loop, two, two, *[1.0] * more) for loop, more in series.LOOPS]
+    held = [functools.partial(loop, two, two, *[1.0] * more) for loop, more in series.LOOPS]
+    return [*held, functools.partial(fading_sum, two, 1.0)]
 
 
 def long_loops() -> dict[str, Callable[[], object]]:
