@@ -51,10 +51,11 @@ def abreast(
     from rovid.model import kernels
 
     if len(terms.kinds) or drive.moment.any():
-        states = np.zeros(len(terms.kinds) * TERM_STATES) if states is None else states
-        states = np.broadcast_to(states, (len(starts), states.shape[-1]))
+        there = np.zeros((len(starts), len(terms.kinds) * TERM_STATES))
+        if states is not None:
+            there[:] = states
         given = drive.torque, drive.moment, drive.beside
-        return kernels.simulate_effects(drive.begins, time, given, starts, first, states, body, terms)
+        return kernels.simulate_effects(drive.begins, time, given, starts, first, there, body, terms)
     rates, angles = [], []
     for rows, begin in zip(starmap(slice, pairwise(drive.begins.tolist())), first, strict=True):
         rate, angle = kernels.simulate(time[rows], drive.torque[rows], body, begin[0])
