@@ -293,6 +293,5 @@ def run(
             state[j] += step / 6.0 * (slopes[0, j] + 2.0 * slopes[1, j] + 2.0 * slopes[2, j] + slopes[3, j])
         if cause[SAG] > 0.0:
             sag += step / cause[SAG_TIME] * (load(spins[0, 2], thrusters) - sag)
-        for bank in range(2):
-            for index in range(count):
-                spins[bank, 0, index] = spins[bank, 2, index]
+        for index in range(count):
+            spins[0, 0, index], spins[1, 0, index] = spins[0, 2, index], spins[1, 2, index]
