@@ -43,6 +43,7 @@ def test_numbers_on_the_page_are_those_of_the_parameter_file(day_report: Path) -
     assert float(shown.group(2)) == pytest.approx(drag.standard_error, rel=0.05)  # two digits at least
 
 
+@pytest.mark.usefixtures("blank")
 def test_the_answer_stands_before_the_place_of_the_page(rovid: Rovid) -> None:
     shutil.copy(SAMPLES / "ardusub_small" / "small.tlog", ".")
     done = rovid("report", "small.tlog")
@@ -55,6 +56,7 @@ def test_the_answer_stands_before_the_place_of_the_page(rovid: Rovid) -> None:
     assert said.endswith(f"{document['answer']} report/index.html")
 
 
+@pytest.mark.usefixtures("blank")
 def test_a_dive_without_holds_and_sines_says_so(rovid: Rovid) -> None:
     rovid("fit-inertia", SAMPLES / "bluerov2_pier59" / "dive.csv")
     assert rovid("report", "--no-diagnosis").code == 0

@@ -27,7 +27,7 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from html.parser import HTMLParser
 from pathlib import Path
@@ -41,6 +41,8 @@ from typer.main import get_command
 
 from docs.make_pictures import FOLDER, PAGE, PICTURES, SCREENS, has_browser, screens
 from rovid.commands.cli import app
+from rovid.diagnose.record import Diagnosis
+from rovid.study import Study
 from tests.conftest import ROOT, SAMPLES, blank_plots, run_rovid, write_short_day
 
 DOCS = ROOT / "docs"
@@ -144,6 +146,29 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.fixture(scope="module")
+def known() -> dict[str, Diagnosis]:
+    """What a page has diagnosed already."""
+    return {}
+
+
+@pytest.fixture
+def diagnosed_once(known: dict[str, Diagnosis], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same logs, asked of in the same way, say the same on every page."""
+    whole = Study.diagnosis
+
+    def once(study: Study, report: Callable[[str], None] = lambda _: None, **options: Any) -> Diagnosis:
+        origin = study.origin
+        logs = [(source.name, source.sha256) for source in origin.sources]
+        # Beside logs nothing that is stored is asked for.
+        key = repr((logs, study.vehicle, origin.settings, origin.options, options if study.runs is None else {}))
+        if key not in known:
+            known[key] = whole(study, report, **options)
+        return known[key]
+
+    monkeypatch.setattr(Study, "diagnosis", once)
+
+
 def run(page: Path, chosen: list[Block], request: pytest.FixtureRequest) -> None:
     if page.name in WITH_PARAMETERS:
         shutil.copytree(request.getfixturevalue("trial_day"), Path.cwd(), dirs_exist_ok=True)
@@ -203,7 +228,7 @@ def with_something(*, slow: bool) -> list[Path]:
 
 
 @pytest.mark.parametrize("page", with_something(slow=False), ids=name_of)
-@pytest.mark.usefixtures("folder")
+@pytest.mark.usefixtures("folder", "diagnosed_once")
 def test_commands_of_a_page(page: Path, request: pytest.FixtureRequest) -> None:
     chosen = of_this_run(page, slow=False)
     # The tutorial's are looked at.

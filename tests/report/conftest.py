@@ -25,6 +25,7 @@ from rovid.report.album import Album, make_album
 from rovid.report.evidence import Evidence
 from rovid.report.stages import Stage
 from rovid.study import Study, open_study
+from tests.conftest import blank_plots
 from tools.hidden import Hidden
 from tools.programme import CAMPAIGN
 from tools.trial_day import write_trial_day
@@ -207,7 +208,7 @@ def lagged_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def reported(lagged_folder: Path) -> tuple[Evidence, Album]:
-    """What `rovid report` gathers and draws of a short day with a hidden lag; its page is in ``lagged_folder``."""
+    """What `rovid report` makes of a short day with a hidden lag, its plots blank; its page is in ``lagged_folder``."""
     write_trial_day(lagged_folder / "day", seed=3, formats="csv", truth=replace(ROSUB, hidden=(LAG,)), campaign=SHORT)
     kept: list[tuple[Evidence, Album]] = []
 
@@ -216,7 +217,7 @@ def reported(lagged_folder: Path) -> tuple[Evidence, Album]:
         return kept[-1][1]
 
     said: list[str] = []
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, blank_plots():
         patch.setattr(page, "make_album", draw)
         stored = Parameters(path=lagged_folder / "parameters.toml")
         build.build_report(stored, open_study([lagged_folder / "day"]), lagged_folder / "report", report=said.append)

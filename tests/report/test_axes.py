@@ -25,7 +25,7 @@ from rovid.report.plots import inertia, residuals, simulations, sines, steady, t
 from rovid.report.residual import residuals_of, sizes
 from rovid.report.viewer import viewer_document
 from rovid.study import open_study
-from tests.conftest import SAMPLES
+from tests.conftest import SAMPLES, blank_plots
 
 LOGS = {
     "surge": ("surge_tank", ("hold_02", "hold_03", "hold_04", "sine_30s", "steps")),
@@ -54,7 +54,7 @@ def shown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         kept.append(evidence)
         return write_report(target, evidence, claim=claim)
 
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, blank_plots():
         patch.setattr(build, "write_report", write)
         stored = Parameters(path=folder / "parameters.toml", axis=axis)
         page, _ = build.build_report(stored, open_study([logs], axis=axis), folder, diagnosed=False)

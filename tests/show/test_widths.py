@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from rovid import study
 from rovid.commands.cli import MANUAL
 from rovid.control import loop_design
 from rovid.inspect import check
@@ -55,7 +56,7 @@ OF_OTHERS = (
     "fit-drag tables/table3.csv -p tables.toml",
     "fit-inertia tables/sine_trials.csv -p tables.toml",
     "diagnose tables -p tables.toml",
-    "fleet tables bare -o fleet",
+    "fleet bare -o fleet",
     "help",
     "help supply_sag",
 )
@@ -88,6 +89,7 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         (Study, "plan"),
         (loop_design, "control_of"),
         (build, "build_report"),
+        (study, "read_campaign"),
     ):
         monkeypatch.setattr(owner, name, _once(name, getattr(owner, name), kept))
     return kept
