@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import IO, Any
 
 from rovid.fleet.record import Record, Task
-from rovid.ground import memory
 from rovid.ground.errors import RovidError
 from rovid.ground.workers import SHARE
 
-_CODE = "from rovid.fleet.alone import main; main()"
+# Settled first: most of what it ever makes is made by importing.
+_CODE = "from rovid.ground.memory import settle; settle(); from rovid.fleet.alone import main; main()"
 
 
 def diagnosed(task: Task, patience: float, cores: int) -> Record:
@@ -94,7 +94,6 @@ def _signal(number: int) -> str:
 
 def main() -> None:
     """As that process: diagnose the campaign of the first argument, and print the record."""
-    memory.settle()
     out, sys.stdout = sys.stdout, sys.stderr
     threading.Thread(target=_end_with_the_first, daemon=True).start()
     record = record_of(Task(**json.loads(sys.argv[1])))

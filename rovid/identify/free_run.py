@@ -6,7 +6,6 @@ import functools
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from rovid.campaign.axis import Axis
 from rovid.effects import restoring_of
@@ -46,6 +45,9 @@ def fit_free_run(runs: Sequence[Run], *, certainty: float = CERTAINTY) -> Model:
 # A diagnosis asks of all trials, and of the parts of them, more than once.
 @functools.lru_cache(maxsize=2)
 def _fitted(runs: tuple[Run, ...], certainty: float) -> Model:
+    # It takes longer to import than commands that fit nothing.
+    from scipy.optimize import least_squares
+
     axis = runs[0].trial.axis
     driven = runs[0].trial.driven
     start = _start(runs, certainty) if driven else fit_released(runs).values
