@@ -11,12 +11,14 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from rovid.campaign.guesswork import Guesswork
 from rovid.commands import cli
+from rovid.diagnose.record import Diagnosis
+from rovid.study import Study
 from tools.trial_day import write_trial_day
 
 # As the command line does; the workers that share the tests begin with it.
@@ -83,19 +85,26 @@ def run_rovid(*arguments: object) -> Done:
 
 
 @contextlib.contextmanager
-def blank_plots() -> Iterator[None]:
-    """Reports whose plots are all set up, but drawn as one blank: for tests of what else a page says and writes."""
+def blank_plots(*drawn: str) -> Iterator[None]:
+    """Reports whose plots are all set up, but drawn as one blank: for tests of what else a page says and writes.
+
+    Those of the names ``drawn`` are drawn all the same.
+    """
     from matplotlib.figure import Figure
 
     from rovid.report import album
     from rovid.report.plots import canvas
 
-    figure = Figure(figsize=(0.5, 0.5))
+    figure, whole = Figure(figsize=(0.5, 0.5)), album._picture  # noqa: SLF001 - what draws one
     as_png, as_svg = canvas.png(figure), canvas.svg(figure)
-    blanks = {"png": lambda _: as_png, "svg": lambda _: as_svg}
+
+    def picture(sketch: album.Sketch, guess: Guesswork) -> album.Picture:
+        if sketch.name in drawn:
+            return whole(sketch, guess)
+        return album.Picture(name=sketch.name, caption=sketch.caption, alt=sketch.alt, png=as_png, svg=as_svg)
+
     with pytest.MonkeyPatch.context() as patch:
-        # In the album alone: what is imported meanwhile would keep blanks for good.
-        patch.setattr(album, "canvas", SimpleNamespace(**vars(canvas) | blanks))
+        patch.setattr(album, "_picture", picture)
         yield
 
 
@@ -103,6 +112,25 @@ def blank_plots() -> Iterator[None]:
 def blank() -> Iterator[None]:
     """Plots of reports are blank; see `blank_plots`."""
     with blank_plots():
+        yield
+
+
+@contextlib.contextmanager
+def diagnosed_once(known: dict[str, Diagnosis]) -> Iterator[None]:
+    """The same logs, asked of in the same way, say the same again; ``known`` is what has been diagnosed already."""
+    whole = Study.diagnosis
+
+    def once(study: Study, report: Callable[[str], None] = lambda _: None, **options: Any) -> Diagnosis:
+        origin = study.origin
+        logs = [(source.name, source.sha256) for source in origin.sources]
+        # Beside logs nothing that is stored is asked for.
+        key = repr((logs, study.vehicle, origin.settings, origin.options, options if study.runs is None else {}))
+        if key not in known:
+            known[key] = whole(study, report, **options)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Study, "diagnosis", once)
         yield
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from rovid.parameters.reading import read_parameters
-from tests.conftest import Done, Rovid, blank_plots, run_rovid
+from tests.conftest import Done, Rovid, blank_plots, diagnosed_once, run_rovid
 from tools.hidden import Hidden
 from tools.programme import CAMPAIGN
 from tools.trial_day import write_trial_day
@@ -64,7 +64,7 @@ def placeholder(tmp_path_factory: pytest.TempPathFactory) -> Played:
     write_trial_day(folder / "day", seed=3, formats="csv", campaign=SHORT)
     (folder / "day" / "rovid.toml").unlink()
     done = {}
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, blank_plots("steady_torque", "overview"):
         patch.chdir(folder)
         for command in ("init", "check", "report", "fit"):
             done[command] = run_rovid(command, "day")
@@ -222,7 +222,7 @@ def lagged(tmp_path_factory: pytest.TempPathFactory) -> Played:
     truth = replace(ROSUB, hidden=(LAG, WEAK))
     write_trial_day(folder / "day", seed=5, formats="csv", truth=truth, campaign=SHORT)
     done = {}
-    with pytest.MonkeyPatch.context() as patch, blank_plots():
+    with pytest.MonkeyPatch.context() as patch, blank_plots(), diagnosed_once({}):
         patch.chdir(folder)
         done["fit-drag"] = run_rovid("fit-drag", "day")
         for command in ("fit-inertia", "simulate", "diagnose", "report"):
