@@ -134,7 +134,7 @@ def test_a_few_inputs() -> None:
     survived("benchmarks.torture", "--inputs", "250", "--cuts", "900", "--jobs", "1", "--formats", *formats)
 
 
-@pytest.mark.parametrize("command", ["init", "fit-thruster:random 0"])
+@pytest.mark.parametrize("command", [pytest.param("init", marks=pytest.mark.slow), "fit-thruster:random 0"])
 def test_a_few_faults(command: str) -> None:
     survived("benchmarks.torture.faults", "--only", command, "--random", "11")
 

@@ -128,6 +128,7 @@ def test_the_thrust_ahead_stands_in_for_a_speed_that_is_not_logged(tmp_path: Pat
     assert 0.3 < lag / (MASS / (2.0 * SURGE_DRAG * 1.2)) < 3.0
 
 
+@pytest.mark.slow
 def test_a_sideslip_whose_speeds_are_not_logged_is_named(tmp_path: Path, rovid: Rovid) -> None:
     boat(tmp_path / "day", drift=5.0)
     said = rovid("diagnose", "day", "--json").document

@@ -66,7 +66,7 @@ def assert_parameters(found: Mapping[str, Any], truth: Truth) -> None:
         ("small", "surge", "position"),
         ("work", "heave", None),
         ("work", "pitch", None),
-        ("small", "pitch", None),
+        slow("small", "pitch", None),
     ],
 )
 def test_the_plain_model_is_found(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from rovid.ground.arrays import FloatArray
 from tests.conftest import SAMPLES, Rovid
 from tools.cases import Case, all_cases, groups, truth_of
 from tools.channels import EXTRA
+from tools.programme import Run, campaign_for
 from tools.trial_day import write_trial_day
 from tools.truth import VEHICLES, Truth
 
@@ -29,26 +30,42 @@ def slow(*values: Any) -> Any:
     return pytest.param(*values, marks=pytest.mark.slow)
 
 
+# Which runs there are.
+Runs = Callable[[Truth], Sequence[Run]]
+
+
+def half_of(truth: Truth) -> Sequence[Run]:
+    """Every other run of the campaign that suits a vehicle."""
+    return campaign_for(truth)[::2]
+
+
 # Weak and strong, on vehicles of all three sizes, in the catalogue's own form and in others.
 SINGLE = [
     ("rosub", "thruster_lag-quadratic-strong"),
     ("small", "tank_seiche-thrust-strong"),
     ("small", "thrust_curve_shape-power-strong"),
-    slow("observation", "thruster_deadband-shift-weak"),
-    slow("small", "bias_torque-constant-strong"),
-    slow("rosub", "supply_sag-voltage-strong"),
-    slow("rosub", "entrained_swirl-annulus-weak"),
-    slow("rosub", "coulomb_resistance-smooth-weak"),
-    slow("observation", "oscillatory_drag-exponential-strong"),
-    slow("observation", "heading_deviation-two_cycles-weak"),
-    slow("small", "wave_torque-narrow_band-strong"),
-    slow("rosub", "speed_dependent_damping-quadratic-weak"),
-    slow("small", "sideslip_moment-munk-strong"),
-    slow("small", "advance_speed_loss-measured-strong"),
-    slow("rosub", "coulomb_resistance-unequal-strong"),
-    slow("rosub", "thrust_curve_shape-command-strong"),
+    ("observation", "thruster_deadband-shift-weak"),
+    ("small", "bias_torque-constant-strong"),
+    ("rosub", "supply_sag-voltage-strong"),
+    ("rosub", "entrained_swirl-annulus-weak"),
+    ("rosub", "coulomb_resistance-smooth-weak"),
+    ("observation", "oscillatory_drag-exponential-strong"),
+    ("observation", "heading_deviation-two_cycles-weak"),
+    ("small", "wave_torque-narrow_band-strong"),
+    ("rosub", "speed_dependent_damping-quadratic-weak"),
+    ("small", "sideslip_moment-munk-strong"),
+    ("small", "advance_speed_loss-measured-strong"),
+    ("rosub", "coulomb_resistance-unequal-strong"),
+    ("rosub", "thrust_curve_shape-command-strong"),
 ]
-OUTSIDE = [("rosub", "outside-surge-strong"), slow("small", "outside-manipulator-strong")]
+OUTSIDE = [("rosub", "outside-surge-strong"), ("small", "outside-manipulator-strong")]
+
+
+def some_and_all(cases: Sequence[tuple[str, str]], some: int) -> list[Any]:
+    """The first ``some`` of ``cases`` on half a campaign, and for `make test-slow` all of them on a whole one."""
+    return [*((*case, half_of) for case in cases[:some]), *(slow(*case, campaign_for) for case in cases)]
+
+
 # Fresh campaigns on each run, so that nothing is tuned to a seed; ROVID_SEED repeats them.
 SEED = int(os.environ.get("ROVID_SEED", secrets.randbelow(10**6)))
 # A fresh parameter may be so many standard errors off: that of a campaign's disturbance is known to ten percent or so.
@@ -86,10 +103,11 @@ def assert_better(document: Mapping[str, Any]) -> None:
     assert gain["yaw_rate_rmse"]["extended"] < 1.02 * gain["yaw_rate_rmse"]["base"]
 
 
-@pytest.mark.parametrize(("vehicle", "name"), SINGLE)
-def test_a_hidden_effect_is_named_alone(vehicle: str, name: str, tmp_path: Path, rovid: Rovid) -> None:
+@pytest.mark.parametrize(("vehicle", "name", "runs"), some_and_all(SINGLE, 2))
+def test_a_hidden_effect_is_named_alone(vehicle: str, name: str, runs: Runs, tmp_path: Path, rovid: Rovid) -> None:
     case = case_of(vehicle, name)
-    truth = write_trial_day(tmp_path / "day", seed=17, truth=case.of(VEHICLE[vehicle]))
+    truth = case.of(VEHICLE[vehicle])
+    write_trial_day(tmp_path / "day", seed=17, truth=truth, campaign=runs(truth))
     document = rovid("diagnose", "day", "--json").document
     assert document["verdict"] == "found"
     assert named(document) == [{case.expected_effect}]
@@ -137,11 +155,13 @@ def test_a_new_campaign_gives_its_cause(number: int, tmp_path: Path, rovid: Rovi
     assert_better(document)
 
 
+@pytest.mark.parametrize("runs", [half_of, slow(campaign_for)])
 @pytest.mark.parametrize("decoys", [False, True])
-def test_nothing_is_found_where_nothing_is(decoys: bool, tmp_path: Path, rovid: Rovid) -> None:
+def test_nothing_is_found_where_nothing_is(decoys: bool, runs: Runs, tmp_path: Path, rovid: Rovid) -> None:
     vehicle = VEHICLE["observation" if decoys else "rosub"]
     print(f"ROVID_SEED={SEED}")
-    write_trial_day(tmp_path / "day", seed=SEED, truth=replace(vehicle, channels=EXTRA) if decoys else vehicle)
+    truth = replace(vehicle, channels=EXTRA) if decoys else vehicle
+    write_trial_day(tmp_path / "day", seed=SEED, truth=truth, campaign=runs(truth))
     document = rovid("diagnose", "day", "--json").document
     assert document["verdict"] == "nothing_found"
     assert document["findings"] == []
@@ -153,10 +173,13 @@ def test_nothing_is_found_where_nothing_is(decoys: bool, tmp_path: Path, rovid: 
     assert 3.0 < lag["value"] / fitted["thruster_lag.time_constant"]["standard_error"] < 20.0
 
 
-@pytest.mark.parametrize(("vehicle", "name"), OUTSIDE)
-def test_a_cause_outside_the_catalogue_gets_no_name(vehicle: str, name: str, tmp_path: Path, rovid: Rovid) -> None:
+@pytest.mark.parametrize(("vehicle", "name", "runs"), some_and_all(OUTSIDE, 1))
+def test_a_cause_outside_the_catalogue_gets_no_name(
+    vehicle: str, name: str, runs: Runs, tmp_path: Path, rovid: Rovid
+) -> None:
     case = case_of(vehicle, name)
-    write_trial_day(tmp_path / "day", seed=19, truth=case.of(VEHICLE[vehicle]))
+    truth = case.of(VEHICLE[vehicle])
+    write_trial_day(tmp_path / "day", seed=19, truth=truth, campaign=runs(truth))
     document = rovid("diagnose", "day", "--json").document
     assert document["verdict"] == "unexplained"
     assert document["findings"] == []
