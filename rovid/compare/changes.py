@@ -12,11 +12,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
 
 from rovid.campaign.guesswork import goes_with_thrust
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, confidence, surest
 from rovid.ground.arrays import FloatArray
+from rovid.ground.chances import beyond_chi2
 
 THRUST_SCALE = "thrust_scale"
 DRAG = "drag"
@@ -274,7 +274,7 @@ class _Search:
     def chance(self, chosen: Sequence[Candidate]) -> float:
         """Probability that what is left of the difference is as large by chance (chi-square)."""
         left, count = self._left(chosen), len(self._z) - self._free(chosen)
-        return float(special.gammaincc(count / 2.0, float(left @ left) / 2.0)) if count else 1.0
+        return beyond_chi2(count, float(left @ left)) if count else 1.0
 
     def _ways(self, chosen: Sequence[Candidate]) -> FloatArray:
         return np.column_stack([np.zeros((len(self._z), 0)), *(self._whiten @ one.ways for one in chosen)])

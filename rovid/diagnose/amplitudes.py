@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import special
 
 from rovid.campaign.tables import Table
 from rovid.campaign.trial import Trial
@@ -17,6 +16,7 @@ from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
 from rovid.effects import Effect, forms_for
 from rovid.effects.base import OnHeading, Scales, Wave
 from rovid.ground.arrays import FloatArray
+from rovid.ground.chances import beyond_chi2
 from rovid.ground.in_step import in_step, shared
 from rovid.identify.estimate import Estimate
 from rovid.identify.inertia import InertiaFit
@@ -235,7 +235,7 @@ class _Problem:
     def explained(self, x: FloatArray, misfit: float) -> Explanation:
         """What (q,) ``x`` with such a ``misfit`` comes to."""
         spare = len(self.rows.rates) - len(self.low)
-        chance = float(special.chdtrc(spare, misfit)) if spare > 0 else math.nan
+        chance = beyond_chi2(spare, misfit) if spare > 0 else math.nan
         return Explanation(model=self.model(x), misfit=misfit, chance=chance)
 
     def fitted(self, x: FloatArray, evaluations: int) -> optimize.OptimizeResult:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import linalg
 
 from rovid.diagnose.between import models_between
 from rovid.diagnose.floor import position_floor, rate_floor
@@ -292,6 +291,8 @@ def _own(estimate: Estimate, effect: Effect) -> Estimate:
 
 def _with_waves(side: Side, waves: Finding) -> Side:
     """``side`` with waves, which no free-running simulation shows, beside all else."""
+    from scipy import linalg
+
     model, estimate, own = side.model, side.estimate, waves.estimate
     effects = (*model.effects, waves.effect)
     values = (*model.effect_values, *own.values.tolist())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib import import_module
 
 from rovid.campaign.vehicle import Vehicle
 from rovid.diagnose.conclusion import concluded
@@ -29,6 +30,8 @@ _BY_HORIZONS = (
 )
 # Instants; of longer logs compiled loops are most of the work, which threads share, and copies would take memory.
 _LONG = 300_000
+# What copies would each import for themselves.
+_IMPORTED = ("scipy.linalg", "scipy.optimize")
 _TESTING = "Testing what was found on trials that were not fitted …"
 _SHRUNK = (
     "With {} predictions would be better, but each next reading shows less of it than that asks for, as where commands "
@@ -67,6 +70,8 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
         )
     if lack := lack_of(runs, prepared.cutoff):
         return Diagnosis(verdict="too_little_data", missing=lack, warnings=tuple(notes))
+    for name in _IMPORTED:
+        import_module(name)
     with in_step(wanted=_is_shared_by_copies(prepared.items)) as is_first:
         report = report if is_first else _unsaid
         try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import linalg
 
 from rovid.ground.arrays import FloatArray
 from rovid.identify.fitted import Fitted
@@ -59,6 +58,8 @@ def wandered(
 
 def _carried(motion: FloatArray, driven: FloatArray, begun: FloatArray, seconds: float) -> FloatArray:
     """(k, k) covariance of a linear motion driven by white noise, over a short step first (Van Loan 1978)."""
+    from scipy import linalg
+
     zero, count = np.zeros_like(motion), len(motion)
     step = linalg.expm(np.block([[-motion, driven], [zero, motion.T]]) * (seconds / 2**_DOUBLINGS))
     onward = step[count:, count:].T

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import special
 
 from rovid.diagnose.rivals import quickly_climbed
 from rovid.diagnose.size import sizes_of
 from rovid.effects import Effect, supply_sag
 from rovid.effects.by_trial import trials_of
+from rovid.ground.chances import below_t, beyond_f
 from rovid.identify.fitted import Fitted
 
 # By so much, as a share, a supply, a propeller and a temperature differ from trial to trial, before the logs are looked
@@ -38,7 +38,7 @@ def _scattered(fitted: Fitted, effect: Effect) -> float:
     thrusts, variances = last @ away, np.diag(last @ covariance @ last.T)
     freedom = len(away)
     ratio = float(np.sum(thrusts**2)) / freedom / (_USUAL**2 + float(np.mean(variances)))
-    return 1.0 - float(special.fdtrc(freedom, _AS_TRIALS, ratio))
+    return 1.0 - beyond_f(freedom, _AS_TRIALS, ratio)
 
 
 def _odd_one(fitted: Fitted, effect: Effect) -> float:
@@ -67,5 +67,5 @@ def _odd_one(fitted: Fitted, effect: Effect) -> float:
     # Of a new trial: what trials differ by, how well their mean is known, and how well each thrust is.
     variance = scatter / freedom * (1.0 + 1.0 / len(others)) + float(known)
     odd = abs(float(thrusts @ beside)) / math.sqrt(variance)
-    beyond = float(special.stdtr(freedom, -odd))
+    beyond = below_t(freedom, -odd)
     return max(0.0, 1.0 - 2.0 * len(thrusts) * beyond)

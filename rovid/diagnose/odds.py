@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 
-from scipy import special
+from rovid.ground.chances import logistic, logit
 
 # A cause that is surer is established; one that is less so is not worth a crew's time.
 ESTABLISHED, POSSIBLE = 0.95, 0.2
@@ -33,7 +33,7 @@ def surest(held_out_gain: float, worth: float, *, white: bool) -> float:
         counts: of all that was tried, one gains on a few trials by chance.
     """
     gain, (even, step) = (min(held_out_gain, worth), _RESEMBLES_LESS) if white else (held_out_gain, _RESEMBLES)
-    return min(float(special.expit((gain - even) / step)), _SUREST)
+    return min(logistic((gain - even) / step), _SUREST)
 
 
 def calibrated(sure: float, *, white: bool) -> float:
@@ -43,7 +43,7 @@ def calibrated(sure: float, *, white: bool) -> float:
     cause: what was sure by 0.04, 0.25, 0.5, 0.7, 0.9 acted in 0.24, 0.55, 0.71, 0.85 and 0.92 of the cases, in three
     seeds of hard water. Where they are white, a likelihood is taken at its word.
     """
-    return sure if white else float(special.expit(_MORE_ACTS + _TEMPER * special.logit(sure)))
+    return sure if white else logistic(_MORE_ACTS + _TEMPER * logit(sure))
 
 
 def confidence(worths: Mapping[str, float], alike: Collection[str], tried: int, *, most: float = _SUREST) -> float:

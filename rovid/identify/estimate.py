@@ -8,12 +8,12 @@ from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
-from scipy import special
 
 from rovid.campaign.axis import YAW, Axis
 from rovid.campaign.guesswork import Guesswork, goes_with_thrust
 from rovid.campaign.trial import read_only
 from rovid.ground.arrays import FloatArray
+from rovid.ground.chances import student_t
 from rovid.model.names import unit_of
 
 # What the unit of a torque, and of all that is larger with it, ends in where the inertia is not known.
@@ -208,10 +208,3 @@ def explained(measured: FloatArray, residuals: FloatArray) -> float:
         return math.nan
     deviations = measured - measured.mean()
     return 1.0 - float(residuals @ residuals) / float(np.sum(deviations**2))
-
-
-def student_t(probability: float, degrees_of_freedom: float) -> float:
-    """Quantile of Student's t; of the normal distribution for infinite degrees of freedom."""
-    if np.isinf(degrees_of_freedom):
-        return float(special.ndtri(probability))
-    return float(special.stdtrit(degrees_of_freedom, probability))

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from itertools import compress
 
 import numpy as np
-from scipy import special
 
 from rovid.campaign.axis import YAW, Axis
 from rovid.ground.arrays import BoolArray, FloatArray
+from rovid.ground.chances import beyond_f
 from rovid.ground.errors import DataError
 from rovid.ground.numbers import plus_minus, significant, to_error
 from rovid.ground.toml import SMALLEST
@@ -291,7 +291,7 @@ def _p_of_one_line(balance: TorqueBalance, residuals: FloatArray, directions: di
     if spare <= 0 or apart <= 0.0:
         return 1.0
     ratio = (together - apart) / more / (apart / spare)
-    return float(special.fdtrc(more, spare, ratio))
+    return beyond_f(more, spare, ratio)
 
 
 def _warnings(estimate: Estimate) -> list[str]:

@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import linalg, special
 
 from rovid.ground.arrays import FloatArray
+from rovid.ground.chances import beyond_chi2
 
 _WHITE_LAGS = 20
 _WHITE_P = 1e-3
@@ -20,6 +20,8 @@ def whitening_gain(series: Sequence[FloatArray]) -> float:
 
     Half the count of the logarithm of how much the variance falls in an autoregression (Ljung 1999, section 16.4).
     """
+    from scipy import linalg
+
     power = np.array([_product(series, lag) for lag in range(_WHITE_LAGS + 1)])
     if power[0] <= 0.0:
         return 0.0
@@ -47,7 +49,5 @@ def are_white(series: Sequence[FloatArray]) -> bool:
     for lag in range(1, _WHITE_LAGS + 1):
         statistic += (_product(series, lag) / power) ** 2 / (count - lag)
     chi2 = count * (count + 2.0) * statistic
-    # The upper tail of chi-square with as many degrees of freedom as lags.
-    p_value = float(special.gammaincc(_WHITE_LAGS / 2.0, chi2 / 2.0))
     fourth = sum(float(np.sum(z**4)) for z in series) * count / power**2
-    return p_value > _WHITE_P and fourth - 3.0 < _KURTOSIS
+    return beyond_chi2(_WHITE_LAGS, chi2) > _WHITE_P and fourth - 3.0 < _KURTOSIS

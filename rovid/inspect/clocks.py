@@ -14,7 +14,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy import special
 
 from rovid.campaign.config import Config
 from rovid.campaign.trial import Campaign, Trial
@@ -24,6 +23,7 @@ from rovid.effects.base import Actuation, EffectParameter, OnTorque, Values
 from rovid.effects.by_trial import form_of, sizes_like
 from rovid.effects.restoring import columns
 from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.chances import beyond_chi2
 from rovid.ground.errors import RovidError
 from rovid.identify.likelihood import LikelihoodFit, fit_likelihood
 from rovid.inspect.alike import Alignment, aligned
@@ -189,7 +189,7 @@ def _line(clocks: Sequence[Clock], time: FloatArray) -> tuple[list[float], list[
     covariance = np.linalg.inv(x.T @ x)
     values = covariance @ (x.T @ y)
     scatter, freedom = float(np.sum((y - x @ values) ** 2)), max(len(y) - len(values), 1)
-    if float(special.chdtrc(freedom, scatter)) < _CHANCE:
+    if beyond_chi2(freedom, scatter) < _CHANCE:
         return None
     # Errors that are too small show in the scatter.
     wide = max(1.0, scatter / freedom) ** 0.5

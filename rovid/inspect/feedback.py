@@ -27,11 +27,11 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy import special
 
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Thruster, Vehicle
 from rovid.ground.arrays import BoolArray, FloatArray, IntArray
+from rovid.ground.chances import beyond_chi2, beyond_f, within_f
 
 # What chance gives more seldom is feedback; with all logs together, a log that agrees that well is named.
 LEVEL, _AGREES = 1e-3, 0.02
@@ -100,7 +100,7 @@ def find_feedback(trials: Sequence[Trial], vehicle: Vehicle) -> list[Feedback]:
 def _judged(same: Sequence[Feedback]) -> Callable[[Feedback], Feedback]:
     """Of the answers to one question: what chance each has, by itself or as one of all (Fisher)."""
     logarithms = [math.log(max(answer.chance, 1e-300)) for answer in same]
-    together = float(special.chdtrc(2 * len(same), -2.0 * sum(logarithms)))
+    together = beyond_chi2(2 * len(same), -2.0 * sum(logarithms))
 
     def judged(answer: Feedback) -> Feedback:
         agrees = answer.chance < _AGREES
@@ -186,7 +186,7 @@ def _against_slides(before: FloatArray, change: FloatArray, moved: FloatArray, r
     share = share_of(moved[rows])
     if share < _SHARE or f_of(share) < slid.max():
         return 1.0, share
-    return float(special.fdtrc(columns, freedom, f_of(share) / max(1.0, slid.mean()))), share
+    return beyond_f(columns, freedom, f_of(share) / max(1.0, slid.mean())), share
 
 
 def _basis(x: FloatArray) -> FloatArray:
@@ -305,7 +305,7 @@ def _pushes_back(own: FloatArray, motion: FloatArray, level: FloatArray) -> tupl
     if sure.max() > 2.0 or sure.min() > -2.0:
         return 1.0, share
     f = share / (1.0 - share) * freedom / motion.shape[1]
-    return float(special.fdtrc(motion.shape[1], freedom, f)), share
+    return beyond_f(motion.shape[1], freedom, f), share
 
 
 # ---- commands that reverse
@@ -331,7 +331,7 @@ def _reversals(trial: Trial, effort: FloatArray) -> Feedback | None:
     apart = float(place[senses < 0].mean() - place[senses > 0].mean())
     chance = 1.0
     if places < _NEAR * apart and by_duration > 0.0:
-        chance = float(special.fdtr(freedom, late_freedom, (places / by_duration) ** 2))
+        chance = within_f(freedom, late_freedom, (places / by_duration) ** 2)
     return Feedback(name=trial.name, seen_in="reversals", chance=chance, scatter=places, by_duration=by_duration)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from statistics import NormalDist
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -9,12 +11,12 @@ from matplotlib.figure import Figure
 from rovid.campaign.axis import Axis
 from rovid.compare.changes import Changes
 from rovid.ground.arrays import FloatArray
-from rovid.identify.estimate import student_t
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, sheet, styled
 
 _STEPS = 200
 _DRAGS = ["quadratic_drag", "linear_drag"]
-_REACH = student_t(0.975, np.inf)
+# Standard errors to either end of a 95 % interval.
+_REACH = NormalDist().inv_cdf(0.975)
 
 
 @styled

@@ -7,7 +7,7 @@ import math
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rovid.identify.estimate import student_t
+from rovid.ground.chances import student_t
 from rovid.identify.inertia import METHODS, InertiaFit
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, sheet, styled
 from rovid.report.text import unit

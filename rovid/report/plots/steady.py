@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from rovid.effects import restoring_of
 from rovid.effects.restoring import columns
 from rovid.ground.arrays import FloatArray
-from rovid.identify.estimate import Estimate, student_t
+from rovid.ground.chances import student_t
+from rovid.identify.estimate import Estimate
 from rovid.identify.steady import DragFit
 from rovid.report.plots.canvas import BLACK, BLUE, GREY, ORANGE, sheet, styled
 from rovid.report.text import steady_state
