@@ -14,8 +14,10 @@ import pytest
 from rovid import study
 from rovid.commands.cli import MANUAL
 from rovid.control import loop_design
+from rovid.export import exporting
 from rovid.inspect import check
 from rovid.report import build
+from rovid.report.plots import planned
 from rovid.study import Study
 from tests.conftest import SAMPLES, Rovid, write_short_day
 
@@ -89,6 +91,8 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         (Study, "plan"),
         (loop_design, "control_of"),
         (build, "build_report"),
+        (exporting, "export"),
+        (planned, "picture"),
         (study, "read_campaign"),
     ):
         monkeypatch.setattr(owner, name, _once(name, getattr(owner, name), kept))
