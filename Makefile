@@ -53,7 +53,7 @@ test: $(VENV)/installed  ## all tests; fails when none ran
 pytest: $(VENV)/compiled
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 
-test-slow: $(VENV)/compiled  ## the tests that take minutes each
+test-slow: $(VENV)/compiled  ## the tests that take minutes, or show at length what others show in short
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m slow
 
 lint: $(VENV)/installed

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
-from rovid.effects.actuation import Actuation, Stretch, neutral_commands
+from rovid.effects.actuation import Actuation, neutral_commands
 from rovid.effects.actuation import actuation as actuation_of
 from rovid.ground.arrays import FloatArray
 from rovid.model.commanded import Commanded
@@ -93,8 +93,7 @@ def _half(vehicle: Vehicle, model: Model, way: float) -> tuple[FloatArray, Float
         columns.append(edge + share * (end - edge))
     commands = np.column_stack(columns)
     # Each held in a trial of its own.
-    trials = tuple(Stretch(rows=slice(begin, begin + 2)) for begin in range(0, 2 * _LEVELS, 2))
-    apart = replace(where, time=np.tile(where.time, _LEVELS), trials=trials)
+    apart = Actuation.joined([where] * _LEVELS)
     given = way * model.drivetrain.driven(Commanded(vehicle, apart, np.repeat(commands, 2, axis=0))).torque[::2]
     torque = np.maximum.accumulate(np.maximum(given, 0.0))
     # Of commands that give the same the largest, where the next torque begins; at the top the smallest.
