@@ -23,6 +23,8 @@ TRUTH = {
 # Twenty comparisons a run of all tests, of drags with some sixteen degrees of freedom: one in 400 runs passes five
 # standard errors by chance. That two of them hold 95 % of the time is what benchmarks/uncertainty.py shows.
 SIGMAS = 5.0
+# Standard errors over the truth: three times what 121 fresh days had on average, the widest of which was twice it.
+WIDEST = {"inertia": 0.01, "quadratic_drag": 0.033, "linear_drag": 0.17}
 
 
 def sigmas(value: float, standard_error: float, truth: float) -> float:
@@ -39,11 +41,11 @@ def test_a_new_day_gives_back_its_truth(day: str, tmp_path: Path, rovid: Rovid) 
     for name in ("quadratic_drag", "linear_drag"):
         assert sigmas(drag[name]["value"], drag[name]["standard_error"], TRUTH[name]) < SIGMAS
         # An error bar so wide that it holds everything would pass too.
-        assert drag[name]["standard_error"] < 0.1 * TRUTH[name]
+        assert drag[name]["standard_error"] < WIDEST[name] * TRUTH[name]
     methods = rovid("fit-inertia", "--json").document["methods"]
     for name in ("orbit_integral", "harmonic_balance", "regression"):
         assert sigmas(methods[name]["value"], methods[name]["standard_error"], TRUTH["inertia"]) < SIGMAS
-        assert methods[name]["standard_error"] < 0.01 * TRUTH["inertia"]
+        assert methods[name]["standard_error"] < WIDEST["inertia"] * TRUTH["inertia"]
     assert methods["peak"]["value"] < 0.7 * TRUTH["inertia"]
     assert methods["peak"]["biased"] is True
     simulated = rovid("simulate", "--json").document
