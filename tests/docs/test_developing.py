@@ -6,6 +6,7 @@ Blocks are marked as in `test_docs`: a file that is written, or lines at the end
 from __future__ import annotations
 
 import ast
+import contextlib
 import json
 import os
 import re
@@ -19,7 +20,7 @@ import pandas as pd
 import pytest
 import tomli_w
 
-from tests.conftest import ROOT
+from tests.conftest import ROOT, run_rovid
 
 PAGE = (ROOT / "docs" / "developing.md").read_text(encoding="utf-8")
 BLOCK = re.compile(
@@ -131,12 +132,13 @@ def test_what_is_added_is_in_style(copy: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def identified(copy: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a parameter file that holds the new effect."""
     folder = tmp_path_factory.mktemp("identified")
     paper = ROOT / "sample_logs" / "rosub_paper"
-    run(copy, "-m", "rovid", "fit-drag", str(paper / "table3.csv"), cwd=folder)
-    run(copy, "-m", "rovid", "fit-inertia", str(paper / "sine_trials.csv"), cwd=folder)
+    with contextlib.chdir(folder):
+        for words in (("fit-drag", paper / "table3.csv"), ("fit-inertia", paper / "sine_trials.csv")):
+            assert run_rovid(*words).code == 0
     path = folder / "parameters.toml"
     stored = tomllib.loads(path.read_text())
     stored["parameters"] |= {
@@ -188,13 +190,11 @@ def test_a_log_of_the_new_format_is_read(copy: Path, tmp_path: Path) -> None:
     found = json.loads(run(copy, "-m", "rovid", "check", ".", "--json", cwd=tmp_path))
     assert [(log["name"], log["samples"]) for log in found["logs"]] == [("run.jsonl", len(table))]
     whole = (tmp_path / "run.jsonl").read_bytes()
-    (tmp_path / "run.jsonl").write_bytes(whole[:-5])
-    found = json.loads(run(copy, "-m", "rovid", "check", ".", "--json", cwd=tmp_path))
+    for name, content in (("run", whole[:-5]), ("empty", b""), ("picture", b"\x89PNG\r\n")):
+        (tmp_path / f"{name}.jsonl").write_bytes(content)
+    found = json.loads(run(copy, "-m", "rovid", "check", ".", "--json", cwd=tmp_path, code=2))
     assert f"Line {len(table)} is no JSON object" in json.dumps(found["logs"])
-    for content in (b"", b"\x89PNG\r\n"):
-        (tmp_path / "run.jsonl").write_bytes(content)
-        said = json.loads(run(copy, "-m", "rovid", "check", ".", "--json", cwd=tmp_path, code=2))
-        assert "is not a file of JSON lines" in said["unreadable"][0]["problem"]
+    assert [one["problem"].count("is not a file of JSON lines") for one in found["unreadable"]] == [1, 1]
 
 
 def test_a_model_is_written_in_the_new_format(copy: Path, identified: Path) -> None:

@@ -10,7 +10,7 @@ run too, with the names of those before it. A comment ahead of a block says wher
 ``<!-- test: as in PAGE -->``
     The same commands stand in that page, in this order, and are run there.
 ``<!-- test: slow; WHY -->``
-    From here to the end of the page it is run by ``make test-slow`` alone.
+    It is run by ``make test-slow`` alone, in its page.
 ``<!-- test: written to FILE -->``
     The block is a file, not a command: the reader writes it, and so does the test.
 ``<!-- test: added to FILE -->``, ``<!-- test: added to NAME in FILE -->``
@@ -112,12 +112,12 @@ def to_run(page: Path) -> list[Block]:
 
 
 def of_this_run(page: Path, *, slow: bool) -> list[Block]:
-    """Blocks before the one that is slow, or all of a page that has one."""
+    """Blocks that are not slow, or all of a page that has one that is."""
     everything = to_run(page)
-    first = next((at for at, block in enumerate(everything) if block.remark.startswith("slow;")), None)
+    quick = [block for block in everything if not block.remark.startswith("slow;")]
     if slow:
-        return [] if first is None else everything
-    return everything[:first]
+        return everything if len(quick) < len(everything) else []
+    return quick
 
 
 def name_of(page: Path) -> str:
@@ -166,6 +166,9 @@ def run(page: Path, chosen: list[Block], request: pytest.FixtureRequest) -> None
         else:
             for command, shown in block.steps():
                 require_lines(shown, output_of(command, block), f"{block.place}: {command}")
+    if any(words[:2] == ["rovid", "report"] for block in chosen for words in block.commands()):
+        assert min(made.stat().st_size for made in Path.cwd().glob("*/index.html")) > 100_000
+        assert list(Path.cwd().glob("parameters*.toml"))
 
 
 def output_of(command: str, block: Block) -> str:
@@ -212,14 +215,15 @@ def with_something(*, slow: bool) -> list[Path]:
 @pytest.mark.parametrize("page", with_something(slow=False), ids=name_of)
 @pytest.mark.usefixtures("folder")
 def test_commands_of_a_page(page: Path, known: dict[str, Diagnosis], request: pytest.FixtureRequest) -> None:
-    chosen = of_this_run(page, slow=False)
-    # The tutorial's are looked at.
-    drawn = [Path(made).stem for made in PICTURES.values()] if page.name == "tutorial.md" else []
-    with blank_plots(*drawn), diagnosed_once(known):
-        run(page, chosen, request)
-    if any(words[:2] == ["rovid", "report"] for block in chosen for words in block.commands()):
-        assert Path("report/index.html").stat().st_size > 100_000
-        assert Path("parameters.toml").is_file()
+    with blank_plots(), diagnosed_once(known):
+        run(page, of_this_run(page, slow=False), request)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", with_something(slow=True), ids=name_of)
+@pytest.mark.usefixtures("folder")
+def test_slow_commands_of_a_page(page: Path, request: pytest.FixtureRequest) -> None:
+    run(page, of_this_run(page, slow=True), request)
     if page.name == "tutorial.md":
         apart = {name: difference(Path(made), FOLDER / name) for name, made in PICTURES.items()}
         if has_browser():
@@ -234,13 +238,6 @@ def difference(made: Path, kept: Path) -> float:
         for path in (made, kept)
     )
     return float(np.abs(first - second).mean())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("page", with_something(slow=True), ids=name_of)
-@pytest.mark.usefixtures("folder")
-def test_slow_commands_of_a_page(page: Path, request: pytest.FixtureRequest) -> None:
-    run(page, of_this_run(page, slow=True), request)
 
 
 def test_what_is_not_run_in_its_page_says_why_or_where_it_is() -> None:
@@ -316,6 +313,23 @@ def test_make_demo_is_in_the_readme() -> None:
     assert "make demo" in (ROOT / "README.md").read_text()
 
 
+def anchors(text: str) -> set[str]:
+    """Places in a page that can be referred to: its headings, as GitHub and MyST name them."""
+    outside = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    headings = re.findall(r"^#{1,3} (.*)$", outside, flags=re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_of_a_page_lead_somewhere(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        parts = urlsplit(link)
+        target = page.parent / parts.path if parts.path else page
+        if not parts.scheme:
+            assert target.is_file(), link
+            assert not parts.fragment or parts.fragment in anchors(target.read_text(encoding="utf-8")), link
+
+
 class Links(HTMLParser):
     """What a page refers to, and the places in it that can be referred to."""
 
@@ -335,6 +349,7 @@ class Links(HTMLParser):
             self.loaded += [given[key] for key in ("src", "href", "data", "srcset") if key in given]
 
 
+@pytest.mark.slow
 def test_the_site_builds_without_a_warning_needs_no_network_and_its_links_lead_somewhere(tmp_path: Path) -> None:
     # One test, so that it is built once, however many processes there are.
     site = build(tmp_path)

@@ -164,6 +164,7 @@ def test_killed_and_started_again_it_comes_to_the_same_bytes(
     assert (out / "index.html").read_bytes() == (done[0] / "index.html").read_bytes()
 
 
+@pytest.mark.slow
 def test_on_a_dask_cluster_of_two_workers_it_comes_to_the_same_bytes(
     done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path
 ) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from rovid.model.kernels import first_use
-from tests.conftest import ROOT
+from tests.conftest import ROOT, slow
 
 USE = """
 import json, sys
@@ -60,6 +60,7 @@ def told(cache: Path, before: str, effects: Mapping[str, object]) -> tuple[list[
     return numbers, missed, begun
 
 
+@pytest.mark.slow
 def test_a_second_process_compiles_at_first_use(tmp_path: Path) -> None:
     numbers, missed, begun = told(tmp_path, SEVERAL, EVERY)
     assert (missed, begun) == (0, 1)
@@ -70,10 +71,8 @@ def test_a_second_process_compiles_at_first_use(tmp_path: Path) -> None:
     ("fate", "begun"),
     [
         ("sys.executable = '/nonexistent'", 0),
-        ("sys.executable = 'false'", 1),
-        pytest.param(
-            "import threading; threading.Timer(0.5, lambda: begun[0].stop()).start()", 1, marks=pytest.mark.slow
-        ),
+        slow("sys.executable = 'false'", 1),
+        slow("import threading; threading.Timer(0.5, lambda: begun[0].stop()).start()", 1),
     ],
 )
 def test_whatever_becomes_of_it_the_first_goes_on(tmp_path: Path, fate: str, begun: int) -> None:
