@@ -19,6 +19,7 @@ from rovid.campaign.guesswork import Guesswork
 from rovid.commands import cli
 from rovid.diagnose.record import Diagnosis
 from rovid.study import Study
+from tools.programme import CAMPAIGN
 from tools.trial_day import write_trial_day
 
 # As the command line does; the workers that share the tests begin with it.
@@ -52,6 +53,11 @@ class Done:
 
 
 Rovid = Callable[..., Done]
+
+
+def slow(*values: Any) -> Any:
+    """A case of a test for `make test-slow` alone."""
+    return pytest.param(*values, marks=pytest.mark.slow)
 
 
 @pytest.fixture
@@ -148,7 +154,8 @@ def write_short_day(folder: Path, *, configured: bool = True) -> None:
 
 @pytest.fixture(scope="session")
 def csv_day(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A synthetic day, all CSV, with a fixed seed."""
+    """A short synthetic day, all CSV, with a fixed seed: half of the runs of a whole one."""
     folder = tmp_path_factory.mktemp("day")
-    write_trial_day(folder, seed=11, formats="csv")
+    campaign = [run for run in CAMPAIGN if run.name in {*SHORT_DAY, "hold_01", "sine_20s"}]
+    write_trial_day(folder, seed=11, formats="csv", campaign=campaign)
     return folder

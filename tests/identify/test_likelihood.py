@@ -19,7 +19,7 @@ from rovid.identify.likelihood import LIMITS, fit_likelihood
 from rovid.model.kernels import simulate
 from rovid.motion.rates import rates_of
 from rovid.motion.runs import Run
-from tests.conftest import SAMPLES, Rovid
+from tests.conftest import SAMPLES, Rovid, slow
 from tests.synthetic import clock, gauss_markov, trial
 from tools.hidden import Hidden
 from tools.programme import CAMPAIGN
@@ -38,7 +38,7 @@ TRUTH = {
 }
 
 
-@pytest.mark.parametrize("day", [pytest.param("fixed", marks=pytest.mark.slow), "fresh"])
+@pytest.mark.parametrize("day", [slow("fixed"), "fresh"])
 def test_everything_about_the_day_comes_back(day: str, tmp_path: Path, rovid: Rovid) -> None:
     seed = 3 if day == "fixed" else secrets.randbelow(10**6)
     print(f"seed {seed}")
@@ -186,6 +186,7 @@ def test_thrust_of_another_size_in_each_trial_is_measured_and_named(tmp_path: Pa
     assert rovid("simulate", "--json").document["overall"]["yaw_rate_r2"] > 0.999
 
 
+@pytest.mark.slow
 def test_a_constant_torque_of_another_size_in_each_trial_is_named(tmp_path: Path, rovid: Rovid) -> None:
     seed = secrets.randbelow(10**6)
     print(f"seed {seed}")
@@ -207,7 +208,7 @@ def test_a_constant_torque_of_another_size_in_each_trial_is_named(tmp_path: Path
     assert abs(inertia["value"] - TRUTH["inertia"]) < FARTHEST * inertia["standard_error"]
 
 
-@pytest.mark.parametrize("holds_at", [60.0, 240.0])
+@pytest.mark.parametrize("holds_at", [60.0, slow(240.0)])
 def test_a_bent_curve_leaves_the_scale_of_all_thrust_open(holds_at: float, tmp_path: Path, rovid: Rovid) -> None:
     """Wherever in the range in use the bench's thrust in N is right, the truth is within what is stated."""
     seed = secrets.randbelow(10**6)

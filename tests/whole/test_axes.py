@@ -17,7 +17,7 @@ from rovid.campaign.axis import AXES
 from rovid.campaign.trial import Trial
 from rovid.model.integration import initial_rate
 from rovid.model.model import Model
-from tests.conftest import SAMPLES, Rovid
+from tests.conftest import SAMPLES, Rovid, slow
 from tools.axis_day import write_axis_day
 from tools.axis_truth import Vehicle
 from tools.truth import Axis, Truth
@@ -34,11 +34,6 @@ UNITS = {
 }
 NAMES = ("inertia", "quadratic_drag", "linear_drag")
 RATE = {"surge": "surge_velocity", "heave": "heave_velocity", "pitch": "pitch_rate"}
-
-
-def slow(*values: Any) -> Any:
-    """A case for `make test-slow` alone."""
-    return pytest.param(*values, marks=pytest.mark.slow)
 
 
 def truth_of(truth: Truth) -> dict[str, float]:

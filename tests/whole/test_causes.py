@@ -15,7 +15,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from rovid.ground.arrays import FloatArray
-from tests.conftest import SAMPLES, Rovid
+from tests.conftest import SAMPLES, Rovid, slow
 from tools.cases import Case, all_cases, groups, truth_of
 from tools.channels import EXTRA
 from tools.programme import Run, campaign_for
@@ -23,11 +23,6 @@ from tools.trial_day import write_trial_day
 from tools.truth import VEHICLES, Truth
 
 VEHICLE: Mapping[str, Truth] = dict(zip(("rosub", "observation", "small"), VEHICLES, strict=True))
-
-
-def slow(*values: Any) -> Any:
-    """A case for `make test-slow` alone."""
-    return pytest.param(*values, marks=pytest.mark.slow)
 
 
 # Which runs there are.
@@ -107,7 +102,7 @@ def assert_better(document: Mapping[str, Any]) -> None:
 def test_a_hidden_effect_is_named_alone(vehicle: str, name: str, runs: Runs, tmp_path: Path, rovid: Rovid) -> None:
     case = case_of(vehicle, name)
     truth = case.of(VEHICLE[vehicle])
-    write_trial_day(tmp_path / "day", seed=17, truth=truth, campaign=runs(truth))
+    write_trial_day(tmp_path / "day", seed=SEED, truth=truth, campaign=runs(truth))
     document = rovid("diagnose", "day", "--json").document
     assert document["verdict"] == "found"
     assert named(document) == [{case.expected_effect}]
@@ -139,7 +134,8 @@ def test_a_thruster_that_is_all_but_gone_is_named(vehicle: str, gain: float, tmp
     assert abs(found["value"] - gain) < SIGMAS * found["standard_error"]
 
 
-@pytest.mark.parametrize("number", [0, slow(1), slow(2)])
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(3))
 def test_a_new_campaign_gives_its_cause(number: int, tmp_path: Path, rovid: Rovid) -> None:
     rng = np.random.default_rng((SEED, number))
     vehicle = list(VEHICLE)[(SEED + number) % len(VEHICLE)]
@@ -179,7 +175,7 @@ def test_a_cause_outside_the_catalogue_gets_no_name(
 ) -> None:
     case = case_of(vehicle, name)
     truth = case.of(VEHICLE[vehicle])
-    write_trial_day(tmp_path / "day", seed=19, truth=truth, campaign=runs(truth))
+    write_trial_day(tmp_path / "day", seed=SEED, truth=truth, campaign=runs(truth))
     document = rovid("diagnose", "day", "--json").document
     assert document["verdict"] == "unexplained"
     assert document["findings"] == []

@@ -37,14 +37,14 @@ def started(code: str, *arguments: object) -> subprocess.Popen[str]:
 
 @pytest.fixture(scope="module")
 def day(csv_day: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three logs of the day, with parameters of theirs beside the folder."""
+    """Four logs of the day, with parameters of theirs beside the folder."""
     folder = tmp_path_factory.mktemp("outputs")
     (folder / "L").mkdir()
-    names = sorted(path.name for path in csv_day.glob("*.csv") if "hold" in path.name)[:6]
-    for name in ("rovid.toml", "thrust_curve.csv", *names):
+    for name in (
+        "rovid.toml",
+        *(f"{name}.csv" for name in ("thrust_curve", "hold_01", "hold_03", "hold_05", "sine_20s")),
+    ):
         shutil.copy(csv_day / name, folder / "L")
-    for path in csv_day.glob("sine*.csv"):
-        shutil.copy(path, folder / "L")
     done = run_rovid("fit-drag", folder / "L", "-p", folder / "parameters.toml")
     assert done.code == 0, done.err
     done = run_rovid("fit-inertia", "-p", folder / "parameters.toml")
@@ -74,7 +74,7 @@ def mine(day: Path, tmp_path: Path) -> Iterator[Path]:
         "export json -p parameters.toml -o L/thrust_curve.csv",
         "export json -p parameters.toml -o parameters.toml",
         "control -p parameters.toml --c parameters.toml",
-        "control -p parameters.toml --c L/hold_02.csv",
+        "control -p parameters.toml --c L/hold_05.csv",
         "control -p parameters.toml --python L/rovid.toml",
         "plan -p parameters.toml -o L/hold_01.csv",
         "fit-drag L -p L/hold_01.csv",
