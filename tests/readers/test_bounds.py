@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import struct
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -20,51 +16,16 @@ from rovid.campaign.config import load_config
 from rovid.ground.errors import RovidError
 from rovid.inspect.first_config import survey
 from rovid.readers import bag_reader, read_log
+from tests.conftest import slow
 from tests.inspect.test_first_config import changed
+from tests.readers.apart import STATUS, read
 from tests.readers.logs import EPOCH, campaign, csv_text, standard, toml, turning
 from tests.readers.recordings import CHANGES, RECORDINGS, TIME, bag, said
 
-pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="Linux tells how much memory was taken")
+pytestmark = pytest.mark.skipif(not STATUS.exists(), reason="Linux tells how much memory was taken")
 _MB = 1 << 20
 # What rovid and the libraries take before anything is read, and room for a batch.
 _ALWAYS = 300 * _MB
-# In a process of its own: whatever it says, and the most memory that it had since it began. (getrusage counts in
-# what the process had that it was forked from.)
-_READ = """
-import sys
-from pathlib import Path
-from rovid.campaign.config import load_config
-from rovid.ground.errors import RovidError
-from rovid.readers import read_log
-from rovid.inspect.first_config import survey
-folder, name, what = sys.argv[1:]
-try:
-    if what == "init":
-        surveyed = survey([Path(folder, name)])
-        found = " ".join([*surveyed.lacking, *(f"no {what}" for what in surveyed.open)])
-    else:
-        found = f"{len(read_log(Path(folder, name), load_config(Path(folder, 'rovid.toml'))).time)} samples"
-except RovidError as error:
-    found = str(error)
-most = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
-print(int(most.split()[1]) * 1024, found)
-"""
-
-
-def read(path: Path, what: str = "read") -> tuple[int, str]:
-    """(bytes of memory at most, what was said) of ``path``; within ten seconds and those that Python needs to start."""
-    began = time.monotonic()
-    done = subprocess.run(
-        [sys.executable, "-c", _READ, str(path.parent), path.name, what],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=120,
-        env={**os.environ, "PYTHONWARNINGS": "error"},
-    )
-    assert time.monotonic() - began < 30.0
-    memory, _, found = done.stdout.partition(" ")
-    return int(memory), found.strip()
 
 
 def constant(path: Path, rows: int, batch: int = 1_000_000) -> None:
@@ -90,9 +51,8 @@ def numbered(path: Path, rows: int, others: int) -> None:
     time_s, heading = turning(rows)
     noise = np.random.default_rng(1).normal(size=rows)
     columns = {"time_s": time_s, "heading_deg": heading % 360.0, "fore_V": np.ones(rows)}
-    pq.write_table(
-        pa.table({**columns, **{f"other_{at}": noise for at in range(others)}}), path, row_group_size=100_000
-    )
+    table = pa.table({**columns, **{f"other_{at}": noise for at in range(others)}})
+    pq.write_table(table, path, row_group_size=100_000, use_dictionary=False, compression="none")
 
 
 def test_only_the_needed_columns_are_unpacked(tmp_path: Path) -> None:
@@ -267,7 +227,7 @@ def long(path: Path, before: str, sign: bytes, size: int, behind: str) -> None:
 
 
 @pytest.mark.parametrize("what", ["read", "init"])
-@pytest.mark.parametrize("size", [300, pytest.param(1024, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("size", [300, slow(1024)])
 def test_a_file_of_one_line_is_not_taken_apart(what: str, size: int, tmp_path: Path) -> None:
     campaign(tmp_path)
     long(tmp_path / "a.csv", "time_s,heading_deg,fore_V,", b",", size, "")

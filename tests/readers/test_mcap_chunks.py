@@ -15,10 +15,10 @@ import zstandard
 from rovid.campaign.config import Config
 from rovid.ground.errors import LogError
 from rovid.readers import mcap_reader
+from tests.readers.apart import STATUS
 from tests.readers.logs import EPOCH, dive, mcap_bytes, read_mcap
 from tests.readers.test_mcap_limits import (
     MAGIC,
-    STATUS,
     WHOLE,
     channel,
     chunk_head,
@@ -55,7 +55,7 @@ def test_a_large_chunk_is_not_held(compression: str, config: Config, tmp_path: P
     packed = output.getvalue()
     assert 2e6 < len(packed) < 10e6
     path = in_front(tmp_path / "dive.mcap", chunk_head(compression, len(packed), size) + packed)
-    assert read_apart(path, config) == "400"
+    assert read_apart(path) == "400"
 
 
 @pytest.mark.skipif(not STATUS.exists(), reason="tells its memory in no such file")
@@ -79,7 +79,7 @@ def test_large_records_are_not_held(config: Config, tmp_path: Path) -> None:
         body = WHOLE[len(MAGIC) : -len(MAGIC) - 29]
         start = len(MAGIC)  # which is no summary, but all of the file
         file.write(body + struct.pack("<BQQQI", 2, 20, start, 0, 0) + MAGIC)
-    assert read_apart(path, config) == "400"
+    assert read_apart(path) == "400"
 
 
 def test_small_bombs_are_one_large_one(config: Config, tmp_path: Path) -> None:
