@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from benchmarks.clocks import told
-from tests.conftest import Rovid
+from tests.conftest import Rovid, slow
 from tests.readers.test_joined import day
 from tools.folders import Clocks, write_folder
 
@@ -79,7 +79,7 @@ def test_a_heading_in_both_files_tells_each_clock(tmp_path: Path, rovid: Rovid) 
         assert one["offset"] == pytest.approx(-seconds, abs=max(4.0 * float(str(one["error"])), 0.01))
 
 
-@pytest.mark.parametrize(("index", "twice"), [(13, "heading"), (20, "rate"), (28, "")])
+@pytest.mark.parametrize(("index", "twice"), [(13, "heading"), slow(20, "rate"), (28, "")])
 def test_clocks_of_a_made_up_folder(index: int, twice: str, tmp_path: Path) -> None:
     truth = write_folder(tmp_path, seed=77, index=index, clocks=Clocks(apart=0.9, drift=1e-4, twice=twice))
     rows = told(tmp_path, truth)

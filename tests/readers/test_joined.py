@@ -17,26 +17,25 @@ from rovid.readers import read_campaign
 from tests.conftest import SAMPLES, Rovid
 
 JOIN = 'parts = ["ins", "thr"]\n'
+RUNS = ("hold_03", "hold_05", "sine_20s", "steps")
 INS, THR = ["time_s", "heading_deg"], ["time_s", "fore_V", "aft_V"]
 
 
-def day(folder: Path, *, split: str, late: float = 0.0, block: str = 'parts = ["ins", "thr"]\n') -> Path:
-    """The logs of a day, one file a sensor; what commands is ``late`` by so many s by its own clock."""
+def day(folder: Path, *, split: str, late: float = 0.0, block: str = JOIN) -> Path:
+    """Some logs of a day, one file a sensor; what commands is ``late`` by so many s by its own clock."""
     folder.mkdir()
     for name in ("rovid.toml", "thrust_curve.csv"):
         shutil.copy(SAMPLES / "rosub_hidden" / name, folder)
     text = (folder / "rovid.toml").read_text(encoding="utf-8")
     (folder / "rovid.toml").write_text(f"{text}\n[join]\n{block}", encoding="utf-8")
-    for path in sorted((SAMPLES / "rosub_hidden").glob("*.csv")):
-        if "curve" in path.name:
-            continue
-        log = pd.read_csv(path)
+    for run in RUNS:
+        log = pd.read_csv(SAMPLES / "rosub_hidden" / f"{run}.csv")
         for part, columns in (("ins", INS), ("thr", THR)):
             own = log[columns].copy()
             if part == "thr":
                 own = own.iloc[::2]
                 own["time_s"] += late
-            target = folder / split.format(run=path.stem, part=part)
+            target = folder / split.format(run=run, part=part)
             target.parent.mkdir(exist_ok=True)
             own.to_csv(target, index=False)
     return folder
@@ -50,7 +49,7 @@ def trials(folder: Path) -> tuple[Trial, ...]:
 def test_files_of_one_trial_are_read_as_one(split: str, tmp_path: Path) -> None:
     folder = day(tmp_path / "day", split=split)
     campaign = read_campaign([folder], load_config(folder / "rovid.toml"))
-    assert len(campaign.trials) == len(list((SAMPLES / "rosub_hidden").glob("*.csv"))) - 1
+    assert len(campaign.trials) == len(RUNS)
     for trial in campaign.trials:
         assert np.ptp(trial.commands) > 0.0
         assert any(remark.kind == "joined" for remark in trial.remarks)
@@ -61,7 +60,8 @@ def test_an_offset_that_is_given_brings_clocks_together(tmp_path: Path, rovid: R
     day(tmp_path / "day", split="{run}_{part}.csv", late=0.6, block='parts = ["ins", "thr"]\noffset = { thr = -0.6 }\n')
     told = rovid("fit", "day", "--effect", "thruster_lag", "--json", "-p", "a.toml").document["parameters"]
     asis = rovid("fit", "apart", "--effect", "thruster_lag", "--json", "-p", "b.toml").document["parameters"]
-    plain = rovid("fit", SAMPLES / "rosub_hidden", "--effect", "thruster_lag", "--json", "-p", "c.toml").document
+    day(tmp_path / "plain", split="{run}_{part}.csv")
+    plain = rovid("fit", "plain", "--effect", "thruster_lag", "--json", "-p", "c.toml").document
     lag = "thruster_lag.time_constant"
     assert told[lag]["value"] == pytest.approx(plain["parameters"][lag]["value"], abs=0.1)
     assert asis[lag]["value"] < told[lag]["value"] - 0.3
@@ -107,9 +107,8 @@ def test_another_column_of_time_may_be_named(tmp_path: Path) -> None:
         log = pd.read_csv(path)
         log["time_s"] *= 1000.0
         log.rename(columns={"time_s": "t_ms"}).to_csv(path, index=False)
-    campaign = read_campaign([folder], load_config(folder / "rovid.toml"))
-    plain = read_campaign([SAMPLES / "rosub_hidden"], load_config(SAMPLES / "rosub_hidden" / "rovid.toml"))
-    for trial, other in zip(campaign.trials, plain.trials, strict=True):
+    plain = trials(day(tmp_path / "plain", split="{run}_{part}.csv"))
+    for trial, other in zip(trials(folder), plain, strict=True):
         assert trial.duration == pytest.approx(other.duration, abs=0.3)
 
 
