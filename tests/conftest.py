@@ -8,7 +8,7 @@ import json
 import os
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -144,10 +144,10 @@ def diagnosed_once(known: dict[str, Diagnosis]) -> Iterator[None]:
 SHORT_DAY = ("aft_only", "coast_02", "fore_only", "hold_03", "hold_05", "sine_40s_a", "staircase")
 
 
-def write_short_day(folder: Path, *, configured: bool = True) -> None:
+def write_short_day(folder: Path, *, runs: Sequence[str] = SHORT_DAY, configured: bool = True) -> None:
     """Write logs of the sample day and its thrust curve into a new ``folder``, and its rovid.toml."""
     folder.mkdir(parents=True)
-    names = [*(f"{name}.csv" for name in (*SHORT_DAY, "thrust_curve")), *(["rovid.toml"] if configured else [])]
+    names = [*(f"{name}.csv" for name in (*runs, "thrust_curve")), *(["rovid.toml"] if configured else [])]
     for name in names:
         shutil.copy(SAMPLES / "rosub_tank" / name, folder)
 

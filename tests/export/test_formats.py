@@ -87,9 +87,9 @@ class Read:
 
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The parameter file of a short trial day."""
+    """The parameter file of three trials."""
     path = tmp_path_factory.mktemp("fitted") / "parameters.toml"
-    write_short_day(path.parent / "day")
+    write_short_day(path.parent / "day", runs=("hold_03", "hold_05", "sine_40s_a"))
     for command in (["fit-drag", path.parent / "day"], ["fit-inertia"]):
         assert run_rovid(*command, "-p", path).code == 0
     return path
@@ -270,9 +270,8 @@ def simulated(read: Read, grid: float = HOLD) -> FloatArray:
     state, rates = np.zeros(2 + count), []
     late = read.delay
 
-    def motion(_: float, x: FloatArray, command: float) -> FloatArray:
+    def motion(_: float, x: FloatArray, command: float, steady: FloatArray) -> FloatArray:
         r, psi, inner = x[0], x[1], x[2:]
-        steady = np.array([np.interp(command, *curve) for curve in read.curves])
         dx = np.zeros(2 + count)
         if read.thrust_lag > 0.0:
             thrust, dx[2:] = inner, (steady - inner) / read.thrust_lag
@@ -291,7 +290,8 @@ def simulated(read: Read, grid: float = HOLD) -> FloatArray:
         rates.append(state[0])
         for length, acting in ((late, before), (grid - late, command)):
             if length > 0.0:
-                done = solve_ivp(motion, (0.0, length), state, args=(acting,), rtol=1e-8, atol=1e-10, max_step=0.2)
+                steady = np.array([np.interp(acting, *curve) for curve in read.curves])
+                done = solve_ivp(motion, (0.0, length), state, args=(acting, steady), rtol=1e-8, atol=1e-10)
                 state = done.y[:, -1]
         before = command
     return read.up * np.array(rates)
