@@ -22,6 +22,7 @@ from rovid.study import Study
 from tests.conftest import SAMPLES, Rovid, write_short_day
 
 WIDTHS = (60, 80, 120)
+RUNS = ("fore_only", "hold_03", "hold_05", "sine_40s_a")
 WIDE = 400
 NUMBER = re.compile(r"[-+±]?\d+(?:\.\d+)?(?:e[-+]\d+)?")
 PARTED = re.compile(r"\d *\n *(?:%|s|min|deg|rad|N|kg|m|Hz|dB|V)(?=[/ ,.;)²³]|$)", re.MULTILINE)
@@ -75,8 +76,8 @@ def folder(tmp_path: Path) -> Path:
     ):
         shutil.copytree(SAMPLES / sample, tmp_path / name)
     shutil.copy(SAMPLES / "thruster_bench" / "kaxan_540.csv", tmp_path / "bench.csv")
-    write_short_day(tmp_path / "day")
-    write_short_day(tmp_path / "bare", configured=False)
+    write_short_day(tmp_path / "day", runs=RUNS)
+    write_short_day(tmp_path / "bare", runs=RUNS, configured=False)
     return tmp_path
 
 
