@@ -43,15 +43,15 @@ def test_twelve_pseudo_random_runs_of_a_day_are_no_autopilot() -> None:
     assert find_feedback(trials, LOGGED) == []
 
 
-@pytest.mark.parametrize("campaigns", [20, slow(40)])
-def test_in_hard_water_too(campaigns: int) -> None:
+@pytest.mark.parametrize(("campaigns", "runs"), [(20, 15), slow(40, 40)])
+def test_in_hard_water_too(campaigns: int, runs: int) -> None:
     found: dict[str, list[bool]] = {}
     for seed in range(campaigns):
         for kind, named in seen_in(draw(seed)):
             found.setdefault(kind, []).append(named)
     blind = [named for kind in ("prbs", "holds", "steps", "sines") for named in found[kind]]
     # 1 of 627 runs with other seeds.
-    assert len(blind) > campaigns
+    assert len(blind) > runs
     assert sum(blind) <= 2
     assert np.mean(found["autopilot"]) > 0.4
     assert np.mean(found["zigzag"]) > 0.6
