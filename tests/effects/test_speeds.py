@@ -138,7 +138,8 @@ def test_a_sideslip_whose_speeds_are_not_logged_is_named(tmp_path: Path, rovid: 
     assert 1.0 - rate_r2[1] < 0.5 * (1.0 - rate_r2[0])
 
 
-@pytest.mark.parametrize("cross_flow", [0.0, pytest.param(40.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("cross_flow", [0.0, 40.0])
 def test_munks_moment_of_a_sway_that_is_not_logged_is_named(cross_flow: float, tmp_path: Path, rovid: Rovid) -> None:
     boat(tmp_path / "day", 'surge_velocity = { csv = "speed_kn", unit = "kn" }\n', munk=4.0, cross_flow=cross_flow)
     said = rovid("diagnose", "day", "--json").document

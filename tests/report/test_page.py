@@ -262,7 +262,7 @@ def test_without_holds_the_refusal_stands_in_place_of_the_drag(day: Evidence, tm
 
 
 def test_copies_draw_the_same_plots(day: Evidence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    few = replace(day, inertia=None, simulations=day.simulations[:3])
+    few = replace(day, inertia=None, simulations=day.simulations[:1])
     plots = []
     for cores in (1, 2):
         for module in (in_step, copies):
