@@ -131,7 +131,7 @@ def survived(*arguments: str) -> None:
 
 def test_a_few_inputs() -> None:
     formats = [name for name, form in FORMATS.items() if form.changed != "nothing"]
-    survived("benchmarks.torture", "--inputs", "250", "--cuts", "900", "--jobs", "1", "--formats", *formats)
+    survived("benchmarks.torture", "--inputs", "80", "--cuts", "3000", "--jobs", "1", "--formats", *formats)
 
 
 @pytest.mark.parametrize("command", [pytest.param("init", marks=pytest.mark.slow), "fit-thruster:random 0"])
