@@ -13,14 +13,14 @@ from rovid.inspect.first_config import survey
 from rovid.readers import read_log
 
 STATUS = Path("/proc/self/status")
-_FORKS = multiprocessing.get_context("forkserver" if STATUS.exists() else "spawn")
 
 
 def read(path: Path, what: str = "read") -> tuple[int, str]:
     """(bytes of memory at most, what was said) of ``path``, read by the rovid.toml beside it; "init": surveyed."""
-    _FORKS.set_forkserver_preload([__name__, "pandas", "pyarrow.parquet"])
-    here, there = _FORKS.Pipe(duplex=False)
-    process = _FORKS.Process(target=_read, args=(there, path, what))
+    forks = multiprocessing.get_context("forkserver")
+    forks.set_forkserver_preload([__name__, "pandas", "pyarrow.parquet"])
+    here, there = forks.Pipe(duplex=False)
+    process = forks.Process(target=_read, args=(there, path, what))
     process.start()
     there.close()
     try:
