@@ -152,7 +152,7 @@ def predictions(records: HorizonRecords, model: Model, drive: Drive) -> FloatArr
 def _true_motion(course: Course, model: Model) -> Motion:
     """What was measured of it, without the deviation of the heading."""
     trial, rates = course.run.trial, course.run.rates
-    true, slopes = model.instrument.true_angle(trial, trial.position, np.arange(len(trial.time)))
+    true, slopes = model.instrument.as_true(trial.position)
     off = on_grid(trial, true - trial.position, rates.time)
     every = round(course.period / rates.kernel.period)
     slope = np.interp(course.time, trial.time, slopes)

@@ -141,9 +141,13 @@ class Readings(Records):
         """(n,) the angle without the deviation of the heading, and d(measured)/d(true) where there is one."""
         if not model.instrument.deviates:
             return self.angle, None
-        pairs = [model.instrument.true_angle(run.run.trial, run.angle, run.at) for run in self.of_runs]
-        angles, slopes = zip(*pairs, strict=True)
-        return np.concatenate(angles), np.concatenate(slopes)
+        true, gain = model.instrument.as_true(self._position)
+        return self.angle - (self._position - true), gain
+
+    @cached_property
+    def _position(self) -> FloatArray:
+        """(n,) measured position itself, as `angle`."""
+        return np.concatenate([run.run.trial.position[run.at] for run in self.of_runs])
 
     @cached_property
     def _begins(self) -> IntArray:

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.campaign.trial import Trial
-from rovid.effects.base import OnHeading, Values
-from rovid.ground.arrays import FloatArray, IntArray
+from rovid.effects.base import OnHeading
+from rovid.ground.arrays import FloatArray
 from rovid.model.acting import Acting, that_act
 
 _FIXED_POINT_TURNS = 6
@@ -33,34 +32,32 @@ class Instrument:
             off += act.deviation(heading, values)
         return off
 
-    def true_angle(self, trial: Trial, angle: FloatArray, at: IntArray) -> tuple[FloatArray, FloatArray]:
-        """What the (n,) ``angle`` in rad, measured at the instants ``at``, is without the deviation of the heading.
+    def as_true(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What a measured position is without the deviation of the heading.
+
+        Parameters
+        ----------
+        position
+            (n,) rad or m.
 
         Returns
         -------
-        angle, gain
-            (n,) rad and d(measured)/d(true).
+        true, gain
+            (n,) rad or m, and d(measured)/d(true).
         """
-        gain = np.ones(len(angle))
-        for act, values in that_act(self.acting, OnHeading):
-            measured = trial.position[at]
-            true = measured
-            # Contracts by the deviation's slope, some percent, at each turn.
-            for _ in range(_FIXED_POINT_TURNS):
-                true = measured - act.deviation(true, values)
-            angle = angle - (measured - true)
-            gain = gain + _slope(act, true, values)
-        return angle, gain
+        if not self.deviates:
+            return position, np.ones(len(position))
+        true = position
+        # Contracts by the deviation's slope, some percent, at each turn.
+        for _ in range(_FIXED_POINT_TURNS):
+            true = position - self.deviation(true)
+        return true, self._gain(true)
 
     def as_measured(self, heading: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(n,) heading and rate as the instrument would give the true ones."""
-        gain = np.ones(len(heading))
-        for act, values in that_act(self.acting, OnHeading):
-            gain += _slope(act, heading, values)
-        return heading + self.deviation(heading), rate * gain
+        return heading + self.deviation(heading), rate * self._gain(heading)
 
-
-def _slope(act: OnHeading, heading: FloatArray, values: Values) -> FloatArray:
-    """(n,) change of the deviation with the true heading."""
-    ahead, behind = (act.deviation(heading + side, values) for side in (_NUDGE, -_NUDGE))
-    return np.asarray((ahead - behind) / (2.0 * _NUDGE))
+    def _gain(self, heading: FloatArray) -> FloatArray:
+        """(n,) change of the measured heading with the true one."""
+        ahead, behind = (self.deviation(heading + side) for side in (_NUDGE, -_NUDGE))
+        return np.asarray(1.0 + (ahead - behind) / (2.0 * _NUDGE))

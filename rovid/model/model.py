@@ -119,7 +119,7 @@ class Model:
         first = int(np.argmax(trial.measured))
         if not self.instrument.deviates:
             return rate, trial.position[first] + angle - angle[first]
-        true, _ = self.instrument.true_angle(trial, trial.position, np.arange(len(trial.time)))
+        true, _ = self.instrument.as_true(trial.position)
         heading, rate = self.instrument.as_measured(true[first] + angle - angle[first], rate)
         return rate, heading
 

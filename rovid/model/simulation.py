@@ -114,8 +114,9 @@ def _simulate(run: Run, model: Model, drive: Drive) -> TrialSimulation:
 def _position_errors(run: Run, model: Model, drive: Drive) -> dict[float, float | None]:
     rates, trial = run.rates, run.trial
     # About the body's own axis: the position itself, but for what a logged tilt and the heading's deviation add to it.
-    true, gain = model.instrument.true_angle(trial, trial.body_position, np.arange(len(trial.time)))
-    angle, gain = (on_grid(trial, values, rates.time) for values in (true, gain))
+    true, gain = model.instrument.as_true(trial.position)
+    body = trial.body_position - (trial.position - true)
+    angle, gain = (on_grid(trial, values, rates.time) for values in (body, gain))
     at_grid = np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1
     torque, beside = drive.torque[at_grid], drive.beside[at_grid]
     rate, turned = rates.rate / gain, angle - angle[np.isfinite(angle)][0]

@@ -92,7 +92,7 @@ def _as_turned(runs: Runs, model: Model, vehicle: Vehicle) -> Sequence[Run]:
 
 def _turned(trial: Trial, model: Model) -> Trial:
     """``trial`` with the heading that ``model`` takes for the true one."""
-    heading, _ = model.instrument.true_angle(trial, trial.position, np.arange(len(trial.time)))
+    heading, _ = model.instrument.as_true(trial.position)
     return replace(trial, position=heading)
 
 

@@ -8,7 +8,7 @@ import pytest
 from rovid.effects import effect_named
 from rovid.model.acting import Acting
 from rovid.model.instrument import Instrument
-from tests.synthetic import clock, trial
+from tests.synthetic import clock
 
 OFF = Instrument((Acting(effect_named("heading_deviation"), np.array([0.08, 0.5])),))
 PLAIN = Instrument((Acting(effect_named("bias_torque"), np.array([20.0])),))
@@ -19,8 +19,7 @@ def test_what_is_measured_tells_the_true_heading_and_its_slope() -> None:
     true, rate = 0.15 * time, np.full(len(time), 0.15)
     measured, shown = OFF.as_measured(true, rate)
     assert shown == pytest.approx(np.gradient(measured, time), abs=1e-3 * 0.15)
-    at = np.arange(len(time))
-    found, gain = OFF.true_angle(trial(time, np.zeros(len(time)), measured), measured, at)
+    found, gain = OFF.as_true(measured)
     assert found == pytest.approx(true, abs=1e-5)
     assert gain == pytest.approx(shown / 0.15, abs=1e-5)
 
@@ -30,4 +29,5 @@ def test_an_instrument_that_shows_the_true_heading_leaves_it() -> None:
     assert not PLAIN.deviates
     assert OFF.deviates
     assert np.array_equal(PLAIN.as_measured(heading, rate), (heading, rate))
+    assert np.array_equal(PLAIN.as_true(heading), (heading, np.ones(50)))
     assert not PLAIN.deviation(heading).any()
