@@ -98,7 +98,6 @@ def put(
     ``seen`` is what of the effects looked for would have been seen.
     """
     from rovid.parameters.agreement import WHOLE
-    from rovid.parameters.history import remember
     from rovid.parameters.update import update
 
     def change(now: Parameters) -> Parameters:
@@ -107,10 +106,7 @@ def put(
         given = " ".join(filter(None, (origin.options, *options)))
         return held.with_estimate(estimate, replace(origin, options=given))
 
-    written = update(stored, claim, change)
-    if for_good and estimate.method in WHOLE:
-        remember(written, claim, seen)
-    return written
+    return update(stored, claim, change, seen=(seen or {}) if for_good and estimate.method in WHOLE else None)
 
 
 def diagnosed(stored: Parameters, study: Study, report: Callable[[str], None]) -> Diagnosis:

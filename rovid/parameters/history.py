@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rovid.ground.errors import ConfigError
-from rovid.ground.files import Claim, Output
+from rovid.ground.files import Output
 from rovid.ground.files.form import HISTORY
 from rovid.parameters.parameters import Parameters
 from rovid.parameters.reading import parameters_in
@@ -59,28 +59,17 @@ def history_of(parameters: Path) -> Output:
     return Output(parameters.with_name(f"{stem}{_SUFFIX}"), HISTORY)
 
 
-def remember(found: Parameters, claim: Claim, seen: Mapping[str, float] | None = None) -> None:
-    """Add what the parameter file says by now, if that is not what the last line says.
-
-    Raises
-    ------
-    OutputError
-        The history cannot be written, or what stands there is none.
-    """
-    output = history_of(found.path)
-    looked = {} if seen is None else {name: size for name, size in seen.items() if math.isfinite(size)}
-    document = {**found.document(), "seen": looked}
+def with_record(found: Parameters, seen: Mapping[str, float]) -> str:
+    """The history beside ``found``, and a line more for that, if it is not what the last line says."""
+    target = history_of(found.path).target
+    document = {**found.document(), "seen": {name: size for name, size in seen.items() if math.isfinite(size)}}
     line = json.dumps(document, default=str)
-
-    def longer() -> str:
-        before = output.target.read_text(encoding="utf-8") if output.target.exists() else ""
-        text = before if HISTORY.mark.search(before.encode()) else f"{_HEAD}\n"
-        last = text.rstrip("\n").rpartition("\n")[2]
-        if _found(last) == _found(line):
-            return before
-        return f"{text.rstrip()}\n{line}\n"
-
-    claim.write({output: longer})
+    before = target.read_text(encoding="utf-8") if target.exists() else ""
+    text = before if HISTORY.mark.search(before.encode()) else f"{_HEAD}\n"
+    last = text.rstrip("\n").rpartition("\n")[2]
+    if _found(last) == _found(line):
+        return before
+    return f"{text.rstrip()}\n{line}\n"
 
 
 def _found(line: str) -> Any:

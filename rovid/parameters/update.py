@@ -1,25 +1,34 @@
-"""A parameter file changed, while another process may change it too."""
+"""A parameter file changed, and its history with it, while another process may change them too."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from rovid.ground.errors import ConfigError
 from rovid.ground.files import Claim
 from rovid.ground.files.form import PARAMETERS
+from rovid.parameters.history import history_of, with_record
 from rovid.parameters.parameters import Parameters
 from rovid.parameters.reading import read_parameters
 
 
-def update(stored: Parameters, claim: Claim, change: Callable[[Parameters], Parameters]) -> Parameters:
+def update(
+    stored: Parameters,
+    claim: Claim,
+    change: Callable[[Parameters], Parameters],
+    *,
+    seen: Mapping[str, float] | None = None,
+) -> Parameters:
     """Make ``change`` to what the file holds now, another process' results included; return what was written.
+
+    With ``seen``, as `Record` has it, the history gets a line of that: both are written, or none.
 
     Raises
     ------
     OutputError
-        It cannot be written, or what came to stand there is no parameter file of this axis; it says where the
-        result is instead.
+        They cannot be written, or what came to stand there is no parameter file of this axis, or no history; it says
+        where the result is instead.
     """
     written = stored
 
@@ -28,8 +37,12 @@ def update(stored: Parameters, claim: Claim, change: Callable[[Parameters], Para
         written = change(_as_it_is_now(stored))
         return written.text()
 
+    contents = {stored.output: changed}
+    if seen is not None:
+        # Made behind the other, of what that came to be.
+        contents[history_of(stored.path)] = lambda: with_record(written, seen)
     try:
-        claim.write({stored.output: changed})
+        claim.write(contents)
     except ConfigError as error:
         claim.rescue({stored.output: change(stored).text().encode()}, error)
     return written

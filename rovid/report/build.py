@@ -22,7 +22,7 @@ from rovid.identify.estimate import Estimate
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation, simulate_runs
 from rovid.parameters.agreement import WHOLE
-from rovid.parameters.history import history_of, remember
+from rovid.parameters.history import history_of
 from rovid.parameters.parameters import Parameters
 from rovid.parameters.standing import standing
 from rovid.parameters.update import update
@@ -119,9 +119,8 @@ def _identified(
         return _completed(held, study, estimates) if whole is None else held.with_estimate(whole, study.origin)
 
     if whole is not None or change(stored) is not stored or not stored.path.exists():
-        stored = update(stored, claim, change)
-        if whole is not None:
-            remember(stored, claim, None if diagnosis is None else diagnosis.seen)
+        seen = {} if diagnosis is None else diagnosis.seen
+        stored = update(stored, claim, change, seen=None if whole is None else seen)
     return Evidence(
         vehicle=study.vehicle,
         parameters=stored,

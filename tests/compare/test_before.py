@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from rovid.ground.files import Claim
-from rovid.parameters.history import history_of, remember
+from rovid.parameters.history import history_of
 from rovid.parameters.parameters import Parameters
+from rovid.parameters.update import update
 from tests.compare.files import DRIVE, LAG, LAGGING, PLAIN, stored_at, times
 from tests.conftest import Rovid
 from tests.whole.test_bad_input import assert_one_message
@@ -17,7 +18,7 @@ SEEN = {"thruster_lag": 0.05}
 
 
 def remembered(stored: Parameters, seen: dict[str, float] | None = None) -> None:
-    remember(stored, Claim([history_of(stored.path)]), seen)
+    update(stored, Claim([stored.output, history_of(stored.path)]), lambda _: stored, seen=seen or {})
 
 
 def test_what_two_files_say_is_compared(rovid: Rovid, tmp_path: Path) -> None:

@@ -11,8 +11,9 @@ import pytest
 
 from rovid.ground.errors import OutputError
 from rovid.ground.files import Claim
-from rovid.parameters.history import history_of, latest, remember
+from rovid.parameters.history import history_of, latest
 from rovid.parameters.parameters import Parameters, Source
+from rovid.parameters.update import update
 from tests.conftest import Rovid
 from tests.parameters.test_parameters import estimate, written
 from tests.whole.test_bad_input import assert_one_message
@@ -21,14 +22,13 @@ from tools.trial_day import write_trial_day
 
 
 def claim_for(stored: Parameters) -> Claim:
-    return Claim([history_of(stored.path)])
+    return Claim([stored.output, history_of(stored.path)])
 
 
 def added(stored: Parameters, digest: str, scale: float = 1.0, seen: dict[str, float] | None = None) -> Parameters:
     source = Source(name=f"{digest}.csv", sha256=digest, samples=7)
     changed = replace(stored.with_estimate(estimate(scale=scale)), sources=(source,))
-    remember(changed, claim_for(changed), seen)
-    return changed
+    return update(changed, claim_for(changed), lambda _: changed, seen=seen or {})
 
 
 def test_records_come_back_the_last_first(tmp_path: Path) -> None:

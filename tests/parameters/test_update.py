@@ -10,6 +10,7 @@ import pytest
 from rovid.campaign.axis import AXES
 from rovid.ground.errors import OutputError
 from rovid.ground.files import Claim
+from rovid.parameters.history import history_of
 from rovid.parameters.parameters import Parameters
 from rovid.parameters.reading import read_parameters
 from rovid.parameters.update import update
@@ -42,3 +43,16 @@ def test_a_file_of_another_axis_by_now_is_left_and_the_result_saved(tmp_path: Pa
     with pytest.raises(OutputError, match="parameters of surge by now"):
         update(stored, claim, lambda now: now.with_estimate(estimate()))
     assert read_parameters(stored.path).axis is AXES["surge"]
+
+
+def test_where_the_history_cannot_grow_both_files_stay_and_the_result_is_saved(tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(NAMES[1:]))
+    stored.write()
+    before, history = stored.path.read_bytes(), history_of(stored.path)
+    claim = Claim([stored.output, history])
+    history.path.write_text("mine")
+    with pytest.raises(OutputError, match="is not a history of parameters") as refusal:
+        update(stored, claim, lambda now: now.with_estimate(estimate(NAMES[:1])), seen={})
+    assert (stored.path.read_bytes(), history.path.read_text()) == (before, "mine")
+    saved = Path(str(refusal.value).rpartition(" in ")[2].rstrip("."))
+    assert set(read_parameters(saved / "p.toml").entries) == set(NAMES)
