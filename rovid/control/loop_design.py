@@ -128,7 +128,7 @@ def loop_of(law: Law, model: Model, vehicle: Vehicle, allocation: Allocation, se
     """The loop of ``law`` about rest, at the amplitude of the torque in use."""
     return Loop(
         law=law,
-        motion=linearised(model),
+        motion=linearised(model, model.steady_rate(setting.torque_in_use)),
         actuators=_probes_for(model, vehicle, allocation, setting).actuators(model),
         delay=setting.delay,
     )
@@ -215,9 +215,10 @@ def spread_of(
     """Monte Carlo over the covariance of the parameter file, the controller held; None where it has no covariance."""
     if not any(value > 0.0 for value in parameters.covariance.values()):
         return None
-    probes = _probes_for(parameters.model(), vehicle, allocation, setting)
+    best = parameters.model()
+    probes, fastest = _probes_for(best, vehicle, allocation, setting), best.steady_rate(setting.torque_in_use)
     every = [
-        replace(loop, motion=linearised(model), actuators=probes.actuators(model)).margins()
+        replace(loop, motion=linearised(model, fastest), actuators=probes.actuators(model)).margins()
         for model in drawn(parameters, _DRAWS, seed=0)
     ]
     low, high = 5.0, 95.0

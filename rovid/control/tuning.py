@@ -20,6 +20,8 @@ _FREQUENCIES = 1200
 # The sampled plant's response folds back about every multiple of the sampling frequency; it falls as the cube of that.
 _FOLDS = np.arange(-15, 16)
 _NUDGE = 1e-4  # rad, rad/s
+# Of the rate, from next to nothing to the fastest; and at how many angles in a quarter of each is looked.
+_SWINGS, _ANGLES = 12, 6
 _NOTHING = 1e-30  # of a gain
 _PHASE_MARGIN, _SENSITIVITY_PEAK = 45.0, 1.6
 BANDWIDTHS = np.geomspace(0.01, 20.0, 120)
@@ -208,8 +210,12 @@ def _decibel(logarithm: float) -> float:
     return 20.0 * logarithm / math.log(10.0)
 
 
-def linearised(model: Model, heading: float = 0.0) -> tuple[FloatArray, FloatArray]:
-    """(n, n) and (n,): the motion about rest at ``heading`` in rad; heading, rate, and the states of the effects."""
+def linearised(model: Model, fastest: float = 0.0, heading: float = 0.0) -> tuple[FloatArray, FloatArray]:
+    """(n, n) and (n,): the motion about rest at ``heading`` in rad; heading, rate, and the states of the effects.
+
+    What rubs damps slow motion alone: effects damp here as little as they do any swing of the rate up to ``fastest``
+    in rad/s. Drag damps as at rest, for what it does beyond is taken off again by the controller's aid.
+    """
     torque = total_of_terms(model)
     count = len(model.terms.kinds)
     size = 2 + count * TERM_STATES
@@ -219,10 +225,13 @@ def linearised(model: Model, heading: float = 0.0) -> tuple[FloatArray, FloatArr
         extra, slopes = 0.0, np.zeros((count, TERM_STATES))
         if torque is not None:
             extra, slopes = torque(rate, angle, push, heading, own)
-        acceleration = (push + extra - model.drag(rate)) / model.inertia
+        acceleration = (push + extra - model.linear_drag * rate) / model.inertia
         return np.concatenate(([rate, acceleration], slopes.ravel()))
 
     rest, matrix = np.zeros(size), _slopes(change, size)
+    if torque is not None and fastest > _NUDGE:
+        swings = [_swung(change, size, amplitude) for amplitude in np.geomspace(_NUDGE, fastest, _SWINGS)]
+        matrix[:, 1] = max(swings, key=lambda column: column[1])
     by_torque = 0.5 * (change(rest, 1.0) - change(rest, -1.0))
     moves = np.flatnonzero(np.any(matrix != 0.0, axis=1) | (by_torque != 0.0))
     return matrix[np.ix_(moves, moves)], by_torque[moves]
@@ -233,9 +242,19 @@ def _slopes(change: Callable[[FloatArray, float], FloatArray], size: int) -> Flo
     slopes = np.empty((size, size))
     for at in range(size):
         nudge = _NUDGE * np.eye(size)[at]
-        # The square of the nudge is what quadratic drag leaves in its slope at rest.
         slopes[:, at] = (change(nudge, 0.0) - change(-nudge, 0.0)) / (2.0 * _NUDGE)
     return slopes
+
+
+def _swung(change: Callable[[FloatArray, float], FloatArray], size: int, amplitude: float) -> FloatArray:
+    """(n,) of what a sine of the rate, of ``amplitude`` in rad/s, makes of the ``change``, the sine by its amplitude.
+
+    The describing function: Gelb and Vander Velde 1968, chapter 2.
+    """
+    sines = np.sin((np.arange(_ANGLES) + 0.5) * 0.5 * math.pi / _ANGLES)
+    rates = amplitude * sines[:, None] * np.eye(size)[1]
+    answers = np.array([change(rate, 0.0) - change(-rate, 0.0) for rate in rates])
+    return np.asarray(sines @ answers / (_ANGLES * amplitude))
 
 
 def largest_bandwidth(loop_of: Callable[[float], Loop], limit: float) -> float:

@@ -172,3 +172,8 @@ class Model:
     def drag(self, rate: FloatArray) -> FloatArray:
         """Drag torque in N m at ``rate`` in rad/s."""
         return self.quadratic_drag * np.abs(rate) * rate + self.linear_drag * rate
+
+    def steady_rate(self, torque: float) -> float:
+        """Rate in rad/s at which drag balances a ``torque`` of zero or more N m."""
+        root = math.sqrt(self.linear_drag**2 + 4.0 * self.quadratic_drag * torque)
+        return 2.0 * torque / max(self.linear_drag + root, 1e-12)

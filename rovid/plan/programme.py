@@ -108,7 +108,7 @@ class Pace:
         torques = np.array([vehicle.thrust(one[None])[0] @ where.arms for one in full])
         if not torques[0] < 0.0 < torques[1]:
             raise DataError("the thrusters push one way only.", mend=f"Look at {vehicle.axis.arm} in rovid.toml.")
-        fast = _steady(model, float(np.min(np.abs(torques))))
+        fast = model.steady_rate(float(np.min(np.abs(torques))))
         slope = 2.0 * model.quadratic_drag * 0.5 * fast + model.linear_drag
         constant = model.inertia / max(slope, 1e-12)
         if model.stiffness > 0.0:
@@ -127,13 +127,6 @@ class Pace:
     def neutral(self) -> FloatArray:
         """(k,) commands half way between those at which the thrusters begin to push either way."""
         return np.asarray(0.5 * (self.edge[0] + self.edge[1]))
-
-
-def _steady(model: Model, torque: float) -> float:
-    """Rate at which drag balances ``torque``."""
-    quadratic, linear = model.quadratic_drag, model.linear_drag
-    root = math.sqrt(linear**2 + 4.0 * quadratic * torque)
-    return 2.0 * torque / max(linear + root, 1e-12)
 
 
 def programme(pace: Pace, thrusters: Sequence[str]) -> list[Planned]:

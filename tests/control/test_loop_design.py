@@ -36,9 +36,6 @@ def test_a_dead_zone_and_a_lag_make_a_limit_cycle_that_is_seen() -> None:
     assert calm.limit_cycle is None
 
 
-BY_AMPLITUDE = {"thruster_lag:rotor", "command_hysteresis", "command_hysteresis:schmitt", "slew_limit"}
-
-
 def random_vehicle(seed: int) -> tuple[Model, Vehicle, Setting]:
     """An identified vehicle with one to three effects that diagnosis found, of sizes that trials show."""
     rng = np.random.default_rng([2026, seed])
@@ -90,19 +87,18 @@ def test_a_random_vehicle_keeps_its_heading_within_predicted_margins(seed: int) 
         assert found.steady_error_deg < 0.6
         # What a play or a dead zone leaves, if anything.
         assert found.limit_cycle is None or found.limit_cycle.amplitude_deg < 0.1
-    # The predicted delay margin: stable with 15 % less, unstable with 15 % more; where the lag goes with the amplitude,
-    # which is smaller here than the torque in use that the margins are of, with 40 %.
+    # The predicted delay margin: stable with 15 % less, unstable with 15 % more; from a step that asks for torque and
+    # rates such as those in use, which the margins are of where lag or damping go with the amplitude.
     swings = []
-    reach = 0.4 if {effect.key for effect in model.effects} & BY_AMPLITUDE else 0.15
-    for share in (1.0 - reach, 1.0 + reach):
+    for share in (0.85, 1.15):
         late = replace(plant.quiet(), delay=share * predicted.delay_s)
-        goal = np.full(round(100.0 / bandwidth / controller.period), math.radians(101.0))
+        goal = np.full(round(100.0 / bandwidth / controller.period), math.radians(110.0))
         course = run_one(controller, allocation, late, goal, math.radians(100.0))
         swings.append([float(np.ptp(part)) for part in np.array_split(np.degrees(course.heading), 4)])
     assert swings[0][3] < swings[0][1]
-    # From a step of one degree it has grown until drag and thrust limit it.
+    # It goes on as far as drag and thrust let it.
     assert swings[1][3] > 1.0
-    assert swings[1][3] > 0.95 * swings[1][1]
+    assert swings[1][3] > 0.95 * swings[1][2]
 
 
 def test_pd_alone_has_no_aid() -> None:

@@ -136,6 +136,15 @@ def test_margins_are_those_of_python_control(kp: float, kd: float, period: float
     assert found.crossover == pytest.approx(crossover, rel=1e-3)
 
 
+def test_friction_damps_as_little_as_it_does_the_largest_swing() -> None:
+    torque, fastest = 12.0, 0.15
+    rubbing = with_effect("coulomb_resistance", torque, 1e-3)
+    at_rest, swinging = (-PAPER.inertia * linearised(rubbing, rate)[0][1, 1] for rate in (0.0, fastest))
+    # Its slope at rest, and the describing function of a torque that turns its sign (Gelb and Vander Velde 1968).
+    assert at_rest == pytest.approx(PAPER.linear_drag + torque / 1e-3, rel=0.01)
+    assert swinging == pytest.approx(PAPER.linear_drag + 4.0 * torque / (math.pi * fastest), rel=0.01)
+
+
 @pytest.mark.parametrize(("heading", "torque"), [(0.1, 50.0), (0.5, 120.0)])
 def test_weights_on_heading_and_torque_ask_for_a_damping_ratio_of_half_the_root_of_two(
     heading: float, torque: float
