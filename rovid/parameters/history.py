@@ -16,7 +16,7 @@ from rovid.ground.files.form import HISTORY
 from rovid.parameters.parameters import Parameters
 from rovid.parameters.reading import parameters_in
 
-_HEAD = json.dumps({"schema": "rovid-history/1"})
+_HEAD = json.dumps({"schema": "rovid-history/1"}).encode()
 _SUFFIX = ".history"
 # Bytes that a file's name may have; what is longer is cut.
 _LONGEST = 255
@@ -59,20 +59,19 @@ def history_of(parameters: Path) -> Output:
     return Output(parameters.with_name(f"{stem}{_SUFFIX}"), HISTORY)
 
 
-def with_record(found: Parameters, seen: Mapping[str, float]) -> str:
-    """The history beside ``found``, and a line more for that, if it is not what the last line says."""
+def with_record(found: Parameters, seen: Mapping[str, float]) -> bytes:
+    """The history beside ``found``, damaged or not, and a line more for that, if it is not what the last line says."""
     target = history_of(found.path).target
     document = {**found.document(), "seen": {name: size for name, size in seen.items() if math.isfinite(size)}}
-    line = json.dumps(document, default=str)
-    before = target.read_text(encoding="utf-8") if target.exists() else ""
-    text = before if HISTORY.mark.search(before.encode()) else f"{_HEAD}\n"
-    last = text.rstrip("\n").rpartition("\n")[2]
-    if _found(last) == _found(line):
+    line = json.dumps(document, default=str).encode()
+    before = target.read_bytes() if target.exists() else b""
+    text = before.rstrip() if HISTORY.mark.search(before) else _HEAD
+    if _found(text.rpartition(b"\n")[2]) == _found(line):
         return before
-    return f"{text.rstrip()}\n{line}\n"
+    return b"%b\n%b\n" % (text, line)
 
 
-def _found(line: str) -> Any:
+def _found(line: bytes) -> Any:
     """What a line says was found; the line itself where it is damaged."""
     try:
         document = json.loads(line)

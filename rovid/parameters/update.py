@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from rovid.ground.errors import ConfigError
-from rovid.ground.files import Claim
+from rovid.ground.files import Claim, Content, Output
 from rovid.ground.files.form import PARAMETERS
 from rovid.parameters.history import history_of, with_record
 from rovid.parameters.parameters import Parameters
@@ -37,7 +37,7 @@ def update(
         written = change(_as_it_is_now(stored))
         return written.text()
 
-    contents = {stored.output: changed}
+    contents: dict[Output, Content] = {stored.output: changed}
     if seen is not None:
         # Made behind the other, of what that came to be.
         contents[history_of(stored.path)] = lambda: with_record(written, seen)

@@ -66,6 +66,16 @@ def test_no_record_of_two_writers_is_lost(tmp_path: Path) -> None:
     assert len(list(latest(stored.path))) == 20
 
 
+def test_one_that_is_damaged_grows_too(tmp_path: Path) -> None:
+    stored = written(tmp_path)
+    added(stored, "a")
+    path = history_of(stored.path).path
+    damaged = path.read_bytes() + b"\xff cut"
+    path.write_bytes(damaged)
+    added(stored, "b")
+    assert path.read_bytes().startswith(damaged + b"\n{")
+
+
 def test_what_rovid_did_not_write_stays(tmp_path: Path) -> None:
     stored = written(tmp_path)
     path = history_of(stored.path).path

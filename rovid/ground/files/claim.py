@@ -22,7 +22,7 @@ from rovid.ground.files.form import Form
 from rovid.ground.files.journal import PREFIX, Journal, new_journal, survivor, sync_folder, write_synced
 
 # Content that depends on what is there is made while nobody else writes.
-Content = str | bytes | Callable[[], str]
+Content = str | bytes | Callable[[], str | bytes]
 _ELSEWHERE = "Choose another name."
 
 
