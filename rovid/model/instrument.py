@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,8 @@ from rovid.effects.base import OnHeading
 from rovid.ground.arrays import FloatArray
 from rovid.model.acting import Acting, that_act
 
-_FIXED_POINT_TURNS = 6
+# Into how many arcs the way round is cut: between their ends the largest deviation there is is known to 1e-8 rad.
+_ROUND, _ARCS = 2.0 * math.pi, 512
 _NUDGE = 1e-4  # rad
 
 
@@ -47,17 +49,20 @@ class Instrument:
         """
         if not self.deviates:
             return position, np.ones(len(position))
-        true = position
-        # Contracts by the deviation's slope, some percent, at each turn.
-        for _ in range(_FIXED_POINT_TURNS):
-            true = position - self.deviation(true)
-        return true, self._gain(true)
+        # What is shown all round, and between by cubics that have its slope too (Hermite's).
+        true = np.linspace(0.0, _ROUND, _ARCS + 1)
+        shown, gain = self.as_measured(true, np.ones(_ARCS + 1))
+        within = shown[0] + np.mod(position - shown[0], _ROUND)
+        place = np.interp(within, shown, np.arange(_ARCS + 1.0))
+        arc = np.minimum(np.nan_to_num(place).astype(int), _ARCS - 1)
+        wide, rise = np.diff(shown), _ROUND / _ARCS
+        begins, ends = wide / gain[:-1], wide / gain[1:]
+        a, b, c = (each[arc] for each in (begins, 3.0 * rise - 2.0 * begins - ends, begins + ends - 2.0 * rise))
+        u = place - arc
+        turned = true[arc] + u * (a + u * (b + u * c))
+        return position + (turned - within), wide[arc] / (a + u * (2.0 * b + 3.0 * u * c))
 
     def as_measured(self, heading: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(n,) heading and rate as the instrument would give the true ones."""
-        return heading + self.deviation(heading), rate * self._gain(heading)
-
-    def _gain(self, heading: FloatArray) -> FloatArray:
-        """(n,) change of the measured heading with the true one."""
         ahead, behind = (self.deviation(heading + side) for side in (_NUDGE, -_NUDGE))
-        return np.asarray(1.0 + (ahead - behind) / (2.0 * _NUDGE))
+        return heading + self.deviation(heading), rate * (1.0 + (ahead - behind) / (2.0 * _NUDGE))
