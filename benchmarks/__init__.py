@@ -1,0 +1,6 @@
+"""Measurements, each a program of its own."""
+
+import os
+
+# As the command line does: what is measured is what its users wait for.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

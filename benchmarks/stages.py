@@ -1,8 +1,8 @@
 """Where the time of a diagnosis goes: each stage's share, how often it asked the model, and all beside the screening.
 
-A synthetic day with slow thrusters, weak in reverse, is diagnosed twice in one process: the first time compiles what
-was not compiled before, the second is measured. Stages are functions of rovid's, wrapped by name; one that is not there
-any more, or is never called, ends this with an error.
+A synthetic day with slow thrusters, weak in reverse, is diagnosed twice in one process and on one core: the first time
+compiles what was not compiled before, the second is measured. Stages are functions of rovid's, wrapped by name; one
+that is not there any more, or is never called, ends this with an error.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import inspect
+import os
 import secrets
 import tempfile
 import threading
@@ -23,6 +24,7 @@ from unittest.mock import patch
 
 from rovid import study
 from rovid.diagnose.record import Diagnosis
+from rovid.ground.workers import SHARE
 from tools.cases import all_cases, truth_of
 from tools.trial_day import write_trial_day
 from tools.truth import VEHICLES
@@ -213,6 +215,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=secrets.randbelow(10**6))
     seed = parser.parse_args().seed
     profile = Profile()
+    # What a copy of this process does on another core is not seen from here.
+    os.environ[SHARE] = "1"
     with tempfile.TemporaryDirectory() as name:
         write_day(Path(name), seed)
         diagnosed(Path(name))
