@@ -106,7 +106,8 @@ def put(
         given = " ".join(filter(None, (origin.options, *options)))
         return held.with_estimate(estimate, replace(origin, options=given))
 
-    return update(stored, claim, change, seen=(seen or {}) if for_good and estimate.method in WHOLE else None)
+    is_kept = for_good and estimate.method in WHOLE
+    return update(stored, claim, change, seen=(seen or {}) if is_kept else None)
 
 
 def diagnosed(stored: Parameters, study: Study, report: Callable[[str], None]) -> Diagnosis:

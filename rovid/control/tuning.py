@@ -210,8 +210,8 @@ def _decibel(logarithm: float) -> float:
     return 20.0 * logarithm / math.log(10.0)
 
 
-def linearised(model: Model, fastest: float = 0.0, heading: float = 0.0) -> tuple[FloatArray, FloatArray]:
-    """(n, n) and (n,): the motion about rest at ``heading`` in rad; heading, rate, and the states of the effects.
+def linearised(model: Model, fastest: float = 0.0) -> tuple[FloatArray, FloatArray]:
+    """(n, n) and (n,): the motion about rest at heading zero; heading, rate, and the states of the effects.
 
     What rubs damps slow motion alone: effects damp here as little as they do any swing of the rate up to ``fastest``
     in rad/s. Drag damps as at rest, for what it does beyond is taken off again by the controller's aid.
@@ -224,7 +224,7 @@ def linearised(model: Model, fastest: float = 0.0, heading: float = 0.0) -> tupl
         angle, rate, own = state[0], state[1], state[2:].reshape(count, TERM_STATES)
         extra, slopes = 0.0, np.zeros((count, TERM_STATES))
         if torque is not None:
-            extra, slopes = torque(rate, angle, push, heading, own)
+            extra, slopes = torque(rate, angle, push, 0.0, own)
         acceleration = (push + extra - model.linear_drag * rate) / model.inertia
         return np.concatenate(([rate, acceleration], slopes.ravel()))
 

@@ -123,7 +123,10 @@ class Term:
 
 @dataclass(frozen=True, eq=False)
 class OnHeading:
-    """``deviation``: (n,) true headings in rad -> deviation of the measured heading in rad."""
+    """``deviation``: (n,) true headings in rad -> deviation of the measured heading in rad, the same after each turn.
+
+    It leaves the measured heading one to one with the true one.
+    """
 
     deviation: Callable[[FloatArray, Values], FloatArray]
 

@@ -315,7 +315,10 @@ def test_a_deviation_is_nothing_at_its_null_and_leaves_the_heading_one_to_one(ef
     nothing = effect.acts.deviation(heading, effect.values(numbers(effect, start=False)))
     np.testing.assert_array_equal(nothing, 0.0)
     largest = effect.values(np.array([parameter.high for parameter in effect.parameters]))
-    assert np.all(np.diff(heading + effect.acts.deviation(heading, largest)) > 0.0)
+    there = effect.acts.deviation(heading, largest)
+    assert np.all(np.diff(heading + there) > 0.0)
+    # A turn farther it is the same.
+    np.testing.assert_allclose(effect.acts.deviation(heading + 2.0 * np.pi, largest), there, atol=1e-12)
 
 
 @pytest.mark.parametrize("effect", [e for e in FORMS if e.canonical], ids=lambda effect: effect.key)
