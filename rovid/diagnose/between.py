@@ -27,11 +27,12 @@ def models_between(work: Work, effects: Sequence[Effect]) -> tuple[Model, ...]:
 
     What else the final model has stays in.
     """
-    models = []
+    between = []
     for kept in some_of(effects):
         fitted = work.final
         for effect in effects:
             if effect not in kept:
                 fitted = work.search.without(fitted, effect)
-        models.append(work.refined(fitted).model)
-    return tuple(models)
+        between.append(fitted)
+    work.refine(between)
+    return tuple(work.refined(fitted).model for fitted in between)

@@ -89,7 +89,13 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
         whole = Readings(prepared.items, vehicle, start)
         few = few_of(whole)
         near = ByInnovations(replace(whole, runs=runs), few, candidates, report)
-        waves = wave_search(few, forms, pieces)
+        waves = wave_search(few, forms, pieces, report)
+        at_once = near.at_once(waves)
+        if at_once is not None:
+            report(_TESTING)
+            # Where some of it would have to be refused the way was not as straight as it seemed.
+            if at_once.holds:
+                return _told(at_once, at_once.decided(), notes)
         for ahead in by_horizons(whole, pieces, candidates, report, near.explains):
             ahead.look_for_waves = waves
             found = _by_next_readings(near, ahead, report)

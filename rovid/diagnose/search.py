@@ -36,6 +36,9 @@ _MOST_LOOKS = 12
 # A logged signal is preferred to a named effect only if it gains so much more, in all and in proportion.
 _SIGNAL_HANDICAP = (6.0, 0.05)
 Report = Callable[[str], None]
+# What each cause more would gain, the most first; and whether that is too little to go on.
+Gains = Callable[[], Sequence[float]]
+Hopeless = Callable[[Fitted, Gains], bool]
 
 
 @dataclass(eq=False)
@@ -70,7 +73,7 @@ class Search:
     candidates: Sequence[Effect]
     report: Report = field(default=lambda _: None)
     is_enough: Callable[[Fitted], bool] | None = None
-    hopeless: Callable[[Fitted, Callable[[], Sequence[float]]], bool] | None = None
+    hopeless: Hopeless | None = None
     thorough: Callable[[Fitted], bool] = field(default=lambda _: False)
     margin: float = MARGIN
     least: float = _NEGLIGIBLE

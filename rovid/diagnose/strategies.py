@@ -12,8 +12,8 @@ import numpy as np
 from rovid.diagnose.odds import ESTABLISHED, PRIOR_ODDS
 from rovid.diagnose.parts import Piece
 from rovid.diagnose.rivals import is_plausible, quickly_climbed, worth
-from rovid.diagnose.screening import ITERATIONS, gains_of, screen
-from rovid.diagnose.search import MARGIN, Report, Search
+from rovid.diagnose.screening import ITERATIONS, Promise, gains_of
+from rovid.diagnose.search import MARGIN, Gains, Hopeless, Report, Search
 from rovid.diagnose.waves import Waves, look_for_waves
 from rovid.diagnose.work import Work
 from rovid.effects import Effect
@@ -41,6 +41,8 @@ _FEWEST_READINGS = 2.0
 _NEAR_BY = 8
 # The best of so many more causes may be missing together from what predictions found; slopes promise such a share.
 _TOGETHER, _SHARE = 3, 0.25
+# Of several causes, one has so much of what is missing; else the way to them is not straight.
+_STRAIGHT = 0.3
 # A search after which no more predictions count than so many times those before is the last.
 _MORE = 1.2
 # So many of the likeliest models tell how many predictions count.
@@ -101,10 +103,17 @@ def few_of(full: Readings) -> Readings:
     return replace(full, interval=max(interval_of(full), min(seconds / _READINGS, farthest)))
 
 
-def wave_search(few: Readings, forms: Sequence[Effect], pieces: Sequence[Piece]) -> Callable[[Fitted], Waves]:
+def wave_search(
+    few: Readings, forms: Sequence[Effect], pieces: Sequence[Piece], report: Report
+) -> Callable[[Fitted], Waves]:
     """What looks for waves beside a model, by each next of ``few`` readings."""
     wave = next((form for form in forms if form.wave), None)
-    return lambda beside: look_for_waves(few, beside, wave, pieces)
+
+    def look(beside: Fitted) -> Waves:
+        report("Looking for waves …")
+        return look_for_waves(few, beside, wave, pieces)
+
+    return look
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +129,7 @@ class ByInnovations:
     report: Report
     _bases: dict[float, Fitted] = field(default_factory=dict)
     _explained: dict[Key, bool] = field(default_factory=dict)
+    _promises: dict[tuple[float, int], dict[Key, list[Promise]]] = field(default_factory=dict)
 
     def explains(self, found: Fitted) -> bool:
         """Whether the effects of ``found`` leave white innovations, and no more disturbance than there may be."""
@@ -130,20 +140,37 @@ class ByInnovations:
             self._explained[misfit.key] = near.is_white and not near.at_limit
         return self._explained[misfit.key]
 
+    def at_once(self, look_for_waves: Callable[[Fitted], Waves]) -> Work | None:
+        """Search from nothing on, and ``look_for_waves`` beside what that finds.
+
+        None where the way is not straight, or what is found does not explain all: then predictions tell where to begin.
+        """
+        base = self._base(self._quick)
+        work = None if _is_far_off(base) else self._searched(base, base, _leads_astray)
+        if work is None:
+            return None
+        waves = look_for_waves(work.final).established
+        return work if waves is None else self._searched(waves, work.final, _is_hopeless)
+
     def search(self, ahead: Work) -> Work | None:
         """Search on from what ``ahead`` found.
 
         None where that does not explain all: each next reading would then not tell what is missing.
         """
+        waves = None if ahead.waves is None else ahead.waves.established
+        return self._searched(ahead.final if waves is None else waves, ahead.final, _is_hopeless)
+
+    def _searched(self, found: Fitted, predicted: Fitted, hopeless: Hopeless) -> Work | None:
+        """Search from the effects of ``found`` on; None where that is ``hopeless``, or does not explain all."""
         self.report("Looking at each next reading …")
-        found, waves = ahead.final, ahead.waves
-        if waves is not None and waves.fitted is not None and waves.confidence >= ESTABLISHED:
-            found = waves.fitted
         # Where it is hopeless over few readings it is so over more, which would take long to say.
-        if self._first is not self._quick and self._gives_up(self._begun(self._first, found, ahead.final)):
-            return None
-        begun = self._begun(self._quick, found, ahead.final)
-        search = Search(_beside(begun, self.candidates), self.report, hopeless=_is_hopeless)
+        if self._first is not self._quick:
+            begun = self._begun(self._first, found, predicted)
+            promised = self._search(begun).promised
+            if hopeless(begun, lambda: gains_of(promised(begun))):
+                return None
+        begun = self._begun(self._quick, found, predicted)
+        search = self._search(begun, hopeless)
         pieces = [Piece(number, -math.inf, math.inf, run) for number, run in enumerate(self.full.runs)]
         work = Work(search, self.full, self._base(self._quick), search.run(begun), pieces)
         if search.given_up or not work.explains:
@@ -178,10 +205,11 @@ class ByInnovations:
             return self._base(records)
         return loosened(climbed(*self._beginning(records, found, predicted)))
 
-    def _gives_up(self, begun: Fitted) -> bool:
-        taken = {effect.id for effect in begun.effects}
-        more = [effect for effect in _beside(begun, self.candidates) if effect.id not in taken]
-        return _is_hopeless(begun, lambda: gains_of(screen(begun, more)))
+    def _search(self, begun: Fitted, hopeless: Hopeless | None = None) -> Search:
+        """With what is promised already, of the same readings and the same candidates."""
+        forms = _beside(begun, self.candidates)
+        known = self._promises.setdefault((begun.records.interval, len(forms)), {})
+        return Search(forms, self.report, hopeless=hopeless, promises=known)
 
 
 def _beside(begun: Fitted, candidates: Sequence[Effect]) -> list[Effect]:
@@ -196,23 +224,39 @@ def _but_waves(effects: Sequence[Effect]) -> list[Effect]:
     return [effect for effect in effects if not effect.wave]
 
 
-def _is_hopeless(current: Fitted, gains: Callable[[], Sequence[float]]) -> bool:
+def _is_hopeless(current: Fitted, gains: Gains) -> bool:
     """Whether no causes more, by what each ``gains``, can leave white innovations and a disturbance within its limit.
 
-    They would have to gain what whitening the innovations does, and what a larger disturbance does, or some share of
-    it, for slopes may mislead. Where a disturbance above its limit gains nothing it is real: no cause takes it away.
+    They would have to gain what is lacking, or some share of it, for slopes may mislead. Where a disturbance above its
+    limit gains nothing it is real: no cause takes it away.
     """
-    unlimited, lacking = current, 0.0
+    disturbance, colour = _lacking(current)
+    if current.at_limit and disturbance < MARGIN:
+        return True
+    lacking = disturbance + colour
+    # Where nothing is, nothing has to be screened to know.
+    return lacking > 0.0 and sum(gains()[:_TOGETHER]) < _SHARE * lacking
+
+
+def _leads_astray(current: Fitted, gains: Gains) -> bool:
+    """Whether the best single cause gains too little of what is lacking for the search to be on a straight way.
+
+    Beside a cause a disturbance at its limit need not be real: another may take it away.
+    """
+    disturbance, colour = _lacking(current)
+    if current.at_limit and disturbance < MARGIN and not current.effects:
+        return True
+    if current.is_white and not current.at_limit:
+        return False
+    return max(gains(), default=0.0) < max(_STRAIGHT * (disturbance + colour), MARGIN)
+
+
+def _lacking(current: Fitted) -> tuple[float, float]:
+    """Log-likelihood that a disturbance beyond its limit would gain, and white innovations beside that."""
+    unlimited = current
     if current.at_limit:
         unlimited = quickly_climbed(current.misfit.under(UNLIMITED), current.x, ITERATIONS)
-        lacking = current.cost - unlimited.cost
-        if lacking < MARGIN:
-            return True
-    if not unlimited.is_white:
-        lacking += unlimited.colour
-    if lacking <= 0.0:
-        return False  # and nothing has to be screened to know
-    return sum(gains()[:_TOGETHER]) < _SHARE * lacking
+    return current.cost - unlimited.cost, 0.0 if unlimited.is_white else unlimited.colour
 
 
 def _ahead(effects: tuple[Effect, ...], records: HorizonRecords, x: FloatArray) -> Fitted:

@@ -74,11 +74,14 @@ class Waves:
         return self.fitted
 
     @property
+    def established(self) -> Fitted | None:
+        """With the waves, where they are established."""
+        return self.fitted if self.confidence >= ESTABLISHED else None
+
+    @property
     def passed_for(self) -> tuple[str, ...]:
         """Ids of causes that such waves pass for; none where the waves are not established."""
-        if self.fitted is None or self.confidence < ESTABLISHED:
-            return ()
-        return self.fitted.effects[-1].rivals
+        return () if self.established is None else self.established.effects[-1].rivals
 
 
 def look_for_waves(records: Readings, beside: Fitted, wave: Effect | None, pieces: Sequence[Piece]) -> Waves:

@@ -76,6 +76,13 @@ class Work:
         """Whether the final model leaves white innovations, and no more disturbance than there may be."""
         return self.final.is_white and not self.final.at_limit
 
+    @property
+    def holds(self) -> bool:
+        """Whether all is explained and none of it in doubt, once it is decided between rivals."""
+        self.decide()
+        doubted, _ = self._doubted(())
+        return doubted is None and self.explains
+
     def settle(self) -> None:
         """Look for waves beside the final model, and leave out what is not there for each next reading.
 
@@ -84,7 +91,6 @@ class Work:
         if self.look_for_waves is None:
             return
         for _ in range(_REFUSALS):
-            self.search.report("Looking for waves …")
             self.waves = self.look_for_waves(self.final)
             idle = [one for one in self.final.effects if not one_size(self.final, self.waves.likelier, one)]
             if not idle:
@@ -127,7 +133,7 @@ class Work:
         if not close or self.final.records is self.full:
             return cause
         # The base too, which is asked for in the end: one core would be without work.
-        self._refine((self.final, *(rival.fitted for rival in close), self.base))
+        self.refine((self.final, *(rival.fitted for rival in close), self.base))
         here = worth(self.refined(self.final))
         rivals = []
         for rival in cause.rivals:
@@ -140,11 +146,11 @@ class Work:
 
     def refined(self, fitted: Fitted) -> Fitted:
         """The same model fitted to every reading, once."""
-        self._refine((fitted,))
+        self.refine((fitted,))
         return self._refined[fitted.key]
 
-    def _refine(self, models: Sequence[Fitted]) -> None:
-        """Fit to every reading those ``models`` that were not yet."""
+    def refine(self, models: Sequence[Fitted]) -> None:
+        """Fit to every reading, all at once, those ``models`` that were not yet."""
         left = [fitted for fitted in models if fitted.key not in self._refined]
         misfits = [replace(fitted.misfit, records=self.full, counted=None) for fitted in left]
         fits = fitted_together(misfits, lambda at: climbed(misfits[at], left[at].x, tolerance=_REFINED))

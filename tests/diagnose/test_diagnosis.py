@@ -8,13 +8,15 @@ import pytest
 from rovid.diagnose.diagnosis import diagnose
 from rovid.diagnose.record import Diagnosis
 from rovid.diagnose.strategies import ByInnovations
+from rovid.diagnose.work import Work
 from rovid.motion.runs import Runs
 from tests import synthetic
 from tests.diagnose.test_strategies import readings
 
 
 def said(monkeypatch: pytest.MonkeyPatch, *, explains: bool) -> tuple[Diagnosis, list[str]]:
-    """By predictions, which the first look at each next reading ends early or not, while no search by it holds."""
+    """By predictions, which a look at each next reading ends early or not, while no search by it holds."""
+    monkeypatch.setattr(ByInnovations, "at_once", lambda *_: None)
     monkeypatch.setattr(ByInnovations, "explains", lambda *_: explains)
     monkeypatch.setattr(ByInnovations, "search", lambda *_: None)
     told: list[str] = []
@@ -33,3 +35,18 @@ def test_predictions_say_what_they_do_without_an_early_end(monkeypatch: pytest.M
         assert np.array_equal(one.estimate.values, other.estimate.values)
     assert once_more.count("Looking for waves …") == 2
     assert once.count("Looking for waves …") == 1
+
+
+def test_where_some_of_what_is_found_at_once_is_in_doubt_predictions_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+    runs = Runs(items=tuple(readings(1.5).runs), cutoff=1.0, chosen=False, remarks=())
+    holds = diagnose(runs, synthetic.LOGGED, asked.append)
+    count = len(asked)
+    monkeypatch.setattr(Work, "holds", False)
+    doubted = diagnose(runs, synthetic.LOGGED, asked.append)
+    assert [finding.effect.id for finding in holds.findings] == ["thruster_lag"]
+    assert [finding.effect.id for finding in doubted.findings] == ["thruster_lag"]
+    assert len(asked) - count > count
+    assert holds.extended is not None
+    assert doubted.extended is not None
+    np.testing.assert_allclose(holds.extended.estimate.values, doubted.extended.estimate.values, rtol=1e-3)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from rovid.diagnose.parts import pieces_of
 from rovid.diagnose.strategies import ByInnovations, by_horizons, few_of
+from rovid.diagnose.waves import Waves
 from rovid.effects import Effect, effect_named
 from rovid.ground.arrays import FloatArray
+from rovid.identify.fitted import Fitted
 from rovid.identify.free_run import fit_free_run
 from rovid.identify.readings import Readings
 from tests import synthetic
@@ -32,20 +35,59 @@ def late(torque: FloatArray, lag: float) -> FloatArray:
     return np.array(means)
 
 
-def readings(lag: float) -> Readings:
-    """Of four runs whose torque comes so many s late, in water that is never quite still."""
+def readings(lag: float, unknown: float = 0.0) -> Readings:
+    """Of four runs whose torque comes so many s late, in water that is never quite still.
+
+    An ``unknown`` torque in N m besides turns its sign every minute.
+    """
     rng = np.random.default_rng(1)
     runs = []
     for first in range(0, 4 * LONG, LONG):
         rows = slice(first, first + LONG)
         water = synthetic.gauss_markov(LONG, PERIOD, 2.0, 4.0, rng)
-        off = late(TORQUE[rows], lag) - TORQUE[rows] + water
+        off = late(TORQUE[rows], lag) - TORQUE[rows] + water + unknown * (-1.0) ** (TIME[:LONG] // 60.0)
         runs.append(synthetic.run(TIME[:LONG], TORQUE[rows], disturbance=off, noise=NOISE[rows]))
     return Readings(runs, synthetic.LOGGED, fit_free_run(runs, certainty=0.0))
 
 
 def unsaid(_: str) -> None:
     pass
+
+
+def no_waves(few: Readings) -> Callable[[Fitted], Waves]:
+    return lambda beside: Waves(few, beside, ())
+
+
+@pytest.mark.parametrize(("lag", "found"), [(0.0, ()), (1.5, (LAG,))])
+def test_what_each_next_reading_explains_is_found_at_once(lag: float, found: tuple[Effect, ...]) -> None:
+    full = readings(lag)
+    work = ByInnovations(full, few_of(full), CANDIDATES, unsaid).at_once(no_waves(full))
+    assert work is not None
+    assert work.explains
+    assert work.final.effects == found
+    assert not work.by_horizons
+    # It is known what else there may be.
+    assert work.final.key in work.search.promises
+
+
+def test_nothing_is_found_at_once_where_no_cause_gains_much_of_what_is_missing() -> None:
+    full = readings(1.5, unknown=60.0)
+    looked_beside = list[Fitted]()
+
+    def look(beside: Fitted) -> Waves:
+        looked_beside.append(beside)
+        return Waves(full, beside, ())
+
+    assert ByInnovations(full, few_of(full), CANDIDATES, unsaid).at_once(look) is None
+    assert not looked_beside
+
+
+def test_nothing_is_looked_for_at_once_where_the_simulation_is_far_off() -> None:
+    full = readings(50.0)
+    said = list[str]()
+    near = ByInnovations(full, few_of(full), CANDIDATES, said.append)
+    assert near.at_once(no_waves(full)) is None
+    assert said == []
 
 
 @pytest.mark.parametrize(("lag", "found"), [(0.0, ()), (1.5, (LAG,))])
