@@ -13,7 +13,7 @@ from rovid.diagnose.floor import position_floor, rate_floor
 from rovid.diagnose.heldout import errors_ahead, log_likelihood, simulate_folds
 from rovid.diagnose.odds import ESTABLISHED, POSSIBLE, calibrated
 from rovid.diagnose.record import Ahead, Diagnosis, Finding, Side
-from rovid.diagnose.rivals import Cause, is_plausible, worth
+from rovid.diagnose.rivals import Cause, is_plausible, price_of_one, worth
 from rovid.diagnose.screening import Promise
 from rovid.diagnose.signals import is_signal
 from rovid.diagnose.waves import Waves
@@ -356,7 +356,7 @@ def _detectable(work: Work) -> tuple[tuple[Effect, float], ...]:
 
 def _seen(work: Work, promise: Promise, size: EffectParameter) -> float:
     """The least ``size`` that pays, in its unit; infinite where there is none so large."""
-    price = 0.5 * math.log(work.final.misfit.count) * len(promise.effect.parameters)
+    price = price_of_one(work.final.misfit) * len(promise.effect.parameters)
     # What is gained grows with the square of the size.
     share = math.sqrt((work.search.threshold + price) / promise.power)
     seen = abs(share * (size.starts[0] - size.null))

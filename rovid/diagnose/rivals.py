@@ -46,11 +46,14 @@ class Cause:
 
 
 def worth(fitted: Fitted) -> float:
-    """Log-likelihood less the price of the effects' parameters: half the logarithm of the samples (Schwarz 1978)."""
+    """Log-likelihood less the price of the effects' parameters."""
+    return -fitted.cost - price_of_one(fitted.misfit) * len(fitted.misfit.coordinates.parameters)
+
+
+def price_of_one(misfit: Misfit) -> float:
+    """Of a parameter, in log-likelihood: half the logarithm of the samples (Schwarz 1978)."""
     # Logs too short for any prediction count none.
-    count = max(fitted.misfit.count, 1.0)
-    price = 0.5 * math.log(count) * len(fitted.misfit.coordinates.parameters)
-    return -fitted.cost - price
+    return 0.5 * math.log(max(misfit.count, 1.0))
 
 
 def quickly_climbed(misfit: Misfit, x: FloatArray, iterations: int, goal: float = math.inf) -> Fitted:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.diagnose.rivals import climbed_on, fitted_together, quickly_climbed, worth
+from rovid.diagnose.rivals import climbed_on, fitted_together, price_of_one, quickly_climbed, worth
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
 from rovid.ground.in_step import shared
@@ -41,7 +41,7 @@ class Promise:
     Attributes
     ----------
     gain
-        Of log-likelihood, over all starts of the form together.
+        Of log-likelihood, over all starts of the form together; of several sizes all but one are paid for.
     start
         Coordinates of the form's parameters from which to fit, of the size that the slopes ask for.
     unscaled
@@ -55,6 +55,11 @@ class Promise:
     start: FloatArray
     unscaled: FloatArray
     power: float
+
+    @property
+    def unpaid(self) -> int:
+        """How many of its parameters the gain has yet to pay for: of several sizes one."""
+        return len(self.effect.parameters) - (self.effect.sizes - 1)
 
 
 def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
@@ -207,7 +212,7 @@ def _of_several(misfit: Misfit, begins: list[FloatArray], pull: FloatArray, info
     asked = np.linalg.pinv(information, rcond=1e-6) @ pull
     low, high = (bound[-len(null) :] for bound in misfit.coordinates.bounds)
     start = np.clip(null + asked @ (np.array(begins) - null), low, high)
-    price = 0.5 * math.log(max(misfit.count, 1.0)) * (len(null) - 1)
+    price = price_of_one(misfit) * (form.sizes - 1)
     gain = max(0.5 * float(pull @ asked) - price, 0.0)
     return gain, start, start, float(np.mean(np.diag(information)))
 
@@ -243,27 +248,33 @@ def best_forms(promises: Sequence[Promise]) -> list[Promise]:
     return listed
 
 
-def shortlist(current: Fitted, promises: Sequence[Promise], least: float) -> list[Promise]:
+def shortlist(current: Fitted, promises: Sequence[Promise], threshold: float, share: float) -> list[Promise]:
     """The forms worth fitting: of the causes that promise most, the best forms of each, and simpler ones.
 
-    Slopes promise too much of some forms, and one with fewer parameters may gain as much.
+    None promises less than a ``share`` of what it has to gain: its parameters' price and the ``threshold``. Slopes
+    promise too much of some forms, and one with fewer parameters may gain as much.
     """
-    ranked = [group for group in by_cause(promises)[:_FITTED] if group[0].gain >= least]
+    each = price_of_one(current.misfit)
+
+    def is_enough(promise: Promise) -> bool:
+        return promise.gain >= share * (threshold + each * promise.unpaid)
+
+    ranked = [group for group in by_cause(promises)[:_FITTED] if any(map(is_enough, group))]
     kept = shared(lambda group: min(group[0].gain, _outright(current, group[0])), ranked)
     top = max(kept, default=0.0)
     listed: list[Promise] = []
     for group in ranked:
         if group[0].gain >= _PROMISE * top:
-            listed += _worth_a_fit(group)
+            listed += _worth_a_fit(group, is_enough)
     return listed
 
 
-def _worth_a_fit(group: Sequence[Promise]) -> list[Promise]:
+def _worth_a_fit(group: Sequence[Promise], is_enough: Callable[[Promise], bool]) -> list[Promise]:
     """Of the forms of a cause, best first: the first few that promise enough, and simpler ones that promise at all."""
     first, few, rest = group[:1], group[:_FORMS_FITTED], group[_FORMS_FITTED:]
     least = _PROMISE * first[0].gain
-    listed = [promise for promise in few if promise.gain >= least or _is_simpler(promise, first)]
-    return [*listed, *(promise for promise in rest if _is_simpler(promise, listed))]
+    listed = [one for one in few if (one.gain >= least and is_enough(one)) or _is_simpler(one, first)]
+    return [*listed, *(one for one in rest if _is_simpler(one, listed))]
 
 
 def _is_simpler(promise: Promise, others: Sequence[Promise]) -> bool:

@@ -61,7 +61,7 @@ class Search:
     margin
         An addition has to gain so much log-likelihood beyond what its parameters and the number of causes tried would.
     least
-        Who promises less than this share of that is not fitted.
+        Who promises less than this share of that and the price of its parameters is not fitted.
     promises
         Key of a model -> what each further form promised there.
     cut_short
@@ -283,7 +283,7 @@ class Search:
             if growing and self.thorough(current):
                 listed = best_forms(promises)
             else:
-                listed = shortlist(current, promises, self.threshold * self.least)
+                listed = shortlist(current, promises, self.threshold, self.least)
             ahead, behind = fit_all(current, listed, self._leads)
             self._extensions[current.key] = [*ahead, *behind]
             for fit in ahead:

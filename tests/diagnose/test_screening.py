@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,10 +22,11 @@ class Keeping:
     """Stands for a misfit of which each effect gains what it ``keeps``, wherever its fit would start."""
 
     keeps: Mapping[str, float]
+    count: float
     effects: tuple[Effect, ...] = ()
 
     def like(self, effects: tuple[Effect, ...]) -> Keeping:
-        return Keeping(self.keeps, effects)
+        return replace(self, effects=effects)
 
     def costs_of(self, points: Sequence[FloatArray]) -> list[float]:
         count = 1 + sum(len(effect.parameters) for effect in self.effects)
@@ -32,14 +34,22 @@ class Keeping:
         return [1000.0 - sum(self.keeps[effect.key] for effect in self.effects)] * len(points)
 
 
-def listed(promised: Mapping[str, float], keeps: Mapping[str, float] | None = None, *, least: float = 0.0) -> list[str]:
-    """Keys of what is fitted; everything is kept that is promised, but for ``keeps``."""
+def listed(
+    promised: Mapping[str, float],
+    keeps: Mapping[str, float] | None = None,
+    *,
+    threshold: float = 0.0,
+    price: float = 0.0,
+    share: float = 1.0,
+) -> list[str]:
+    """Keys of what is fitted; everything is kept that is promised, but for ``keeps``. A parameter has its ``price``."""
     promises = [
         Promise(effect, gain, effect.starts[0], effect.starts[0], 1.0)
         for effect, gain in ((effect_named(key), gain) for key, gain in promised.items())
     ]
-    misfit: Any = Keeping({**promised, **(keeps or {})})  # stands in for a Misfit
-    return [promise.effect.key for promise in shortlist(Fitted(misfit, np.zeros(1), 1000.0), promises, least)]
+    misfit: Any = Keeping({**promised, **(keeps or {})}, count=math.exp(2.0 * price))  # stands in for a Misfit
+    current = Fitted(misfit, np.zeros(1), 1000.0)
+    return [promise.effect.key for promise in shortlist(current, promises, threshold, share)]
 
 
 def test_the_best_comes_first_and_what_promises_a_tenth_of_it_comes_too() -> None:
@@ -56,8 +66,15 @@ def test_a_promise_that_is_not_kept_keeps_no_other_cause_out(kept: float, others
 
 
 def test_small_promises_are_kept_to_the_letter() -> None:
-    assert listed({"bias_torque": 3.0, "thruster_lag": 5.0}, least=4.0) == ["thruster_lag"]
-    assert listed({"bias_torque": 3.0}, least=4.0) == []
+    assert listed({"bias_torque": 3.0, "thruster_lag": 5.0}, threshold=4.0) == ["thruster_lag"]
+    assert listed({"bias_torque": 3.0}, threshold=4.0) == []
+
+
+def test_who_promises_too_little_for_the_price_of_its_parameters_is_not_fitted() -> None:
+    # A bias has one parameter, a dependence on the heading two.
+    promised = {"bias_torque": 10.0, "heading_dependent_torque": 10.0}
+    assert listed(promised, threshold=4.0, price=4.0) == ["bias_torque"]
+    assert listed(promised, threshold=4.0, price=4.0, share=0.5) == [*promised]
 
 
 def test_a_simpler_form_is_fitted_though_it_promises_little() -> None:
