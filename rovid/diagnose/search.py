@@ -151,6 +151,8 @@ class Search:
         """With what pays added; where that lets the disturbance have more, only so far."""
         while len(current.effects) < _MAX_EFFECTS and not self._ends():
             better = self._best(self.extensions(current, growing=True), current)
+            if better is not current:
+                better = self._ended(plainest(better, self._plausible(current), current))
             if not self.pays(better, current):
                 better = self._best_pair(current)
             if not self.pays(better, current):
@@ -352,6 +354,18 @@ class Search:
                 misfit = fitted.misfit.like((*effects, effect))
                 return _climbed_from_best(misfit, less.x, misfit.coordinates.starts())
         return fitted
+
+
+def plainest(better: Fitted, others: Sequence[Fitted], current: Fitted) -> Fitted:
+    """That of ``others`` which adds to ``current`` the plainest form of the same cause and gains nearly as much.
+
+    What ``better`` gains beyond that may be of a cause that is still missing; where none is, it is taken as it is.
+    """
+    if better.is_white:
+        return better
+    nearly = worth(better) - _REMAINDER * (worth(better) - worth(current))
+    alike = [fit for fit in others if fit.effects[-1].id == better.effects[-1].id and worth(fit) >= nearly]
+    return min(alike, key=lambda fit: (len(fit.effects[-1].parameters), -worth(fit)), default=better)
 
 
 def _joined(misfit: Misfit, one: Fitted, other: Fitted) -> Fitted:

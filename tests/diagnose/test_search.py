@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from rovid.diagnose.search import Search
+from rovid.diagnose.rivals import worth
+from rovid.diagnose.search import Search, plainest
 from rovid.effects import effect_named
 from rovid.identify.fitted import Fitted, climbed
 from rovid.identify.horizon_misfit import HorizonMisfit
@@ -56,3 +59,29 @@ def test_what_is_never_enough_changes_nothing(base: Fitted) -> None:
     assert found.effects == plain.effects == (BIAS,)
     assert np.array_equal(found.x, plain.x)
     assert {*asked} == {(), ("bias_torque",)}
+
+
+def with_form(current: Fitted, key: str, gains: float) -> Fitted:
+    """``current`` with one form more, which is worth so much."""
+    effect = effect_named(key)
+    misfit = current.misfit.like((*current.effects, effect))
+    fitted = Fitted(misfit, np.concatenate((current.x, effect.starts[0])), 0.0)
+    return replace(fitted, cost=worth(fitted) - worth(current) - gains)
+
+
+def test_a_plain_form_is_taken_up_that_gains_nearly_as_much_as_long_as_another_cause_is_missing(base: Fitted) -> None:
+    smooth, scattered = with_form(base, "command_delay", 97.0), with_form(base, "command_delay:scattered", 100.0)
+    other = with_form(base, "thruster_lag", 98.0)
+    assert worth(scattered) - worth(base) == pytest.approx(100.0)
+    assert not scattered.is_white
+    assert plainest(scattered, [other, smooth, scattered], base) is smooth
+    assert plainest(scattered, [other, with_form(base, "command_delay", 95.0), scattered], base) is scattered
+    assert plainest(smooth, [other, smooth, scattered], base) is smooth
+
+
+def test_where_no_cause_is_missing_the_form_that_gains_most_is_taken_up(
+    base: Fitted, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    smooth, scattered = with_form(base, "command_delay", 97.0), with_form(base, "command_delay:scattered", 100.0)
+    monkeypatch.setattr(Fitted, "is_white", True)
+    assert plainest(scattered, [smooth, scattered], base) is scattered
