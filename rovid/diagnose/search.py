@@ -42,6 +42,26 @@ Hopeless = Callable[[Fitted, Gains], bool]
 
 
 @dataclass(eq=False)
+class Known:
+    """What was worked out of models of the same readings, beside which the same forms are tried.
+
+    Parameters
+    ----------
+    promises, extensions
+        By the key of a model, what each further form promises there, and the model with each that was fitted.
+    fits
+        Every model that was fitted, by its key.
+    ends
+        Where those are led to the end that were not followed so far.
+    """
+
+    promises: dict[Key, list[Promise]] = field(default_factory=dict)
+    extensions: dict[Key, list[Fitted]] = field(default_factory=dict)
+    fits: dict[Key, Fitted] = field(default_factory=dict)
+    ends: dict[Fitted, Fitted] = field(default_factory=dict)
+
+
+@dataclass(eq=False)
 class Search:
     """Greedy search with second thoughts.
 
@@ -62,8 +82,8 @@ class Search:
         An addition has to gain so much log-likelihood beyond what its parameters and the number of causes tried would.
     least
         Who promises less than this share of that and the price of its parameters is not fitted.
-    promises
-        Key of a model -> what each further form promised there.
+    known
+        What searches before this one worked out, and this one.
     cut_short
         Whether so many models were looked at that the search ended before it was done.
     has_enough, given_up
@@ -77,19 +97,17 @@ class Search:
     thorough: Callable[[Fitted], bool] = field(default=lambda _: False)
     margin: float = MARGIN
     least: float = _NEGLIGIBLE
-    promises: dict[Key, list[Promise]] = field(default_factory=dict)
+    known: Known = field(default_factory=Known)
     cut_short: bool = False
     has_enough: bool = False
     given_up: bool = False
     _barred: set[str] = field(default_factory=set)
     _left: set[Key] = field(default_factory=set)
-    _extensions: dict[Key, list[Fitted]] = field(default_factory=dict)
-    _fits: dict[Key, Fitted] = field(default_factory=dict)
-    _ends_of: dict[Fitted, Fitted] = field(default_factory=dict)
+    _looked_beside: set[Key] = field(default_factory=set)
 
     def _ends(self) -> bool:
         """Whether to look at no more models."""
-        self.cut_short = self.cut_short or len(self._extensions) >= _MOST_LOOKS
+        self.cut_short = self.cut_short or len(self._looked_beside) >= _MOST_LOOKS
         return self.cut_short or self.has_enough or self.given_up
 
     @property
@@ -136,7 +154,7 @@ class Search:
 
     def run(self, base: Fitted) -> Fitted:
         """Exchange what another explains better, add what pays and drop what no longer does, until nothing changes."""
-        self._fits[base.key], self.has_enough = base, False
+        self.known.fits[base.key], self.has_enough = base, False
         current = self._pruned(base)
         for _ in range(_MAX_EFFECTS):
             self._may_end(current)
@@ -175,10 +193,10 @@ class Search:
 
     def _gains(self, current: Fitted) -> list[float]:
         """What each cause beside ``current`` gains, the most first: where it is fitted, else what slopes promise."""
-        if current.key not in self._extensions:
+        if current.key not in self.known.extensions:
             return gains_of(self.promised(current))
         best: dict[str, float] = {}
-        for fit in self._extensions[current.key]:
+        for fit in self.known.extensions[current.key]:
             cause = fit.effects[-1].id
             best[cause] = max(best.get(cause, 0.0), current.cost - fit.cost)
         return sorted(best.values(), reverse=True)
@@ -195,7 +213,7 @@ class Search:
         misfits = [one.misfit.like((*one.effects, other.effects[-1])) for one, other in pairs]
         fits = fitted_together(misfits, lambda at: _joined(misfits[at], *pairs[at]))
         for fit in fits:
-            self._fits.setdefault(fit.key, fit)
+            self.known.fits.setdefault(fit.key, fit)
         chosen = max(fits, key=worth, default=current)
         # There are so many more pairs than single causes.
         price = math.log(max(len(singles), 1))
@@ -223,7 +241,7 @@ class Search:
         opened = loosened(current)
         if opened is current:
             return current
-        self._fits[opened.key] = opened
+        self.known.fits[opened.key] = opened
         needed = self._pruned(opened)
         if not needed.effects:
             return current
@@ -269,9 +287,9 @@ class Search:
 
     def _ended(self, fit: Fitted) -> Fitted:
         """``fit`` to the end, once: one that had no chance beside what may not be taken up was not followed so far."""
-        if fit not in self._ends_of:
-            self._ends_of[fit] = climbed_on(fit, ITERATIONS)
-        return self._ends_of[fit]
+        if fit not in self.known.ends:
+            self.known.ends[fit] = climbed_on(fit, ITERATIONS)
+        return self.known.ends[fit]
 
     def best_extension(self, current: Fitted) -> Fitted | None:
         """The worthiest model with one effect more, whether it pays or not; None where there is none."""
@@ -280,17 +298,18 @@ class Search:
 
     def extensions(self, current: Fitted, *, growing: bool = False) -> list[Fitted]:
         """The model with each promising effect more, in each promising form."""
-        if current.key not in self._extensions:
+        self._looked_beside.add(current.key)
+        if current.key not in self.known.extensions:
             promises = self.promised(current)
             if growing and self.thorough(current):
                 listed = best_forms(promises)
             else:
                 listed = shortlist(current, promises, self.threshold, self.least)
             ahead, behind = fit_all(current, listed, self._leads)
-            self._extensions[current.key] = [*ahead, *behind]
+            self.known.extensions[current.key] = [*ahead, *behind]
             for fit in ahead:
-                self._fits.setdefault(fit.key, fit)
-        return self._extensions[current.key]
+                self.known.fits.setdefault(fit.key, fit)
+        return self.known.extensions[current.key]
 
     def _leads(self, fit: Fitted) -> bool:
         """Whether it may be taken up as it is, and not for want of a named cause."""
@@ -299,10 +318,10 @@ class Search:
 
     def promised(self, current: Fitted) -> list[Promise]:
         """What each effect that ``current`` lacks promises, worked out once."""
-        if current.key not in self.promises:
+        if current.key not in self.known.promises:
             self.report(f"{_named(current.effects)}: trying {len(self.candidates)} forms of what else there may be …")
-            self.promises[current.key] = screen(current, self._lacking(current))
-        return self.promises[current.key]
+            self.known.promises[current.key] = screen(current, self._lacking(current))
+        return self.known.promises[current.key]
 
     def _lacking(self, current: Fitted) -> list[Effect]:
         """The forms of all causes of which ``current`` has none."""
@@ -341,15 +360,15 @@ class Search:
         """The model without ``effect``, all else fitted again."""
         effects, x = current.without(effect)
         misfit = current.misfit.like(effects)
-        if misfit.key not in self._fits:
-            self._fits[misfit.key] = self._restored(quickly_climbed(misfit, x, ITERATIONS))
-        return self._fits[misfit.key]
+        if misfit.key not in self.known.fits:
+            self.known.fits[misfit.key] = self._restored(quickly_climbed(misfit, x, ITERATIONS))
+        return self.known.fits[misfit.key]
 
     def _restored(self, fitted: Fitted) -> Fitted:
         """``fitted``, or if a model with one effect less was fitted better, that with the effect put in anew."""
         for effect in fitted.effects:
             effects, _ = fitted.without(effect)
-            less = self._fits.get(fitted.misfit.like(effects).key)
+            less = self.known.fits.get(fitted.misfit.like(effects).key)
             if less is not None and less.cost < fitted.cost:
                 misfit = fitted.misfit.like((*effects, effect))
                 return _climbed_from_best(misfit, less.x, misfit.coordinates.starts())

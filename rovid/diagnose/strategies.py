@@ -12,8 +12,8 @@ import numpy as np
 from rovid.diagnose.odds import ESTABLISHED, PRIOR_ODDS
 from rovid.diagnose.parts import Piece
 from rovid.diagnose.rivals import is_plausible, quickly_climbed, worth
-from rovid.diagnose.screening import ITERATIONS, Promise, gains_of
-from rovid.diagnose.search import MARGIN, Gains, Hopeless, Report, Search
+from rovid.diagnose.screening import ITERATIONS, gains_of
+from rovid.diagnose.search import MARGIN, Gains, Hopeless, Known, Report, Search
 from rovid.diagnose.waves import Waves, look_for_waves
 from rovid.diagnose.work import Work
 from rovid.effects import Effect
@@ -129,7 +129,7 @@ class ByInnovations:
     report: Report
     _bases: dict[float, Fitted] = field(default_factory=dict)
     _explained: dict[Key, bool] = field(default_factory=dict)
-    _promises: dict[tuple[float, int], dict[Key, list[Promise]]] = field(default_factory=dict)
+    _known: dict[tuple[float, int], Known] = field(default_factory=dict)
 
     def explains(self, found: Fitted) -> bool:
         """Whether the effects of ``found`` leave white innovations, and no more disturbance than there may be."""
@@ -206,10 +206,10 @@ class ByInnovations:
         return loosened(climbed(*self._beginning(records, found, predicted)))
 
     def _search(self, begun: Fitted, hopeless: Hopeless | None = None) -> Search:
-        """With what is promised already, of the same readings and the same candidates."""
+        """With what is known already, of the same readings and the same candidates."""
         forms = _beside(begun, self.candidates)
-        known = self._promises.setdefault((begun.records.interval, len(forms)), {})
-        return Search(forms, self.report, hopeless=hopeless, promises=known)
+        known = self._known.setdefault((begun.records.interval, len(forms)), Known())
+        return Search(forms, self.report, hopeless=hopeless, known=known)
 
 
 def _beside(begun: Fitted, candidates: Sequence[Effect]) -> list[Effect]:

@@ -29,10 +29,10 @@ def test_it_ends_with_enough_and_another_goes_on_from_there(base: Fitted) -> Non
     assert search.has_enough
     assert early.effects == (BIAS,)
     # What else there may be beside it was not looked for.
-    assert early.key not in search.promises
+    assert early.key not in search.known.promises
     further = Search(CANDIDATES)
     later, whole = further.run(early), Search(CANDIDATES).run(base)
-    assert early.key in further.promises
+    assert early.key in further.known.promises
     assert later.effects == whole.effects == (BIAS,)
     assert later.x == pytest.approx(whole.x, rel=1e-6)
 
@@ -40,7 +40,7 @@ def test_it_ends_with_enough_and_another_goes_on_from_there(base: Fitted) -> Non
 def test_where_nothing_is_missing_nothing_is_looked_at(base: Fitted) -> None:
     search = Search(CANDIDATES, is_enough=lambda _: True)
     assert search.run(base) is base
-    assert search.promises == {}
+    assert search.known.promises == {}
 
 
 def test_a_model_that_is_far_off_is_never_enough(base: Fitted) -> None:

@@ -67,7 +67,7 @@ def test_what_each_next_reading_explains_is_found_at_once(lag: float, found: tup
     assert work.final.effects == found
     assert not work.by_horizons
     # It is known what else there may be.
-    assert work.final.key in work.search.promises
+    assert work.final.key in work.search.known.promises
 
 
 def test_nothing_is_found_at_once_where_no_cause_gains_much_of_what_is_missing() -> None:
@@ -97,7 +97,7 @@ def test_predictions_are_asked_until_each_next_reading_explains_all(lag: float, 
     works = by_horizons(full, pieces, CANDIDATES, unsaid, near.explains)
     early = next(works)
     assert early.final.effects == found
-    assert early.final.key not in early.search.promises
+    assert early.final.key not in early.search.known.promises
     assert near.explains(early.final)
     assert near.explains(early.base) is not bool(found)
     work = near.search(early)
@@ -112,7 +112,7 @@ def test_predictions_are_asked_until_each_next_reading_explains_all(lag: float, 
     (alone,) = by_horizons(full, pieces, CANDIDATES, unsaid, lambda _: False)
     assert whole.final.effects == alone.final.effects == found
     assert whole.final.x == pytest.approx(alone.final.x, abs=0.0)
-    assert whole.final.key in whole.search.promises
+    assert whole.final.key in whole.search.known.promises
 
 
 def test_what_is_never_enough_is_searched_to_the_end() -> None:
@@ -120,6 +120,6 @@ def test_what_is_never_enough_is_searched_to_the_end() -> None:
     pieces = pieces_of(full.runs, synthetic.LOGGED, 1.0)
     (work,) = by_horizons(full, pieces, CANDIDATES, unsaid, lambda _: False)
     assert work.final.effects == (LAG,)
-    assert work.final.key in work.search.promises
+    assert work.final.key in work.search.known.promises
     # Whoever refuses some of it and searches on is not told that the rest is enough.
     assert work.search.is_enough is None
