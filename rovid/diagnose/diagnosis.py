@@ -94,7 +94,7 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
         if at_once is not None:
             report(_TESTING)
             # Where some of it would have to be refused the way was not as straight as it seemed.
-            if at_once.holds:
+            if at_once.holds():
                 return _told(at_once, at_once.decided(), notes)
         for ahead in by_horizons(whole, pieces, candidates, report, near.explains):
             ahead.look_for_waves = waves

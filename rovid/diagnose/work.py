@@ -76,9 +76,8 @@ class Work:
         """Whether the final model leaves white innovations, and no more disturbance than there may be."""
         return self.final.is_white and not self.final.at_limit
 
-    @property
     def holds(self) -> bool:
-        """Whether all is explained and none of it in doubt, once it is decided between rivals."""
+        """Decide between rivals; whether all is explained then, and none of it in doubt."""
         self.decide()
         doubted, _ = self._doubted(())
         return doubted is None and self.explains

@@ -42,7 +42,7 @@ def test_where_some_of_what_is_found_at_once_is_in_doubt_predictions_are_asked(m
     runs = Runs(items=tuple(readings(1.5).runs), cutoff=1.0, chosen=False, remarks=())
     holds = diagnose(runs, synthetic.LOGGED, asked.append)
     count = len(asked)
-    monkeypatch.setattr(Work, "holds", False)
+    monkeypatch.setattr(Work, "holds", lambda _: False)
     doubted = diagnose(runs, synthetic.LOGGED, asked.append)
     assert [finding.effect.id for finding in holds.findings] == ["thruster_lag"]
     assert [finding.effect.id for finding in doubted.findings] == ["thruster_lag"]
