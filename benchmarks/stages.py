@@ -42,6 +42,7 @@ STAGES = {
     "rovid.diagnose.search.shortlist": "shortlist",
     "rovid.diagnose.search.fit_all": CLIMBS,
     "rovid.identify.fitted.climb": CLIMBS,
+    "rovid.diagnose.work.Work.holds": "testing what was found",
     "rovid.diagnose.work.Work.decided": "testing what was found",
     "rovid.diagnose.work.cross_validate": "cross-validation",
     "rovid.diagnose.waves.cross_validate": "cross-validation",
