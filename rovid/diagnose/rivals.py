@@ -14,6 +14,8 @@ from rovid.identify.misfit import Misfit
 
 # Of log-likelihood: a search looks no closer.
 _TOLERANCE = 0.1
+# Of what is gained so much may be no more than how nature's form of it differs from the equation's.
+REMAINDER = 0.04
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +56,18 @@ def price_of_one(misfit: Misfit) -> float:
     """Of a parameter, in log-likelihood: half the logarithm of the samples (Schwarz 1978)."""
     # Logs too short for any prediction count none.
     return 0.5 * math.log(max(misfit.count, 1.0))
+
+
+def plainest(better: Fitted, others: Sequence[Fitted], current: Fitted) -> Fitted:
+    """That of ``others`` which adds to ``current`` the plainest form of the same cause and gains nearly as much.
+
+    What ``better`` gains beyond that may be of a cause that is still missing; where none is, it is taken as it is.
+    """
+    if better.is_white:
+        return better
+    nearly = worth(better) - REMAINDER * (worth(better) - worth(current))
+    alike = [fit for fit in others if fit.effects[-1].id == better.effects[-1].id and worth(fit) >= nearly]
+    return min(alike, key=lambda fit: (len(fit.effects[-1].parameters), -worth(fit)), default=better)
 
 
 def quickly_climbed(misfit: Misfit, x: FloatArray, iterations: int, goal: float = math.inf) -> Fitted:

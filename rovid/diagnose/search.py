@@ -9,7 +9,17 @@ from itertools import combinations
 
 import numpy as np
 
-from rovid.diagnose.rivals import Cause, Rival, climbed_on, fitted_together, is_plausible, quickly_climbed, worth
+from rovid.diagnose.rivals import (
+    REMAINDER,
+    Cause,
+    Rival,
+    climbed_on,
+    fitted_together,
+    is_plausible,
+    plainest,
+    quickly_climbed,
+    worth,
+)
 from rovid.diagnose.screening import ITERATIONS, Promise, best_forms, fit_all, gains_of, screen, shortlist
 from rovid.diagnose.signals import is_signal
 from rovid.effects import Effect
@@ -24,8 +34,7 @@ MARGIN = 6.0
 _NEGLIGIBLE = 0.4
 # Nor is an effect exchanged for another for less.
 _WORTH_A_CHANGE = 0.5
-# What one more effect has to add: this share of what was gained, but no more than so much.
-_REMAINDER = 0.04
+# What one more effect has to add is no more than so much.
 _MOST_WHITE, _MOST_COLOURED = 100.0, 300.0
 _BESIDE_SIGNAL = 0.1
 _MAX_EFFECTS = 6
@@ -51,14 +60,11 @@ class Known:
         By the key of a model, what each further form promises there, and the model with each that was fitted.
     fits
         Every model that was fitted, by its key.
-    ends
-        Where those are led to the end that were not followed so far.
     """
 
     promises: dict[Key, list[Promise]] = field(default_factory=dict)
     extensions: dict[Key, list[Fitted]] = field(default_factory=dict)
     fits: dict[Key, Fitted] = field(default_factory=dict)
-    ends: dict[Fitted, Fitted] = field(default_factory=dict)
 
 
 @dataclass(eq=False)
@@ -104,6 +110,7 @@ class Search:
     _barred: set[str] = field(default_factory=set)
     _left: set[Key] = field(default_factory=set)
     _looked_beside: set[Key] = field(default_factory=set)
+    _ends_of: dict[Fitted, Fitted] = field(default_factory=dict)
 
     def _ends(self) -> bool:
         """Whether to look at no more models."""
@@ -142,7 +149,7 @@ class Search:
             # How something depends on a mere signal is known even less.
             return _BESIDE_SIGNAL * earned
         most = _MOST_WHITE if white else _MOST_COLOURED
-        return min(_REMAINDER * earned, most)
+        return min(REMAINDER * earned, most)
 
     def bar(self, effect: Effect) -> None:
         """Take up no form of ``effect`` any more: a test that the search does not make refused it."""
@@ -287,9 +294,9 @@ class Search:
 
     def _ended(self, fit: Fitted) -> Fitted:
         """``fit`` to the end, once: one that had no chance beside what may not be taken up was not followed so far."""
-        if fit not in self.known.ends:
-            self.known.ends[fit] = climbed_on(fit, ITERATIONS)
-        return self.known.ends[fit]
+        if fit not in self._ends_of:
+            self._ends_of[fit] = climbed_on(fit, ITERATIONS)
+        return self._ends_of[fit]
 
     def best_extension(self, current: Fitted) -> Fitted | None:
         """The worthiest model with one effect more, whether it pays or not; None where there is none."""
@@ -373,18 +380,6 @@ class Search:
                 misfit = fitted.misfit.like((*effects, effect))
                 return _climbed_from_best(misfit, less.x, misfit.coordinates.starts())
         return fitted
-
-
-def plainest(better: Fitted, others: Sequence[Fitted], current: Fitted) -> Fitted:
-    """That of ``others`` which adds to ``current`` the plainest form of the same cause and gains nearly as much.
-
-    What ``better`` gains beyond that may be of a cause that is still missing; where none is, it is taken as it is.
-    """
-    if better.is_white:
-        return better
-    nearly = worth(better) - _REMAINDER * (worth(better) - worth(current))
-    alike = [fit for fit in others if fit.effects[-1].id == better.effects[-1].id and worth(fit) >= nearly]
-    return min(alike, key=lambda fit: (len(fit.effects[-1].parameters), -worth(fit)), default=better)
 
 
 def _joined(misfit: Misfit, one: Fitted, other: Fitted) -> Fitted:

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rovid.diagnose.rivals import worth
-from rovid.diagnose.search import Search, plainest
+from rovid.diagnose.rivals import plainest, worth
+from rovid.diagnose.search import Search
 from rovid.effects import effect_named
 from rovid.identify.fitted import Fitted, climbed
 from rovid.identify.horizon_misfit import HorizonMisfit

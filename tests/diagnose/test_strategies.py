@@ -19,7 +19,7 @@ from rovid.identify.readings import Readings
 from tests import synthetic
 from tests.predictions import NOISE, TIME, TORQUE
 
-LAG = effect_named("thruster_lag")
+LAG, WAVES = effect_named("thruster_lag"), effect_named("wave_torque")
 CANDIDATES = [LAG, effect_named("drag_curvature"), effect_named("thrust_asymmetry")]
 LONG, PERIOD = 1500, 0.2
 
@@ -68,6 +68,25 @@ def test_what_each_next_reading_explains_is_found_at_once(lag: float, found: tup
     assert not work.by_horizons
     # It is known what else there may be.
     assert work.final.key in work.search.known.promises
+
+
+def test_the_search_goes_on_beside_waves_that_are_seen_beside_what_was_found_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    full, said = readings(1.5), list[str]()
+
+    def look(beside: Fitted) -> Waves:
+        assert beside.effects == (LAG,)
+        misfit = beside.misfit.like((*beside.effects, WAVES))
+        begins = [np.concatenate((beside.x, start)) for start in misfit.coordinates.starts()]
+        return Waves(full, beside, (), Fitted.at(misfit, misfit.likeliest(begins, 1)[0]))
+
+    monkeypatch.setattr(Waves, "established", property(lambda waves: waves.fitted))
+    work = ByInnovations(full, few_of(full), CANDIDATES, said.append).at_once(look)
+    assert said.count("Looking at each next reading …") == 2
+    assert work is not None
+    # There are none: the search that goes on beside them leaves them out.
+    assert work.final.effects == (LAG,)
 
 
 def test_nothing_is_found_at_once_where_no_cause_gains_much_of_what_is_missing() -> None:
