@@ -52,6 +52,7 @@ def diagnose(
         if compile_beside():
             # Both cores have more to do than that.
             reading.stop()
+        from rovid.diagnose.diagnosis import make_ready
         from rovid.show.account import show_diagnosis
         from rovid.show.diagnosis_documents import diagnosis_document
         from rovid.show.terminal import show_caution, show_warnings
@@ -59,6 +60,7 @@ def diagnose(
         stored = stored_at(parameters, axis, force=force)
         paths = logs or remembered(stored)
         claim = claim_of_model(stored, paths, force=force)
+        make_ready()
         study = opened(paths, cutoff, stored.axis, reading)
     with working("Diagnosing …") as report:
         diagnosis = diagnosed(stored, study, report)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from importlib import import_module
 
 from rovid.campaign.vehicle import Vehicle
@@ -30,7 +31,7 @@ _BY_HORIZONS = (
 )
 # Instants; of longer logs compiled loops are most of the work, which threads share, and copies would take memory.
 _LONG = 300_000
-# What copies would each import for themselves.
+# What a diagnosis takes of large libraries.
 _IMPORTED = ("scipy.linalg", "scipy.optimize")
 _TESTING = "Testing what was found on trials that were not fitted …"
 _SHRUNK = (
@@ -52,6 +53,17 @@ def _said(work: Work, notes: list[str]) -> list[str]:
     return said
 
 
+@cache
+def make_ready() -> None:
+    """Import and load what a diagnosis takes: best while the logs are read, and before each copy does so for itself."""
+    from rovid.model.kernels import compile_now, is_compiled
+
+    for name in _IMPORTED:
+        import_module(name)
+    if is_compiled():
+        compile_now()
+
+
 def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) -> Diagnosis:
     """Name what the simulation misses.
 
@@ -70,8 +82,7 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
         )
     if lack := lack_of(runs, prepared.cutoff):
         return Diagnosis(verdict="too_little_data", missing=lack, warnings=tuple(notes))
-    for name in _IMPORTED:
-        import_module(name)
+    make_ready()
     with in_step(wanted=_is_shared_by_copies(prepared.items)) as is_first:
         report = report if is_first else _unsaid
         try:
