@@ -77,7 +77,9 @@ def quickly_climbed(misfit: Misfit, x: FloatArray, iterations: int, goal: float 
 
 def climbed_on(fitted: Fitted, iterations: int, goal: float = math.inf) -> Fitted:
     """``fitted`` after so many steps more, if there is anything to be gained, as long as the ``goal`` is in reach."""
-    return fitted if fitted.tolerance <= _TOLERANCE else quickly_climbed(fitted.misfit, fitted.x, iterations, goal)
+    if fitted.left <= _TOLERANCE or fitted.left < fitted.cost - goal:
+        return fitted
+    return quickly_climbed(fitted.misfit, fitted.x, iterations, goal)
 
 
 def fitted_together(misfits: Sequence[Misfit], fit: Callable[[int], Fitted]) -> list[Fitted]:
@@ -85,7 +87,7 @@ def fitted_together(misfits: Sequence[Misfit], fit: Callable[[int], Fitted]) -> 
 
     def numbers(at: int) -> tuple[FloatArray, float, float]:
         fitted = fit(at)
-        return fitted.x, fitted.cost, fitted.tolerance
+        return fitted.x, fitted.cost, fitted.left
 
     found = shared(numbers, range(len(misfits)))
     return [Fitted(misfit, *told) for misfit, told in zip(misfits, found, strict=True)]

@@ -55,11 +55,14 @@ class Climb:
         (p,) coordinates.
     cost
         Negative log-likelihood there.
+    left
+        So much of it at most is taken to be still to be gained from there on.
     """
 
     x: FloatArray
     cost: float
     end: End
+    left: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +95,7 @@ def climb(
     """
     bounds = misfit.coordinates.bounds
     here, end = _Point.at(misfit, np.clip(start, *bounds), _FIRST_DAMPING), End.OUT_OF_STEPS
+    gained = math.inf
     # Points and gradients of before.
     been: list[tuple[FloatArray, FloatArray]] = []
     for _ in range(iterations):
@@ -112,26 +116,39 @@ def climb(
         if here.cost - goal > _OUT_OF_REACH * gained:
             end = End.BEHIND
             break
-    return Climb(here.x, here.cost, end)
+    # Where no step gained anything or there were no slopes, none will.
+    left = {End.REACHED: tolerance, End.BLOCKED: 0.0, End.RUNAWAY: 0.0}.get(end, _OUT_OF_REACH * gained)
+    return Climb(here.x, here.cost, end, left)
 
 
 def _step(
     misfit: Misfit, here: _Point, gradient: FloatArray, information: FloatArray, tolerance: float
 ) -> _Point | End:
     """A point that costs less; where no step is worth it, why the climb ends."""
-    bounds, damping = misfit.coordinates.bounds, here.damping
+    bounds, damping, count = misfit.coordinates.bounds, here.damping, 1
     while damping < _MOST_DAMPING:
-        step = _shortened(bounded_step(here.x, gradient, information, damping, bounds))
-        promised = -float(gradient @ step)
-        ahead = _Point.at(misfit, np.clip(here.x + step, *bounds), damping)
-        if ahead.cost < here.cost:
-            expected = promised - 0.5 * float(step @ information @ step)
-            ratio = (here.cost - ahead.cost) / max(expected, 1e-300)
-            return replace(ahead, damping=damped(damping, ratio))
-        if promised < tolerance:
+        dampings = [damping * _MORE_DAMPING**more for more in range(count)]
+        steps = [_shortened(bounded_step(here.x, gradient, information, one, bounds)) for one in dampings]
+        ahead = _points(misfit, [np.clip(here.x + step, *bounds) for step in steps], dampings)
+        at = min(range(count), key=lambda at: ahead[at].cost)
+        best, promised = ahead[at], [-float(gradient @ step) for step in steps]
+        if best.cost < here.cost:
+            expected = promised[at] - 0.5 * float(steps[at] @ information @ steps[at])
+            ratio = (here.cost - best.cost) / max(expected, 1e-300)
+            return replace(best, damping=damped(best.damping, ratio))
+        if promised[-1] < tolerance:
             return End.REACHED
-        damping *= _MORE_DAMPING
+        # Several steps are tried at once where they come free with one.
+        damping, count = dampings[-1] * _MORE_DAMPING, 1 + misfit.spare
     return End.BLOCKED
+
+
+def _points(misfit: Misfit, every: Sequence[FloatArray], dampings: Sequence[float]) -> list[_Point]:
+    """The one with all that comes free with it; of several their innovations alone are known."""
+    if len(every) == 1:
+        return [_Point.at(misfit, every[0], dampings[0])]
+    found = misfit.innovations_of(every)
+    return [_Point(x, (here, []), misfit.cost_of(here), own) for x, here, own in zip(every, found, dampings, strict=True)]
 
 
 def _shortened(step: FloatArray) -> FloatArray:

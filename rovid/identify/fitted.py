@@ -12,7 +12,7 @@ import numpy as np
 from rovid.campaign.vehicle import PLAUSIBLE_RATIO
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
-from rovid.identify.climb import ITERATIONS, TOLERANCE, End, climb
+from rovid.identify.climb import ITERATIONS, TOLERANCE, climb
 from rovid.identify.information import inverted, sandwiched
 from rovid.identify.misfit import Key, Misfit
 from rovid.identify.records import Records
@@ -38,14 +38,14 @@ class Fitted:
         (p,) coordinates at which the misfit is least.
     cost
         Negative log-likelihood there.
-    tolerance
-        So much of it at most is still to be gained, where the climb found so.
+    left
+        So much of it at most is taken to be still to be gained.
     """
 
     misfit: Misfit
     x: FloatArray
     cost: float
-    tolerance: float = math.inf
+    left: float = math.inf
 
     @classmethod
     def at(cls, misfit: Misfit, x: FloatArray) -> Self:
@@ -224,8 +224,7 @@ def climbed(
 ) -> Fitted:
     """The model that a climb from (p,) ``start`` leads to; see `climb`."""
     climbing = climb(misfit, start, iterations=iterations, tolerance=tolerance, goal=goal)
-    left = tolerance if climbing.end is End.REACHED else math.inf
-    return Fitted(misfit, climbing.x, climbing.cost, left)
+    return Fitted(misfit, climbing.x, climbing.cost, climbing.left)
 
 
 def _by_scatter(plain: FloatArray, by_block: FloatArray, by_run: FloatArray) -> FloatArray:
