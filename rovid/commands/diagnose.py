@@ -53,9 +53,6 @@ def diagnose(
             # Both cores have more to do than that.
             reading.stop()
         from rovid.diagnose.diagnosis import make_ready
-        from rovid.show.account import show_diagnosis
-        from rovid.show.diagnosis_documents import diagnosis_document
-        from rovid.show.terminal import show_caution, show_warnings
 
         stored = stored_at(parameters, axis, force=force)
         paths = logs or remembered(stored)
@@ -67,8 +64,13 @@ def diagnose(
     if diagnosis.extended is not None:
         put(stored, claim, study, diagnosis.extended.estimate, seen=diagnosis.seen)
     if json:
+        from rovid.show.diagnosis_documents import diagnosis_document
+
         print_json(diagnosis_document(diagnosis, study))
     else:
+        from rovid.show.account import show_diagnosis
+        from rovid.show.terminal import show_caution, show_warnings
+
         show_caution(console(), study.vehicle.guess)
         show_diagnosis(console(), diagnosis, study.vehicle)
         show_warnings(console(), [*study.remarks(), *diagnosis.warnings])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -90,8 +90,8 @@ class Fitted:
         return rest, np.concatenate((self.shared, *map(self.own, rest)))
 
     def canonical(self) -> Self:
-        """The same with amplitudes positive and phases within a turn."""
-        return self.at(self.misfit, self.misfit.coordinates.canonical(self.x))
+        """The same, no less likely, with amplitudes positive and phases within a turn."""
+        return replace(self, x=self.misfit.coordinates.canonical(self.x))
 
     @cached_property
     def is_physical(self) -> bool:
