@@ -75,9 +75,14 @@ def quickly_climbed(misfit: Misfit, x: FloatArray, iterations: int, goal: float 
     return climbed(misfit, x, iterations=iterations, tolerance=_TOLERANCE, goal=goal)
 
 
+def is_at_end(fitted: Fitted) -> bool:
+    """Whether there is nothing more to be gained that a search would look at."""
+    return fitted.left <= _TOLERANCE
+
+
 def climbed_on(fitted: Fitted, iterations: int, goal: float = math.inf) -> Fitted:
     """``fitted`` after so many steps more, if there is anything to be gained, as long as the ``goal`` is in reach."""
-    if fitted.left <= _TOLERANCE or fitted.left < fitted.cost - goal:
+    if is_at_end(fitted) or fitted.left < fitted.cost - goal:
         return fitted
     return quickly_climbed(fitted.misfit, fitted.x, iterations, goal)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
 from rovid.ground.in_step import shared
 from rovid.identify.fitted import Fitted
-from rovid.identify.misfit import Misfit
+from rovid.identify.misfit import Key, Misfit
 from rovid.identify.scoring import Innovations, NormalEquations, Slopes
 
 # Of the best candidate's promise, as far as its fit begins by keeping it: who promises less is not fitted.
@@ -23,7 +23,7 @@ _FORMS_FITTED = 3
 ITERATIONS = 25
 # Sizes to begin with, as shares of what the slopes ask for: where they mislead, that may be far too much.
 _SHARES = (1.0, 0.3, 0.1)
-_FIRST_ITERATIONS = 4
+_FIRST_ITERATIONS = 2
 # Then those go on, for so many steps, that have this share of the best one's worth.
 _STAGES = ((0.2, 8), (0.4, ITERATIONS))
 # Rivals that come nearer than that to the best, in log-likelihood, are told from it by what they are worth to the end.
@@ -76,18 +76,18 @@ def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
         sides = [[next(found) for _ in begun[at][1]] for at in few]
         return [(at, _promised(*begun[at], own, centre, past)) for at, own in zip(few, sides, strict=True)]
 
-    found = shared(promised, _abreast(begun, current.x))
+    found = shared(promised, _abreast(begun))
     promises = dict(pair for pairs in found for pair in pairs)
     return [Promise(form, *promises[at]) for at, form in enumerate(forms)]
 
 
-def _abreast(begun: Sequence[_Begun], x: FloatArray) -> list[list[int]]:
+def _abreast(begun: Sequence[_Begun]) -> list[list[int]]:
     """Forms by their numbers, some together whose starts fill all lanes; those with most starts first."""
     # Of those that may be side by side, how many starts each few have.
     every: dict[Hashable, list[tuple[int, list[int]]]] = {}
     for at in sorted(range(len(begun)), key=lambda at: -len(begun[at][1])):
         misfit, starts = begun[at]
-        alike = every.setdefault(misfit.abreast(np.concatenate((x, starts[0]))), [])
+        alike = every.setdefault(misfit.abreast, [])
         lanes = misfit.spare + 1
         place = next((place for place, (count, _) in enumerate(alike) if len(starts) <= -count % lanes), len(alike))
         count, few = alike.pop(place) if place < len(alike) else (0, [])
@@ -96,33 +96,34 @@ def _abreast(begun: Sequence[_Begun], x: FloatArray) -> list[list[int]]:
 
 
 def fit_all(
-    current: Fitted, promises: Sequence[Promise], leads: Callable[[Fitted], bool]
+    current: Fitted, promises: Sequence[Promise], leads: Callable[[Fitted], bool], known: Mapping[Key, Fitted]
 ) -> tuple[list[Fitted], list[Fitted]]:
     """Each promise kept: fitted together with all else; and those that fell behind, left where they were.
 
-    None is followed that cannot catch up with the worthiest of those that may lead, as ``leads`` has it.
+    None is followed that cannot catch up with the worthiest of those that may lead, as ``leads`` has it. Models that
+    are ``known`` already are not fitted again.
     """
 
     def gain(fit: Fitted) -> float:
         return worth(fit) - worth(current)
 
+    def followed(fits: Sequence[Fitted], iterations: int) -> list[Fitted]:
+        close = max((gain(fit) for fit in fits if leads(fit)), default=-math.inf) - _CLOSE
+        goals = [fit.cost - (close - gain(fit)) for fit in fits]
+        own = [fit.misfit for fit in fits]
+        return fitted_together(own, lambda at: climbed_on(fits[at], iterations, goals[at]))
+
     misfits = [_with_promised(current, promise) for promise in promises]
-    ahead = fitted_together(misfits, lambda at: _begun(current, misfits[at], promises[at]))
-    behind = list[Fitted]()
+    new = [at for at, misfit in enumerate(misfits) if misfit.key not in known]
+    begun = fitted_together([misfits[at] for at in new], lambda k: _begun(current, misfits[new[k]], promises[new[k]]))
+    ended = [known[misfit.key].ending_with(misfit.effects[-1]) for misfit in misfits if misfit.key in known]
+    ahead, behind = followed([*ended, *begun], _FIRST_ITERATIONS), list[Fitted]()
     for share, iterations in _STAGES:
         most = max(map(gain, ahead), default=0.0)
         least = max(share * most, 0.0)
         behind += [fit for fit in ahead if gain(fit) < least]
-        ahead = [fit for fit in ahead if fit not in behind]
-        close = max((gain(fit) for fit in ahead if leads(fit)), default=-math.inf) - _CLOSE
-        ahead = _followed(ahead, [fit.cost - (close - gain(fit)) for fit in ahead], iterations)
+        ahead = followed([fit for fit in ahead if gain(fit) >= least], iterations)
     return ahead, behind
-
-
-def _followed(fits: Sequence[Fitted], goals: Sequence[float], iterations: int) -> list[Fitted]:
-    """Each after so many steps more, as long as its goal is in reach."""
-    misfits = [fit.misfit for fit in fits]
-    return fitted_together(misfits, lambda at: climbed_on(fits[at], iterations, goals[at]))
 
 
 def _with_promised(current: Fitted, promise: Promise) -> Misfit:

@@ -15,6 +15,7 @@ from rovid.diagnose.rivals import (
     Rival,
     climbed_on,
     fitted_together,
+    is_at_end,
     is_plausible,
     plainest,
     quickly_climbed,
@@ -312,9 +313,9 @@ class Search:
                 listed = best_forms(promises)
             else:
                 listed = shortlist(current, promises, self.threshold, self.least)
-            ahead, behind = fit_all(current, listed, self._leads)
+            ahead, behind = fit_all(current, listed, self._leads, self.known.fits)
             self.known.extensions[current.key] = [*ahead, *behind]
-            for fit in ahead:
+            for fit in filter(is_at_end, ahead):
                 self.known.fits.setdefault(fit.key, fit)
         return self.known.extensions[current.key]
 

@@ -147,8 +147,8 @@ def _points(misfit: Misfit, every: Sequence[FloatArray], dampings: Sequence[floa
     """The one with all that comes free with it; of several their innovations alone are known."""
     if len(every) == 1:
         return [_Point.at(misfit, every[0], dampings[0])]
-    found = misfit.innovations_of(every)
-    return [_Point(x, (here, []), misfit.cost_of(here), own) for x, here, own in zip(every, found, dampings, strict=True)]
+    each = zip(every, misfit.innovations_of(every), dampings, strict=True)
+    return [_Point(x, (here, []), misfit.cost_of(here), damping) for x, here, damping in each]
 
 
 def _shortened(step: FloatArray) -> FloatArray:

@@ -89,6 +89,11 @@ class Fitted:
         rest = tuple(other for other in self.effects if other is not effect)
         return rest, np.concatenate((self.shared, *map(self.own, rest)))
 
+    def ending_with(self, effect: Effect) -> Self:
+        """The same with ``effect`` as the last of its effects."""
+        rest, x = self.without(effect)
+        return replace(self, misfit=self.misfit.like((*rest, effect)), x=np.concatenate((x, self.own(effect))))
+
     def canonical(self) -> Self:
         """The same, no less likely, with amplitudes positive and phases within a turn."""
         return replace(self, x=self.misfit.coordinates.canonical(self.x))

@@ -89,8 +89,8 @@ class InnovationMisfit(Misfit):
     def of_each(cls, pairs: Sequence[tuple[Self, FloatArray]]) -> list[Innovations]:
         """As `innovations_of`, of misfits of the same records, each at a point of its own; on all cores at once."""
         alike: dict[Hashable, list[int]] = {}
-        for at, (misfit, x) in enumerate(pairs):
-            alike.setdefault(misfit.abreast(x), []).append(at)
+        for at, (misfit, _) in enumerate(pairs):
+            alike.setdefault(misfit.abreast, []).append(at)
         groups = [few for places in alike.values() for few in _by(LANES, places)]
         found: dict[int, Innovations] = {}
         every = spread(lambda few: _side_by_side([pairs[at] for at in few]), groups)
@@ -98,9 +98,10 @@ class InnovationMisfit(Misfit):
             found.update(zip(few, series, strict=True))
         return [found[at] for at in range(len(pairs))]
 
-    def abreast(self, x: FloatArray) -> Hashable:
+    @cached_property
+    def abreast(self) -> Hashable:
         """The filter and the terms, which all lanes of a pass share."""
-        model = self.coordinates.model(x)
+        model = self.coordinates.model(self.coordinates.first())
         return self.is_wide, len(model.wave), *model.terms.kinds.tolist()
 
     @property

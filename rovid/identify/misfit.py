@@ -129,8 +129,9 @@ class Misfit(ABC):
     def about(self, x: FloatArray, near: Sequence[FloatArray], centre: Innovations | None = None) -> list[Innovations]:
         """As `innovations_of`, of ``x`` and points so ``near`` that differences count; at ``x`` they are ``centre``."""
 
+    @property
     @abstractmethod
-    def abreast(self, x: FloatArray) -> Hashable:
+    def abreast(self) -> Hashable:
         """What those have in common that can be looked at side by side, as many as come free with one."""
 
     @classmethod

@@ -120,7 +120,8 @@ class RunningAway:
 
     spare = 0
 
-    def abreast(self, _: FloatArray) -> int:
+    @property
+    def abreast(self) -> int:
         return 0
 
     @staticmethod
