@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from rovid.diagnose.rivals import is_plausible
+from rovid.diagnose.rivals import climbed_on, is_at_end, is_plausible
 from rovid.effects import effect_named
+from rovid.ground.arrays import FloatArray
 from rovid.identify.fitted import Fitted
 from rovid.identify.innovations import InnovationMisfit
 from rovid.identify.readings import Readings
+from rovid.identify.scoring import Innovations
 from tests import synthetic
 from tests.predictions import NOISE, TIME, TORQUE
 
@@ -40,3 +44,23 @@ def test_a_wave_that_is_no_narrow_band_is_none(misfit: InnovationMisfit) -> None
     x = coordinates.first()
     x[coordinates.before_effects :] = 0.05, 2.0 * SLOWEST, coordinates.high[-1]
     assert not is_plausible(Fitted.at(misfit, x))
+
+
+def test_who_cannot_reach_the_goal_is_not_followed(misfit: InnovationMisfit, monkeypatch: pytest.MonkeyPatch) -> None:
+    looked: list[InnovationMisfit] = []
+    look = InnovationMisfit.looked
+
+    def looked_at(self: InnovationMisfit, x: FloatArray) -> tuple[Innovations, list[Innovations]]:
+        looked.append(self)
+        return look(self, x)
+
+    monkeypatch.setattr(InnovationMisfit, "looked", looked_at)
+    begun = replace(Fitted.at(misfit, misfit.coordinates.first()), left=20.0)
+    assert climbed_on(begun, 1, goal=begun.cost - 20.5) is begun
+    assert not looked
+    further = climbed_on(begun, 1, goal=begun.cost - 19.5)
+    assert further.cost < begun.cost
+    # Without a goal all is followed, until nothing is left to be gained.
+    assert is_at_end(climbed_on(begun, 60))
+    ended = replace(begun, left=0.0)
+    assert climbed_on(ended, 60) is ended

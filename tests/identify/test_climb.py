@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
-from rovid.identify.climb import bounded_step, damped, with_curvature
+from rovid.ground.arrays import FloatArray
+from rovid.identify.climb import End, bounded_step, climb, damped, with_curvature
+from rovid.identify.scoring import Innovations, Slopes
 
 FREE = (np.full(2, -np.inf), np.full(2, np.inf))
 
@@ -36,3 +43,43 @@ def test_differences_of_gradients_tell_the_curvature_that_was_not_promised() -> 
     assert with_curvature(np.eye(2), been) == pytest.approx(true)
     # Where it was right it stays.
     assert with_curvature(true, been) == pytest.approx(true)
+
+
+@dataclass(frozen=True)
+class Overpromising:
+    """Stands for a misfit of two coordinates whose slopes promise more than there is; four points cost as one."""
+
+    asked: list[int]
+    spare: int = 3
+    remembered: int = 0
+
+    @property
+    def coordinates(self) -> SimpleNamespace:
+        return SimpleNamespace(bounds=(np.full(6, -np.inf), np.full(6, np.inf)))
+
+    def innovations_of(self, points: Sequence[FloatArray]) -> list[Innovations]:
+        self.asked.append(len(points))
+        # Away from nought its slope promises what lies far beyond that.
+        return [Innovations(np.arctan(10.0 * x[1:2]), np.ones(1)) for x in points]
+
+    def cost_of(self, here: Innovations) -> float:
+        return 0.5 * float(here.error @ here.error)
+
+    def looked(self, x: FloatArray) -> tuple[Innovations, list[Innovations]]:
+        (here,) = self.innovations_of([x])
+        return here, []
+
+    def slopes(self, x: FloatArray, known: tuple[Innovations, list[Innovations]]) -> Iterator[Slopes]:
+        slope = np.zeros((2, 6))
+        slope[0, 1] = 10.0 / (1.0 + (10.0 * x[1]) ** 2)
+        yield Slopes(slice(0, 1), np.array([known[0].error[0], 0.0]), slope)
+
+
+def test_where_a_step_fails_shorter_ones_are_tried_side_by_side() -> None:
+    asked = list[int]()
+    misfit: Any = Overpromising(asked)  # stands in for a Misfit
+    found = climb(misfit, np.array([0.0, 0.5, 0.0, 0.0, 0.0, 0.0]))
+    assert found.end is End.REACHED
+    assert found.x[1] == pytest.approx(0.0, abs=0.02)
+    # From there on Newton's step leads far beyond.
+    assert asked[:3] == [1, 1, 4]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rovid.effects import effect_named
-from rovid.identify.climb import End, climb
+from rovid.identify.climb import TOLERANCE, End, climb
 from rovid.identify.free_run import fit_free_run
 from rovid.identify.innovations import InnovationMisfit
 from rovid.identify.likelihood import LIMITS
@@ -30,8 +30,12 @@ def test_a_model_that_misses_much_is_fitted_to_the_end(tmp_path: Path) -> None:
     soon, late = climb(misfit, first, iterations=25), climb(misfit, first, iterations=300, tolerance=1e-6)
     # By scoring alone it would still be thousands away.
     assert soon.cost - late.cost < 1.0
+    begun = climb(misfit, first, iterations=1)
     assert climb(misfit, late.x).end is End.REACHED
-    assert climb(misfit, first, iterations=1).end is End.OUT_OF_STEPS
+    assert begun.end is End.OUT_OF_STEPS
+    # One step says that much is left, and at the end there is nothing.
+    assert begun.left > begun.cost - late.cost
+    assert soon.left <= TOLERANCE
 
 
 def test_misfits_of_any_effects_are_looked_at_together_as_each_alone() -> None:
