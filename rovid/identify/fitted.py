@@ -151,7 +151,7 @@ class Fitted:
             return 0.0
         return self.model.drivetrain.scale_doubt(vehicle, [run.trial for run in runs])
 
-    @property
+    @cached_property
     def at_limit(self) -> bool:
         """Whether the disturbance would be larger if it might."""
         return self.misfit.at_limit(self.x)

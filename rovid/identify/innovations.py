@@ -25,6 +25,8 @@ from rovid.model.model import Model
 One = TypeVar("One")
 # A disturbance is at its limit where its logarithm is nearer to that.
 _NEAR = 1e-3
+# By so much log-likelihood, as nineteen of twenty have it.
+_LESS_LIKELY = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,8 +134,15 @@ class InnovationMisfit(Misfit):
         """None: all look at the next reading."""
 
     def at_limit(self, x: FloatArray) -> bool:
-        """Whether the disturbance would be larger if it might."""
-        return bool(x[DISTURBANCE] > self.coordinates.high[DISTURBANCE] - _NEAR)
+        """Whether the disturbance would be larger if it might: it is at its limit, and half of that is less likely.
+
+        Where waves or an effect explain all, any size does.
+        """
+        if x[DISTURBANCE] <= self.coordinates.high[DISTURBANCE] - _NEAR:
+            return False
+        half = x - math.log(2.0) * (np.arange(len(x)) == DISTURBANCE)
+        here, there = self.costs_of([x, half])
+        return there - here > _LESS_LIKELY
 
     def disturbance(self, x: FloatArray) -> tuple[float, float]:
         """Standard deviation of the disturbance torque in N m, and its memory in s."""

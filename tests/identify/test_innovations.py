@@ -6,9 +6,11 @@ import secrets
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from rovid.effects import effect_named
 from rovid.identify.climb import TOLERANCE, End, climb
+from rovid.identify.coordinates import DISTURBANCE, INERTIA
 from rovid.identify.free_run import fit_free_run
 from rovid.identify.innovations import InnovationMisfit
 from rovid.identify.likelihood import LIMITS
@@ -50,3 +52,19 @@ def test_misfits_of_any_effects_are_looked_at_together_as_each_alone() -> None:
         # Side by side all take the steps of the one that needs most.
         assert np.max(np.abs(together.error - alone.error) / scatter) < 1e-3
         assert np.max(np.abs(np.sqrt(together.variance) / scatter - 1.0)) < 1e-3
+
+
+@pytest.mark.parametrize(("limit", "missed", "at_limit"), [(0.01, 0.5, True), (0.01, 0.0, False), (1e-7, 0.0, False)])
+def test_a_disturbance_is_at_its_limit_where_half_of_that_is_less_likely(
+    limit: float, missed: float, *, at_limit: bool
+) -> None:
+    """Not where nothing is missed, nor where so little is allowed that no reading shows it."""
+    records = Readings([synthetic.run(TIME, TORQUE, noise=NOISE)], synthetic.LOGGED, synthetic.ROSUB)
+    misfit = InnovationMisfit(records, limit)
+    x = misfit.coordinates.first()
+    x[INERTIA] += missed
+    x[DISTURBANCE] = misfit.coordinates.high[DISTURBANCE]
+    half = x.copy()
+    half[DISTURBANCE] -= np.log(2.0)
+    assert misfit.at_limit(x) is at_limit
+    assert not misfit.at_limit(half)
