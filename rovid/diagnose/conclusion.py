@@ -21,6 +21,7 @@ from rovid.diagnose.work import Suspected, Work, undecided
 from rovid.effects import CATALOGUE, Effect, EffectParameter
 from rovid.ground.arrays import FloatArray
 from rovid.ground.errors import DataError
+from rovid.ground.in_step import shared
 from rovid.identify.certainty import form_doubt
 from rovid.identify.courses import HORIZONS
 from rovid.identify.estimate import Estimate
@@ -309,8 +310,8 @@ def _with_waves(side: Side, waves: Finding) -> Side:
 
 
 def _ahead_of(work: Work) -> tuple[Ahead, ...]:
-    base = errors_ahead(work.base, work.folds(work.base), work.pieces)
-    extended = errors_ahead(work.final, work.folds(work.final), work.pieces)
+    models = [(fitted, work.folds(fitted)) for fitted in (work.base, work.final)]
+    base, extended = shared(lambda model: errors_ahead(*model, work.pieces), models)
     constant = time_constant(work.full.start, work.full.rate)
     ahead = []
     for horizon, one, other in zip(HORIZONS, base, extended, strict=True):

@@ -23,7 +23,7 @@ _FORMS_FITTED = 3
 ITERATIONS = 25
 # Sizes to begin with, as shares of what the slopes ask for: where they mislead, that may be far too much.
 _SHARES = (1.0, 0.3, 0.1)
-_FIRST_ITERATIONS = 2
+_FIRST_ITERATIONS = 4
 # Then those go on, for so many steps, that have this share of the best one's worth.
 _STAGES = ((0.2, 8), (0.4, ITERATIONS))
 # Rivals that come nearer than that to the best, in log-likelihood, are told from it by what they are worth to the end.
@@ -110,14 +110,14 @@ def fit_all(
     def followed(fits: Sequence[Fitted], iterations: int) -> list[Fitted]:
         close = max((gain(fit) for fit in fits if leads(fit)), default=-math.inf) - _CLOSE
         goals = [fit.cost - (close - gain(fit)) for fit in fits]
-        own = [fit.misfit for fit in fits]
-        return fitted_together(own, lambda at: climbed_on(fits[at], iterations, goals[at]))
+        misfits = [fit.misfit for fit in fits]
+        return fitted_together(misfits, lambda at: climbed_on(fits[at], iterations, goals[at]))
 
-    misfits = [_with_promised(current, promise) for promise in promises]
-    new = [at for at, misfit in enumerate(misfits) if misfit.key not in known]
-    begun = fitted_together([misfits[at] for at in new], lambda k: _begun(current, misfits[new[k]], promises[new[k]]))
-    ended = [known[misfit.key].ending_with(misfit.effects[-1]) for misfit in misfits if misfit.key in known]
-    ahead, behind = followed([*ended, *begun], _FIRST_ITERATIONS), list[Fitted]()
+    every = [(_with_promised(current, promise), promise) for promise in promises]
+    ended = [known[misfit.key].ending_with(one.effect) for misfit, one in every if misfit.key in known]
+    left = [(misfit, one) for misfit, one in every if misfit.key not in known]
+    begun = fitted_together([misfit for misfit, _ in left], lambda at: _begun(current, *left[at]))
+    ahead, behind = [*ended, *begun], list[Fitted]()
     for share, iterations in _STAGES:
         most = max(map(gain, ahead), default=0.0)
         least = max(share * most, 0.0)
