@@ -116,8 +116,9 @@ def climb(
         if here.cost - goal > _OUT_OF_REACH * gained:
             end = End.BEHIND
             break
-    # Where no step gained anything or there were no slopes, none will.
-    left = {End.REACHED: tolerance, End.BLOCKED: 0.0, End.RUNAWAY: 0.0}.get(end, _OUT_OF_REACH * gained)
+    # Where no step gained anything or there were no slopes, none will; and short steps tell little of what is left.
+    more = _OUT_OF_REACH * gained if here.damping <= _FIRST_DAMPING else math.inf
+    left = {End.REACHED: tolerance, End.BLOCKED: 0.0, End.RUNAWAY: 0.0}.get(end, more)
     return Climb(here.x, here.cost, end, left)
 
 
