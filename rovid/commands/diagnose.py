@@ -52,12 +52,9 @@ def diagnose(
         if compile_beside():
             # Both cores have more to do than that.
             reading.stop()
-        from rovid.diagnose.diagnosis import make_ready
-
         stored = stored_at(parameters, axis, force=force)
         paths = logs or remembered(stored)
         claim = claim_of_model(stored, paths, force=force)
-        make_ready()
         study = opened(paths, cutoff, stored.axis, reading)
     with working("Diagnosing …") as report:
         diagnosis = diagnosed(stored, study, report)

@@ -124,8 +124,13 @@ def diagnosed(stored: Parameters, study: Study, report: Callable[[str], None]) -
 
 
 def read_ahead(logs: Sequence[Path] | None, parameters: Path | None, axis: str | None, *, force: bool) -> ReadingAhead:
-    """Have a copy of this process read the logs: imports alone take a second meanwhile."""
+    """Have a copy of this process read the logs, while this one loads what a diagnosis takes: a second's work."""
     from rovid.readers.ahead import ReadingAhead
+
+    def meanwhile() -> None:
+        from rovid.diagnose.diagnosis import make_ready
+
+        make_ready()
 
     def asked() -> tuple[Sequence[Path], Axis]:
         if logs and not _parameter_file(parameters, axis).exists():
@@ -133,7 +138,7 @@ def read_ahead(logs: Sequence[Path] | None, parameters: Path | None, axis: str |
         stored = stored_at(parameters, axis, force=force)
         return logs or remembered(stored), stored.axis
 
-    return ReadingAhead(asked)
+    return ReadingAhead(asked, meanwhile)
 
 
 def opened(paths: Sequence[Path], cutoff: float | None, axis: Axis, reading: Reading | None = None) -> Study:

@@ -47,8 +47,8 @@ _DRIFT = EffectParameter(
     name="coefficient", unit="N s", null=0.0, low=-3.0, high=3.0, starts=(0.05, -0.05), scale="torque/sway"
 )
 _MUNK = replace(_DRIFT, name="munk", unit="kg", scale="torque/surge/sway")
-# s; of the sway, behind the turn. That of the smallest hulls fades within half a second or so: one that fades at once is
-# no other than damping by the square of the speed.
+# s; of the sway, behind the turn. That of the smallest hulls takes half a second or so to fade: one that fades at once
+# is no other cause than damping by the square of the speed.
 _FADES = EffectParameter(name="time_constant", unit="s", null=1.0, low=0.3, high=120.0, starts=(0.3, 2.0))
 
 EFFECT: Effect = Effect(

@@ -75,6 +75,11 @@ class Ahead(Generic[Result]):
         os.close(writes)
         self._told = os.fdopen(reads, "rb")
 
+    @property
+    def is_at_work(self) -> bool:
+        """Whether there is a copy, of which nothing was heard yet."""
+        return self._told is not None
+
     def result(self) -> Result | None:
         """What was told, once it is; None where nothing is."""
         if self._told is None:

@@ -22,15 +22,20 @@ class ReadingAhead(Ahead[_Read]):
     ----------
     asked
         Says, in the copy, which paths are to be read and along which axis.
+    meanwhile
+        What this process does before it waits for the copy.
     """
 
-    def __init__(self, asked: Callable[[], tuple[Sequence[Path], Axis]]) -> None:
+    def __init__(self, asked: Callable[[], tuple[Sequence[Path], Axis]], meanwhile: Callable[[], object]) -> None:
         super().__init__(lambda: _read(*asked()))
+        self._meanwhile = meanwhile
         self._known: _Read | None = None
 
     def __call__(self, path: Path, config: Config, name: str, remarks: list[Remark]) -> list[Trial]:
         """What is to be used of a log; ``remarks`` grow by what there is to say of it."""
         if self._known is None:
+            if self.is_at_work:
+                self._meanwhile()
             self._known = self.result() or {}
         # What was read is only kept by whom it is given to.
         trials, said = self._known.pop((path, name), (None, []))

@@ -44,18 +44,29 @@ def day(tmp_path: Path) -> Path:
 
 
 def read(day: Path, *, ahead: bool) -> tuple[Campaign, list[Path]]:
-    """The campaign, and which logs this process read itself."""
+    """The campaign, and which logs this process read itself; what it does meanwhile it does once, before it waits."""
     here: list[Path] = []
+    done: list[None] = []
 
     def noted(path: Path, config: Config, name: str, remarks: list[Remark]) -> list[Trial]:
         here.append(path)
         return trials_of(path, config, name, remarks)
 
     config = load_config(find_config([day]), YAW)
-    with pytest.MonkeyPatch.context() as patched, ReadingAhead(lambda: ([day], YAW)) as reading:
+    asked, meanwhile = lambda: ([day], YAW), lambda: done.append(None)
+    with pytest.MonkeyPatch.context() as patched, ReadingAhead(asked, meanwhile) as reading:
         for each in (module, ahead_module):
             patched.setattr(each, "trials_of", noted)
-        return read_campaign([day], config, reading=reading if ahead else None), here
+        campaign = read_campaign([day], config, reading=reading if ahead else None)
+    assert len(done) == int(ahead)
+    return campaign, here
+
+
+def test_where_the_copy_was_stopped_nothing_is_done_meanwhile(day: Path) -> None:
+    config = load_config(find_config([day]), YAW)
+    with ReadingAhead(lambda: ([day], YAW), lambda: pytest.fail("there is no copy to wait for")) as reading:
+        reading.stop()
+        assert len(read_campaign([day], config, reading=reading).trials) == 8
 
 
 def test_trials_and_remarks_are_the_same(day: Path) -> None:
@@ -87,5 +98,5 @@ def test_where_the_copy_ends_all_is_read_here(day: Path) -> None:
         os._exit(1)
 
     config = load_config(find_config([day]), YAW)
-    with ReadingAhead(asks) as reading:
+    with ReadingAhead(asks, lambda: None) as reading:
         assert len(read_campaign([day], config, reading=reading).trials) == 8
