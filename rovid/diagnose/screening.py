@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.diagnose.rivals import climbed_on, fitted_together, price_of_one, quickly_climbed, worth
+from rovid.diagnose.rivals import climbed_on, fitted_together, is_at_end, price_of_one, quickly_climbed, worth
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
 from rovid.ground.in_step import shared
@@ -101,7 +101,7 @@ def fit_all(
     """Each promise kept: fitted together with all else; and those that fell behind, left where they were.
 
     None is followed that cannot catch up with the worthiest of those that may lead, as ``leads`` has it. Models that
-    are ``known`` already are not fitted again.
+    are ``known`` to their end are not fitted again.
     """
 
     def gain(fit: Fitted) -> float:
@@ -114,8 +114,9 @@ def fit_all(
         return fitted_together(misfits, lambda at: climbed_on(fits[at], iterations, goals[at]))
 
     every = [(_with_promised(current, promise), promise) for promise in promises]
-    ended = [known[misfit.key].ending_with(one.effect) for misfit, one in every if misfit.key in known]
-    left = [(misfit, one) for misfit, one in every if misfit.key not in known]
+    ends = {key: fit for key, fit in known.items() if is_at_end(fit)}
+    ended = [ends[misfit.key].ending_with(one.effect) for misfit, one in every if misfit.key in ends]
+    left = [(misfit, one) for misfit, one in every if misfit.key not in ends]
     begun = fitted_together([misfit for misfit, _ in left], lambda at: _begun(current, *left[at]))
     ahead, behind = [*ended, *begun], list[Fitted]()
     for share, iterations in _STAGES:

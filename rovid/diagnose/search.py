@@ -15,7 +15,6 @@ from rovid.diagnose.rivals import (
     Rival,
     climbed_on,
     fitted_together,
-    is_at_end,
     is_plausible,
     plainest,
     quickly_climbed,
@@ -296,7 +295,8 @@ class Search:
     def _ended(self, fit: Fitted) -> Fitted:
         """``fit`` to the end, once: one that had no chance beside what may not be taken up was not followed so far."""
         if fit not in self._ends_of:
-            self._ends_of[fit] = climbed_on(fit, ITERATIONS)
+            ended = climbed_on(fit, ITERATIONS)
+            self._ends_of[fit] = self._ends_of[ended] = ended
         return self._ends_of[fit]
 
     def best_extension(self, current: Fitted) -> Fitted | None:
@@ -315,7 +315,7 @@ class Search:
                 listed = shortlist(current, promises, self.threshold, self.least)
             ahead, behind = fit_all(current, listed, self._leads, self.known.fits)
             self.known.extensions[current.key] = [*ahead, *behind]
-            for fit in filter(is_at_end, ahead):
+            for fit in ahead:
                 self.known.fits.setdefault(fit.key, fit)
         return self.known.extensions[current.key]
 
@@ -370,6 +370,8 @@ class Search:
         misfit = current.misfit.like(effects)
         if misfit.key not in self.known.fits:
             self.known.fits[misfit.key] = self._restored(quickly_climbed(misfit, x, ITERATIONS))
+        # One that was not followed to its end would make ``effect`` look as if it gained more.
+        self.known.fits[misfit.key] = self._ended(self.known.fits[misfit.key])
         return self.known.fits[misfit.key]
 
     def _restored(self, fitted: Fitted) -> Fitted:
