@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
 from importlib import import_module
 
 from rovid.campaign.vehicle import Vehicle
@@ -53,7 +52,6 @@ def _said(work: Work, notes: list[str]) -> list[str]:
     return said
 
 
-@cache
 def make_ready() -> None:
     """Import and load what a diagnosis takes: best while the logs are read, and before each copy does so for itself."""
     from rovid.model.kernels import compile_now, is_compiled

@@ -301,8 +301,7 @@ class Search:
 
     def best_extension(self, current: Fitted) -> Fitted | None:
         """The worthiest model with one effect more, whether it pays or not; None where there is none."""
-        plausible = [fit for fit in self.extensions(current) if is_plausible(fit)]
-        return max(plausible, key=worth, default=None)
+        return max(filter(is_plausible, self.extensions(current)), key=worth, default=None)
 
     def extensions(self, current: Fitted, *, growing: bool = False) -> list[Fitted]:
         """The model with each promising effect more, in each promising form."""
@@ -340,8 +339,7 @@ class Search:
         """What ``effect`` gains, and what each other cause would be worth in its place."""
         rest = self.without(current, effect)
         taken = {other.id for other in current.effects}
-        gain, net = rest.cost - current.cost, worth(current) - worth(rest)
-        return Cause(effect, gain, net, self._ranked(rest, taken))
+        return Cause(effect, rest.cost - current.cost, worth(current) - worth(rest), self._ranked(rest, taken))
 
     def candidates_beside(self, current: Fitted) -> tuple[Rival, ...]:
         """What each cause that ``current`` lacks would be worth beside it, best first."""
@@ -368,11 +366,10 @@ class Search:
         """The model without ``effect``, all else fitted again."""
         effects, x = current.without(effect)
         misfit = current.misfit.like(effects)
-        if misfit.key not in self.known.fits:
-            self.known.fits[misfit.key] = self._restored(quickly_climbed(misfit, x, ITERATIONS))
+        fit = self.known.fits.get(misfit.key) or self._restored(quickly_climbed(misfit, x, ITERATIONS))
         # One that was not followed to its end would make ``effect`` look as if it gained more.
-        self.known.fits[misfit.key] = self._ended(self.known.fits[misfit.key])
-        return self.known.fits[misfit.key]
+        self.known.fits[misfit.key] = ended = self._ended(fit)
+        return ended
 
     def _restored(self, fitted: Fitted) -> Fitted:
         """``fitted``, or if a model with one effect less was fitted better, that with the effect put in anew."""

@@ -47,7 +47,7 @@ def test_differences_of_gradients_tell_the_curvature_that_was_not_promised() -> 
 
 @dataclass(frozen=True)
 class Overpromising:
-    """Stands for a misfit of two coordinates whose slopes promise more than there is; four points cost as one."""
+    """Stands for a misfit of which one coordinate tells, and whose slopes promise too much; four points cost as one."""
 
     asked: list[int]
     spare: int = 3
