@@ -49,7 +49,12 @@ class Cause:
 
 def worth(fitted: Fitted) -> float:
     """Log-likelihood less the price of the effects' parameters."""
-    return -fitted.cost - price_of_one(fitted.misfit) * len(fitted.misfit.coordinates.parameters)
+    return cost_of(fitted.cost, fitted.misfit)
+
+
+def cost_of(worth: float, misfit: Misfit) -> float:
+    """Cost at which a model is worth so much, see `worth`."""
+    return -worth - price_of_one(misfit) * len(misfit.coordinates.parameters)
 
 
 def price_of_one(misfit: Misfit) -> float:

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.diagnose.rivals import climbed_on, fitted_together, is_at_end, price_of_one, quickly_climbed, worth
+from rovid.diagnose.rivals import climbed_on, cost_of, fitted_together, price_of_one, quickly_climbed, worth
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray
 from rovid.ground.in_step import shared
 from rovid.identify.fitted import Fitted
-from rovid.identify.misfit import Key, Misfit
+from rovid.identify.misfit import Misfit
 from rovid.identify.scoring import Innovations, NormalEquations, Slopes
 
 # Of the best candidate's promise, as far as its fit begins by keeping it: who promises less is not fitted.
@@ -96,47 +96,68 @@ def _abreast(begun: Sequence[_Begun]) -> list[list[int]]:
 
 
 def fit_all(
-    current: Fitted, promises: Sequence[Promise], leads: Callable[[Fitted], bool], known: Mapping[Key, Fitted]
+    current: Fitted, promises: Sequence[Promise], leads: Callable[[Fitted], bool], ends: Mapping[str, Fitted]
 ) -> tuple[list[Fitted], list[Fitted]]:
     """Each promise kept: fitted together with all else; and those that fell behind, left where they were.
 
-    None is followed that cannot catch up with the worthiest of those that may lead, as ``leads`` has it. Models that
-    are ``known`` to their end are not fitted again.
+    None is followed that cannot catch up with the worthiest of those that may lead, as ``leads`` has it. Of a cause
+    whose first forms fell behind no others are fitted that promise no more than that. ``ends`` are, by the key of what
+    they add, models that were followed to their end: these are not fitted again.
     """
 
     def gain(fit: Fitted) -> float:
         return worth(fit) - worth(current)
 
-    def followed(fits: Sequence[Fitted], iterations: int) -> list[Fitted]:
-        close = max((gain(fit) for fit in fits if leads(fit)), default=-math.inf) - _CLOSE
-        goals = [fit.cost - (close - gain(fit)) for fit in fits]
-        misfits = [fit.misfit for fit in fits]
-        return fitted_together(misfits, lambda at: climbed_on(fits[at], iterations, goals[at]))
+    def least(share: float, fits: Sequence[Fitted]) -> float:
+        return max(share * max(map(gain, fits), default=0.0), 0.0)
 
-    every = [(_with_promised(current, promise), promise) for promise in promises]
-    ends = {key: fit for key, fit in known.items() if is_at_end(fit)}
-    ended = [ends[misfit.key].ending_with(one.effect) for misfit, one in every if misfit.key in ends]
-    left = [(misfit, one) for misfit, one in every if misfit.key not in ends]
-    begun = fitted_together([misfit for misfit, _ in left], lambda at: _begun(current, *left[at]))
-    ahead, behind = [*ended, *begun], list[Fitted]()
+    def goals(misfits: Sequence[Misfit], fits: Sequence[Fitted]) -> list[float]:
+        close = max(map(worth, filter(leads, fits)), default=-math.inf) - _CLOSE
+        return [cost_of(close, misfit) for misfit in misfits]
+
+    def begun(few: Sequence[Promise]) -> list[Fitted]:
+        misfits = [_with_promised(current, one) for one in few]
+        costs = goals(misfits, ended)
+        return fitted_together(misfits, lambda at: _begun(current, misfits[at], few[at], costs[at]))
+
+    def followed(fits: Sequence[Fitted], iterations: int) -> list[Fitted]:
+        misfits = [fit.misfit for fit in fits]
+        costs = goals(misfits, fits)
+        return fitted_together(misfits, lambda at: climbed_on(fits[at], iterations, costs[at]))
+
+    ended = [ends[one.effect.key] for one in promises if one.effect.key in ends]
+    left = [one for one in promises if one.effect.key not in ends]
+    first = _first_of_each(left)
+    ahead, behind = [*ended, *begun(first)], list[Fitted]()
+    limit = least(_STAGES[0][0], ahead)
+    in_front = {fit.effects[-1].id for fit in ahead if gain(fit) >= limit}
+    more = [one for one in left if one.effect.id in in_front or one.gain >= limit]
+    ahead += begun([one for one in more if one not in first])
     for share, iterations in _STAGES:
-        most = max(map(gain, ahead), default=0.0)
-        least = max(share * most, 0.0)
-        behind += [fit for fit in ahead if gain(fit) < least]
-        ahead = followed([fit for fit in ahead if gain(fit) >= least], iterations)
+        limit = least(share, ahead)
+        behind += [fit for fit in ahead if gain(fit) < limit]
+        ahead = followed([fit for fit in ahead if gain(fit) >= limit], iterations)
     return ahead, behind
+
+
+def _first_of_each(promises: Sequence[Promise]) -> list[Promise]:
+    """Of each cause the most promising form, and the first of the plainest."""
+    groups = by_cause(promises)
+    plainest = [min(forms, key=lambda one: len(one.effect.parameters)) for forms in groups]
+    pairs = zip(groups, plainest, strict=True)
+    return [one for forms, plain in pairs for one in dict.fromkeys((forms[0], plain))]
 
 
 def _with_promised(current: Fitted, promise: Promise) -> Misfit:
     return current.misfit.like((*current.effects, promise.effect))
 
 
-def _begun(current: Fitted, misfit: Misfit, promise: Promise) -> Fitted:
-    """``current`` with what is promised, after the first steps from the nearest of several sizes."""
+def _begun(current: Fitted, misfit: Misfit, promise: Promise, goal: float) -> Fitted:
+    """``current`` with what is promised, after the first steps from the nearest of several sizes to the ``goal``."""
     scaled = [sized(promise.effect, promise.start, share) for share in _SHARES]
     begins = [np.concatenate((current.x, start)) for start in (promise.unscaled, *scaled)]
     (nearest,) = misfit.likeliest(begins, 1)
-    return quickly_climbed(misfit, nearest, _FIRST_ITERATIONS)
+    return quickly_climbed(misfit, nearest, _FIRST_ITERATIONS, goal)
 
 
 class _Complement:
@@ -200,6 +221,8 @@ def _promised(
     if gains[best] <= 0.0:
         return 0.0, begins[best], unscaled, shown
     together = 0.5 * float(pull @ np.linalg.pinv(information, rcond=1e-6) @ pull)
+    # What noise gains by so many starts together is no promise: all but one are paid for.
+    together -= price_of_one(misfit) * (len(begins) - 1)
     asked = float(share[best])
     # Slopes hold near by: what they ask for is neither taken to be next to nothing nor far away.
     taken = min(max(abs(asked), 0.1), 5.0)
@@ -250,11 +273,14 @@ def best_forms(promises: Sequence[Promise]) -> list[Promise]:
     return listed
 
 
-def shortlist(current: Fitted, promises: Sequence[Promise], threshold: float, share: float) -> list[Promise]:
+def shortlist(
+    current: Fitted, promises: Sequence[Promise], threshold: float, share: float, gained: float = 0.0
+) -> list[Promise]:
     """The forms worth fitting: of the causes that promise most, the best forms of each, and simpler ones.
 
     None promises less than a ``share`` of what it has to gain: its parameters' price and the ``threshold``. Slopes
-    promise too much of some forms, and one with fewer parameters may gain as much.
+    promise too much of some forms, and one with fewer parameters may gain as much. So much is ``gained`` by one that
+    is known already.
     """
     each = price_of_one(current.misfit)
 
@@ -263,7 +289,7 @@ def shortlist(current: Fitted, promises: Sequence[Promise], threshold: float, sh
 
     ranked = [group for group in by_cause(promises)[:_FITTED] if any(map(is_enough, group))]
     kept = shared(lambda group: min(group[0].gain, _outright(current, group[0])), ranked)
-    top = max(kept, default=0.0)
+    top = max((gained, *kept))
     listed: list[Promise] = []
     for group in ranked:
         if group[0].gain >= _PROMISE * top:

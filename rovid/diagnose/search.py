@@ -15,6 +15,7 @@ from rovid.diagnose.rivals import (
     Rival,
     climbed_on,
     fitted_together,
+    is_at_end,
     is_plausible,
     plainest,
     quickly_climbed,
@@ -256,6 +257,7 @@ class Search:
 
     def _pruned(self, current: Fitted) -> Fitted:
         """Without what is no longer needed: one effect may have stood in for another that came later."""
+        self._fit([current.without(effect) for effect in current.effects], current.misfit)
         for effect in current.effects:
             rest = self.without(current, effect)
             if not self.pays(current, rest):
@@ -307,16 +309,27 @@ class Search:
         """The model with each promising effect more, in each promising form."""
         self._looked_beside.add(current.key)
         if current.key not in self.known.extensions:
-            promises = self.promised(current)
+            promises, ends = self.promised(current), self._known_ends(current)
             if growing and self.thorough(current):
                 listed = best_forms(promises)
             else:
-                listed = shortlist(current, promises, self.threshold, self.least)
-            ahead, behind = fit_all(current, listed, self._leads, self.known.fits)
+                gained = max((current.cost - fit.cost for fit in ends.values() if self._leads(fit)), default=0.0)
+                listed = shortlist(current, promises, self.threshold, self.least, gained)
+            ahead, behind = fit_all(current, listed, self._leads, ends)
             self.known.extensions[current.key] = [*ahead, *behind]
             for fit in ahead:
                 self.known.fits.setdefault(fit.key, fit)
         return self.known.extensions[current.key]
+
+    def _known_ends(self, current: Fitted) -> dict[str, Fitted]:
+        """Models with one effect more that were followed to their end, by the key of that effect."""
+        limit, here = current.key
+        ends: dict[str, Fitted] = {}
+        for (allowed, keys), fit in self.known.fits.items():
+            if allowed == limit and here < keys and len(keys) == len(here) + 1 and is_at_end(fit):
+                (last,) = (effect for effect in fit.effects if effect.key not in here)
+                ends[last.key] = fit.ending_with(last)
+        return ends
 
     def _leads(self, fit: Fitted) -> bool:
         """Whether it may be taken up as it is, and not for want of a named cause."""
@@ -357,19 +370,26 @@ class Search:
 
     def without_any(self, current: Fitted, *, but_waves: bool = False) -> Fitted:
         """The model without any effect, or with its waves alone."""
-        for effect in current.effects:
-            if not (effect.wave and but_waves):
-                current = self.without(current, effect)
-        return current
+        return self.without(current, *(effect for effect in current.effects if not (effect.wave and but_waves)))
 
-    def without(self, current: Fitted, effect: Effect) -> Fitted:
-        """The model without ``effect``, all else fitted again."""
-        effects, x = current.without(effect)
-        misfit = current.misfit.like(effects)
-        fit = self.known.fits.get(misfit.key) or self._restored(quickly_climbed(misfit, x, ITERATIONS))
-        # One that was not followed to its end would make ``effect`` look as if it gained more.
-        self.known.fits[misfit.key] = ended = self._ended(fit)
+    def without(self, current: Fitted, *dropped: Effect) -> Fitted:
+        """The model without some effects, all else fitted again."""
+        if not dropped:
+            return current
+        effects, x = current.without(*dropped)
+        self._fit([(effects, x)], current.misfit)
+        key = current.misfit.like(effects).key
+        # One that was not followed to its end would make the effects look as if they gained more.
+        self.known.fits[key] = ended = self._ended(self.known.fits[key])
         return ended
+
+    def _fit(self, models: Sequence[tuple[tuple[Effect, ...], FloatArray]], misfit: Misfit) -> None:
+        """Those ``models`` that are not known, by their effects and (p,) where to climb from, all at once."""
+        pairs = [(misfit.like(effects), x) for effects, x in models]
+        left = [pair for pair in pairs if pair[0].key not in self.known.fits]
+        fits = fitted_together([one for one, _ in left], lambda at: quickly_climbed(*left[at], ITERATIONS))
+        for fit in fits:
+            self.known.fits[fit.key] = self._restored(fit)
 
     def _restored(self, fitted: Fitted) -> Fitted:
         """``fitted``, or if a model with one effect less was fitted better, that with the effect put in anew."""

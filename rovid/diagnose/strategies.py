@@ -33,8 +33,8 @@ _MARGIN_AHEAD = math.log(ESTABLISHED / (1.0 - ESTABLISHED) / PRIOR_ODDS)
 _THINNED, _THINNED_SECONDS = 0.05, 0.2
 # For waves so many readings do, this share of the time constant apart at most.
 _READINGS, _THINNED_WAVES = 6000, 0.1
-# Readings so many times farther apart are looked at first, whether each next reading can tell what is missing.
-_FARTHER = 4.0
+# Readings so many times fewer are looked at first, whether each next reading can tell what is missing.
+_FEWER = 4.0
 # Fewer predictions than so many tell nothing: the logs are too short beside the vehicle's time constant.
 _FEWEST_READINGS = 2.0
 # A model that explains all takes so few steps from what predictions found.
@@ -184,7 +184,7 @@ class ByInnovations:
     @property
     def _first(self) -> Readings:
         """Which are looked at first: the few, where there are many more to be searched."""
-        return self.few if self.few.interval > _FARTHER * self._quick.interval else self._quick
+        return self.few if len(self._quick.trial) > _FEWER * len(self.few.trial) else self._quick
 
     def _base(self, records: Readings) -> Fitted:
         """The model without effects, by each next reading of ``records``."""

@@ -84,9 +84,9 @@ class Fitted:
         """Coordinates before those of the effects."""
         return self.x[: self.misfit.coordinates.before_effects]
 
-    def without(self, effect: Effect) -> tuple[tuple[Effect, ...], FloatArray]:
+    def without(self, *effects: Effect) -> tuple[tuple[Effect, ...], FloatArray]:
         """The other effects, and the coordinates that are left."""
-        rest = tuple(other for other in self.effects if other is not effect)
+        rest = tuple(other for other in self.effects if other not in effects)
         return rest, np.concatenate((self.shared, *map(self.own, rest)))
 
     def ending_with(self, effect: Effect) -> Self:

@@ -172,10 +172,9 @@ def _side_by_side(pairs: Sequence[tuple[InnovationMisfit, FloatArray]]) -> list[
     every = [pairs[min(at, len(pairs) - 1)] for at in range(LANES)]
     models = [misfit.coordinates.model(x) for misfit, x in pairs]
     models += models[-1:] * (LANES - len(pairs))
-    once = {id(model): records.seen(model) for model in models}
-    seen = [once[id(model)] for model in models]
+    seen = [records.seen(model) for model in models]
     drives = [records.drives_between(model) for model in models]
-    driven = Driven.of(drives, [angle for angle, _ in seen])
+    driven = Driven.of(drives, [one.angle for one in seen])
     abreast = Abreast.of(models, [misfit.noise(x) for misfit, x in every])
     errors, variances = (innovations_wide if first.is_wide else innovations)(records.logged, driven, abreast)
     found = []

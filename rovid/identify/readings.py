@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from rovid.ground.arrays import FloatArray, IntArray
+from rovid.ground.recent import Recent
 from rovid.identify.records import Records
 from rovid.model.batch import Logged
+from rovid.model.instrument import Instrument
 from rovid.model.integration import initial_rate
 from rovid.model.model import Model
 from rovid.motion.runs import Run
@@ -21,6 +23,8 @@ _RATE_NOISE_FLOOR = 1e-5  # rad/s; no gyro is better
 _RATE_ERROR = 0.2
 # s, and into how many at least all time is cut.
 _BLOCK_SECONDS, _BLOCKS = 40.0, 12
+# Bytes of headings without their deviation that are kept.
+_KEPT = 16_000_000
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -74,6 +78,18 @@ class RunReadings:
     def told_at(self) -> FloatArray:
         """(m,) s, of each innovation: of the positions, then of the rates."""
         return np.concatenate((self.time[self.known], self.time[self.known_rates]))
+
+
+class Seen(NamedTuple):
+    """(n,) the angle without the deviation of the heading, and d(measured)/d(true) where there is one."""
+
+    angle: FloatArray
+    gain: FloatArray | None
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes."""
+        return self.angle.nbytes + (0 if self.gain is None else self.gain.nbytes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,12 +153,21 @@ class Readings(Records):
         """(n,) measured position along the body's axis at each instant, the runs one after the other."""
         return np.concatenate([run.angle for run in self.of_runs])
 
-    def seen(self, model: Model) -> tuple[FloatArray, FloatArray | None]:
-        """(n,) the angle without the deviation of the heading, and d(measured)/d(true) where there is one."""
-        if not model.instrument.deviates:
-            return self.angle, None
-        true, gain = model.instrument.as_true(self._position)
-        return self.angle - (self._position - true), gain
+    def seen(self, model: Model) -> Seen:
+        """What a filter goes by, with the heading as the instrument of ``model`` shows it; worked out once."""
+        instrument = model.instrument
+        if not instrument.deviates:
+            return Seen(self.angle, None)
+        return self._recent.of(instrument.made_of, lambda: self._corrected(instrument))
+
+    def _corrected(self, instrument: Instrument) -> Seen:
+        true, gain = instrument.as_true(self._position)
+        return Seen(self.angle - (self._position - true), gain)
+
+    @cached_property
+    def _recent(self) -> Recent:
+        """What was `seen`: models that are compared have the same deviation, but where that is what is looked at."""
+        return Recent(_KEPT)
 
     @cached_property
     def _position(self) -> FloatArray:

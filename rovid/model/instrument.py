@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass
 
 import numpy as np
 
 from rovid.effects.base import OnHeading
 from rovid.ground.arrays import FloatArray
-from rovid.model.acting import Acting, that_act
+from rovid.model.acting import Acting, each_that, that_act
 
 # Into how many arcs the way round is cut: between their ends the largest deviation there is is known to 1e-8 rad.
 _ROUND, _ARCS = 2.0 * math.pi, 512
@@ -26,6 +27,11 @@ class Instrument:
     def deviates(self) -> bool:
         """Whether the measured heading is not the true one."""
         return any(isinstance(one.effect.acts, OnHeading) for one in self.acting)
+
+    @property
+    def made_of(self) -> tuple[Hashable, ...]:
+        """What tells how the heading deviates: the effects on it, with their parameters."""
+        return tuple((one.effect, *one.numbers.tolist()) for one, _ in each_that(self.acting, OnHeading))
 
     def deviation(self, heading: FloatArray) -> FloatArray:
         """(n,) rad by which the instrument's heading is off at the (n,) true headings in rad."""
