@@ -149,7 +149,7 @@ def _across_forms(work: Work, estimate: Estimate) -> Estimate:
     for effect in final.effects:
         rest = search.without(final, effect)
         earned = worth(final) - worth(rest)
-        for fit in search.extensions(rest):
+        for fit in search.in_place_of(final, effect):
             if not is_plausible(fit) or is_signal(fit.effects[-1]) or fit.key == final.key:
                 continue
             alike = not white and worth(fit) - worth(rest) >= _NEARLY * earned

@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
-import numpy as np
-
+from rovid.diagnose.keeping import PROMISE, best_forms, fit_all, gains_of, shortlist
+from rovid.diagnose.known import Known, climbed_from_best
+from rovid.diagnose.replacing import may_replace
 from rovid.diagnose.rivals import (
     REMAINDER,
     Cause,
     Rival,
-    climbed_on,
     fitted_together,
-    is_at_end,
     is_plausible,
     plainest,
-    quickly_climbed,
     worth,
 )
-from rovid.diagnose.screening import ITERATIONS, Promise, best_forms, fit_all, gains_of, screen, shortlist
+from rovid.diagnose.screening import Promise, screen
 from rovid.diagnose.signals import is_signal
 from rovid.effects import Effect
-from rovid.ground.arrays import FloatArray
 from rovid.identify.fitted import Fitted
 from rovid.identify.likelihood import loosened
 from rovid.identify.misfit import Key, Misfit
@@ -49,23 +46,6 @@ Report = Callable[[str], None]
 # What each cause more would gain, the most first; and whether that is too little to go on.
 Gains = Callable[[], Sequence[float]]
 Hopeless = Callable[[Fitted, Gains], bool]
-
-
-@dataclass(eq=False)
-class Known:
-    """What was worked out of models of the same readings, beside which the same forms are tried.
-
-    Parameters
-    ----------
-    promises, extensions
-        By the key of a model, what each further form promises there, and the model with each that was fitted.
-    fits
-        Every model that was fitted, by its key.
-    """
-
-    promises: dict[Key, list[Promise]] = field(default_factory=dict)
-    extensions: dict[Key, list[Fitted]] = field(default_factory=dict)
-    fits: dict[Key, Fitted] = field(default_factory=dict)
 
 
 @dataclass(eq=False)
@@ -111,7 +91,6 @@ class Search:
     _barred: set[str] = field(default_factory=set)
     _left: set[Key] = field(default_factory=set)
     _looked_beside: set[Key] = field(default_factory=set)
-    _ends_of: dict[Fitted, Fitted] = field(default_factory=dict)
 
     def _ends(self) -> bool:
         """Whether to look at no more models."""
@@ -178,7 +157,7 @@ class Search:
         while len(current.effects) < _MAX_EFFECTS and not self._ends():
             better = self._best(self.extensions(current, growing=True), current)
             if better is not current:
-                better = self._ended(plainest(better, self._plausible(current), current))
+                better = self.known.ended(plainest(better, self._plausible(current), current))
             if not self.pays(better, current):
                 better = self._best_pair(current)
             if not self.pays(better, current):
@@ -257,7 +236,7 @@ class Search:
 
     def _pruned(self, current: Fitted) -> Fitted:
         """Without what is no longer needed: one effect may have stood in for another that came later."""
-        self._fit([current.without(effect) for effect in current.effects], current.misfit)
+        self.known.fit(current.misfit, [current.without(effect) for effect in current.effects])
         for effect in current.effects:
             rest = self.without(current, effect)
             if not self.pays(current, rest):
@@ -270,7 +249,7 @@ class Search:
             return current
         for effect in current.effects:
             rest = self.without(current, effect)
-            other = self._best(self.extensions(rest), rest)
+            other = self._best(self.in_place_of(current, effect), rest)
             if worth(other) > worth(current) + _WORTH_A_CHANGE and other.key not in self._left:
                 self._left.add(current.key)
                 return self._opened(self._pruned(other))
@@ -292,14 +271,7 @@ class Search:
         least, share = _SIGNAL_HANDICAP
         gap = least + share * max(worth(best) - worth(default), 0.0)
         chosen = signal if worth(signal) > worth(best) + gap else best
-        return chosen if chosen is default else self._ended(chosen)
-
-    def _ended(self, fit: Fitted) -> Fitted:
-        """``fit`` to the end, once: one that had no chance beside what may not be taken up was not followed so far."""
-        if fit not in self._ends_of:
-            ended = climbed_on(fit, ITERATIONS)
-            self._ends_of[fit] = self._ends_of[ended] = ended
-        return self._ends_of[fit]
+        return chosen if chosen is default else self.known.ended(chosen)
 
     def best_extension(self, current: Fitted) -> Fitted | None:
         """The worthiest model with one effect more, whether it pays or not; None where there is none."""
@@ -309,27 +281,36 @@ class Search:
         """The model with each promising effect more, in each promising form."""
         self._looked_beside.add(current.key)
         if current.key not in self.known.extensions:
-            promises, ends = self.promised(current), self._known_ends(current)
-            if growing and self.thorough(current):
-                listed = best_forms(promises)
-            else:
-                gained = max((current.cost - fit.cost for fit in ends.values() if self._leads(fit)), default=0.0)
-                listed = shortlist(current, promises, self.threshold, self.least, gained)
-            ahead, behind = fit_all(current, listed, self._leads, ends)
-            self.known.extensions[current.key] = [*ahead, *behind]
-            for fit in ahead:
-                self.known.fits.setdefault(fit.key, fit)
+            every = growing and self.thorough(current)
+            self.known.extensions[current.key] = self._extended(current, self.promised(current), every=every)
         return self.known.extensions[current.key]
 
-    def _known_ends(self, current: Fitted) -> dict[str, Fitted]:
-        """Models with one effect more that were followed to their end, by the key of that effect."""
-        limit, here = current.key
-        ends: dict[str, Fitted] = {}
-        for (allowed, keys), fit in self.known.fits.items():
-            if allowed == limit and here < keys and len(keys) == len(here) + 1 and is_at_end(fit):
-                (last,) = (effect for effect in fit.effects if effect.key not in here)
-                ends[last.key] = fit.ending_with(last)
-        return ends
+    def in_place_of(self, current: Fitted, effect: Effect) -> list[Fitted]:
+        """As `extensions` of ``current`` without ``effect``, of what may do what that does."""
+        rest = self.without(current, effect)
+        if rest.key in self.known.extensions or PROMISE * (rest.cost - current.cost) < self.threshold:
+            # So little may be promised by chance.
+            return self.extensions(rest)
+        self._looked_beside.add(rest.key)
+        keys = current.key, rest.key
+        if keys not in self.known.replacements:
+            same = [form for form in self.candidates if form.id == effect.id]
+            forms = [*same, *may_replace(current, effect, self.promised(current))]
+            self.known.replacements[keys] = self._extended(rest, screen(rest, forms))
+        return self.known.replacements[keys]
+
+    def _extended(self, current: Fitted, promises: Sequence[Promise], *, every: bool = False) -> list[Fitted]:
+        """The model with each form that is worth a fit more, or with each at all."""
+        ends = self.known.ends_beside(current)
+        if every:
+            listed = best_forms(promises)
+        else:
+            gained = max((current.cost - fit.cost for fit in ends.values() if self._leads(fit)), default=0.0)
+            listed = shortlist(current, promises, self.threshold, self.least, gained)
+        ahead, behind = fit_all(current, listed, self._leads, ends)
+        for fit in ahead:
+            self.known.fits.setdefault(fit.key, fit)
+        return [*ahead, *behind]
 
     def _leads(self, fit: Fitted) -> bool:
         """Whether it may be taken up as it is, and not for want of a named cause."""
@@ -351,16 +332,18 @@ class Search:
     def cause(self, current: Fitted, effect: Effect) -> Cause:
         """What ``effect`` gains, and what each other cause would be worth in its place."""
         rest = self.without(current, effect)
-        taken = {other.id for other in current.effects}
-        return Cause(effect, rest.cost - current.cost, worth(current) - worth(rest), self._ranked(rest, taken))
+        rivals = self._ranked(rest, self.in_place_of(current, effect), current)
+        return Cause(effect, rest.cost - current.cost, worth(current) - worth(rest), rivals)
 
     def candidates_beside(self, current: Fitted) -> tuple[Rival, ...]:
         """What each cause that ``current`` lacks would be worth beside it, best first."""
-        return self._ranked(current, {effect.id for effect in current.effects})
+        return self._ranked(current, self.extensions(current), current)
 
-    def _ranked(self, rest: Fitted, taken: Collection[str]) -> tuple[Rival, ...]:
+    def _ranked(self, rest: Fitted, extensions: Sequence[Fitted], current: Fitted) -> tuple[Rival, ...]:
+        """What the best of the ``extensions`` by each cause that ``current`` lacks adds to ``rest``, best first."""
+        taken = {effect.id for effect in current.effects}
         best: dict[str, Rival] = {}
-        for fit in self.extensions(rest):
+        for fit in extensions:
             last, net = fit.effects[-1], worth(fit) - worth(rest)
             if last.id in taken or not is_plausible(fit):
                 continue
@@ -374,45 +357,13 @@ class Search:
 
     def without(self, current: Fitted, *dropped: Effect) -> Fitted:
         """The model without some effects, all else fitted again."""
-        if not dropped:
-            return current
-        effects, x = current.without(*dropped)
-        self._fit([(effects, x)], current.misfit)
-        key = current.misfit.like(effects).key
-        # One that was not followed to its end would make the effects look as if they gained more.
-        self.known.fits[key] = ended = self._ended(self.known.fits[key])
-        return ended
-
-    def _fit(self, models: Sequence[tuple[tuple[Effect, ...], FloatArray]], misfit: Misfit) -> None:
-        """Those ``models`` that are not known, by their effects and (p,) where to climb from, all at once."""
-        pairs = [(misfit.like(effects), x) for effects, x in models]
-        left = [pair for pair in pairs if pair[0].key not in self.known.fits]
-        fits = fitted_together([one for one, _ in left], lambda at: quickly_climbed(*left[at], ITERATIONS))
-        for fit in fits:
-            self.known.fits[fit.key] = self._restored(fit)
-
-    def _restored(self, fitted: Fitted) -> Fitted:
-        """``fitted``, or if a model with one effect less was fitted better, that with the effect put in anew."""
-        for effect in fitted.effects:
-            effects, _ = fitted.without(effect)
-            less = self.known.fits.get(fitted.misfit.like(effects).key)
-            if less is not None and less.cost < fitted.cost:
-                misfit = fitted.misfit.like((*effects, effect))
-                return _climbed_from_best(misfit, less.x, misfit.coordinates.starts())
-        return fitted
+        return self.known.without(current, *dropped)
 
 
 def _joined(misfit: Misfit, one: Fitted, other: Fitted) -> Fitted:
     """``one`` with the last effect of ``other`` besides, which is what ``misfit`` has."""
     starts = (other.own(other.effects[-1]), *misfit.coordinates.starts())
-    return _climbed_from_best(misfit, one.x, starts)
-
-
-def _climbed_from_best(misfit: Misfit, x: FloatArray, starts: Sequence[FloatArray]) -> Fitted:
-    """``x`` with that one of ``starts`` for the last effect that is best as it stands, fitted from there."""
-    begins = [np.concatenate((x, start)) for start in starts]
-    (best,) = misfit.likeliest(begins, 1)
-    return quickly_climbed(misfit, best, ITERATIONS)
+    return climbed_from_best(misfit, one.x, starts)
 
 
 def _named(effects: Sequence[Effect]) -> str:

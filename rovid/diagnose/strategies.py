@@ -9,11 +9,12 @@ from functools import cached_property
 
 import numpy as np
 
+from rovid.diagnose.keeping import ITERATIONS, gains_of
+from rovid.diagnose.known import Known
 from rovid.diagnose.odds import ESTABLISHED, PRIOR_ODDS
 from rovid.diagnose.parts import Piece
 from rovid.diagnose.rivals import is_plausible, quickly_climbed, worth
-from rovid.diagnose.screening import ITERATIONS, gains_of
-from rovid.diagnose.search import MARGIN, Gains, Hopeless, Known, Report, Search
+from rovid.diagnose.search import MARGIN, Gains, Hopeless, Report, Search
 from rovid.diagnose.waves import Waves, look_for_waves
 from rovid.diagnose.work import Work
 from rovid.effects import Effect
@@ -183,8 +184,7 @@ class ByInnovations:
 
     @property
     def _first(self) -> Readings:
-        """Which are looked at first: the few, where there are many more to be searched."""
-        return self.few if len(self._quick.trial) > _FEWER * len(self.few.trial) else self._quick
+        return looked_first(self.few, self._quick)
 
     def _base(self, records: Readings) -> Fitted:
         """The model without effects, by each next reading of ``records``."""
@@ -210,6 +210,11 @@ class ByInnovations:
         forms = _beside(begun, self.candidates)
         known = self._known.setdefault((begun.records.interval, len(forms)), Known())
         return Search(forms, self.report, hopeless=hopeless, known=known)
+
+
+def looked_first(few: Readings, quick: Readings) -> Readings:
+    """Which are looked at before all that a search looks at: the few, where those of a ``quick`` look are many more."""
+    return few if len(quick.trial) > _FEWER * len(few.trial) else quick
 
 
 def _beside(begun: Fitted, candidates: Sequence[Effect]) -> list[Effect]:

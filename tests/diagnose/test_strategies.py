@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from rovid.diagnose.parts import pieces_of
-from rovid.diagnose.strategies import ByInnovations, by_horizons, few_of
+from rovid.diagnose.strategies import ByInnovations, by_horizons, few_of, looked_first
 from rovid.diagnose.waves import Waves
 from rovid.effects import Effect, effect_named
 from rovid.ground.arrays import FloatArray
@@ -142,3 +143,12 @@ def test_what_is_never_enough_is_searched_to_the_end() -> None:
     assert work.final.key in work.search.known.promises
     # Whoever refuses some of it and searches on is not told that the rest is enough.
     assert work.search.is_enough is None
+
+
+@pytest.mark.parametrize(("seconds", "are_few"), [(PERIOD, False), (3.0 * PERIOD, False), (6.0 * PERIOD, True)])
+def test_few_are_looked_at_first_where_they_are_many_times_fewer(seconds: float, *, are_few: bool) -> None:
+    quick = readings(0.0)
+    few = replace(quick, interval=seconds)
+    # However near the readings of the quick look are to each other: all of them have no interval.
+    assert quick.interval == 0.0
+    assert looked_first(few, quick) is (few if are_few else quick)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rovid.effects import effect_named
 from rovid.identify.readings import Readings
 from rovid.motion.runs import Run
 from tests import synthetic
@@ -51,3 +52,15 @@ def test_where_the_rate_alone_was_measured_a_position_is_known_at_the_start_alon
     one = readings(replace(RUN, trial=integrated)).of_runs[0]
     assert not len(one.known)
     assert len(one.known_rates) == len(TIME)
+
+
+def test_headings_are_freed_of_the_same_deviation_once() -> None:
+    off, records = effect_named("heading_deviation"), readings(RUN)
+    models = [replace(synthetic.ROSUB, effects=(off,), effect_values=(size, 0.3)) for size in (0.05, 0.05, 0.06)]
+    first, same, other = (records.seen(model) for model in models)
+    assert first is same
+    assert not np.array_equal(first.angle, other.angle)
+    assert first.gain is not None
+    plain = records.seen(synthetic.ROSUB)
+    assert plain.angle is records.seen(synthetic.ROSUB).angle
+    assert plain.gain is None
