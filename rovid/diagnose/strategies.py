@@ -180,7 +180,8 @@ class ByInnovations:
 
     @cached_property
     def _quick(self) -> Readings:
-        return replace(self.full, interval=interval_of(self.full))
+        interval = interval_of(self.full)
+        return replace(self.full, interval=interval) if interval > self.full.interval else self.full
 
     @property
     def _first(self) -> Readings:
