@@ -279,26 +279,35 @@ def _each(function: Any, count: int = 1) -> None:
 
 
 @inlined
-def _exp(x: Any) -> Any:
-    """As ``math.exp`` to two units in the last place, infinity above the largest and zero below the least double."""
-    x = smaller(larger(x, alike(_LEAST)), alike(_MOST))
+def _powers(x: Any) -> Any:
+    """Whole powers of two, and what times these gives the exponential of a moderate ``x``."""
     powers = (x * _PER_LN_2 + _ROUNDS) - _ROUNDS
     # ln 2 in two parts, of which the first times any power has no rounding.
     y = (x - powers * _LN_2) - powers * _LN_2_REST
     square = y * y
-    even, odd = alike(_TAYLOR[12]), alike(_TAYLOR[11])
-    for k in range(5):
-        even, odd = even * square + _TAYLOR[10 - 2 * k], odd * square + _TAYLOR[9 - 2 * k]
-    even = even * square + 1.0
+    fourth = square * square
+    # Pairs of terms do not wait for each other (Estrin).
+    low = (1.0 + y) + (_TAYLOR[2] + y * _TAYLOR[3]) * square
+    middle = (_TAYLOR[4] + y * _TAYLOR[5]) + (_TAYLOR[6] + y * _TAYLOR[7]) * square
+    high = (_TAYLOR[8] + y * _TAYLOR[9]) + (_TAYLOR[10] + y * _TAYLOR[11] + square * _TAYLOR[12]) * square
+    return powers, low + (middle + high * fourth) * fourth
+
+
+@inlined
+def _exp(x: Any) -> Any:
+    """As ``math.exp`` to two units in the last place, infinity above the largest and zero below the least double."""
+    powers, rest = _powers(smaller(larger(x, alike(_LEAST)), alike(_MOST)))
     # In two steps: the largest power there is, is out of reach for one.
     half = (0.5 * powers + _ROUNDS) - _ROUNDS
-    return (even + odd * y) * two_to(half) * two_to(powers - half)
+    return rest * two_to(half) * two_to(powers - half)
 
 
 @inlined
 def _tanh(x: Any) -> Any:
     """As ``math.tanh`` to 2e-16."""
-    fading = _exp(-2.0 * abs(x))
+    # Beyond 20 it is one.
+    powers, rest = _powers(-2.0 * smaller(abs(x), alike(20.0)))
+    fading = rest * two_to(powers)
     size = (1.0 - fading) / (1.0 + fading)
     return where_positive(x, size, -size)
 
