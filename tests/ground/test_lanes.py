@@ -121,6 +121,21 @@ def test_exponentials_of_what_is_no_number_or_endless() -> None:
     np.testing.assert_array_equal(asked_of_each(math.tanh, rows), [math.nan, 1.0, -1.0, 0.0])
 
 
+def test_sines_hold_for_a_million_turns_either_way() -> None:
+    quarters = 0.5 * math.pi * np.arange(-400, 400)
+    rows = np.concatenate(
+        (RNG.uniform(-6e6, 6e6, 4000), RNG.normal(scale=3.0, size=4000), RNG.normal(scale=1e-6, size=4000), quarters)
+    )
+    found = np.array([asked_of_each(math.sin, rows), asked_of_each(math.cos, rows)])
+    np.testing.assert_allclose(found, [np.sin(rows), np.cos(rows)], rtol=0.0, atol=3e-16)
+
+
+def test_there_is_no_sine_of_what_is_no_number_or_endless() -> None:
+    rows = np.array([math.nan, math.inf, -math.inf, 0.0])
+    np.testing.assert_array_equal(asked_of_each(math.sin, rows), [math.nan, math.nan, math.nan, 0.0])
+    np.testing.assert_array_equal(asked_of_each(math.cos, rows), [math.nan, math.nan, math.nan, 1.0])
+
+
 @pytest.mark.parametrize("name", OPERATORS)
 def test_so_they_do_where_nothing_is_compiled(name: str) -> None:
     function, wanted = OPERATORS[name]
