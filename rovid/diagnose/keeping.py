@@ -151,7 +151,10 @@ def _with_promised(current: Fitted, promise: Promise) -> Misfit:
 
 
 def _begun(current: Fitted, misfit: Misfit, promise: Promise, goal: float) -> Fitted:
-    """``current`` with what is promised, after the first steps from the nearest of several sizes to the ``goal``."""
+    """``current`` with what is promised, after the first steps from the nearest of several sizes.
+
+    Fewer if the ``goal`` is out of reach.
+    """
     scaled = [sized(promise.effect, promise.start, share) for share in _SHARES]
     begins = [np.concatenate((current.x, start)) for start in (promise.unscaled, *scaled)]
     (nearest,) = misfit.likeliest(begins, 1)

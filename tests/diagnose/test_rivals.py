@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from rovid.diagnose import rivals
 from rovid.diagnose.rivals import climbed_on, is_at_end, is_plausible
 from rovid.effects import effect_named
 from rovid.ground.arrays import FloatArray
@@ -64,3 +66,21 @@ def test_who_cannot_reach_the_goal_is_not_followed(misfit: InnovationMisfit, mon
     assert is_at_end(climbed_on(begun, 60))
     ended = replace(begun, left=0.0)
     assert climbed_on(ended, 60) is ended
+
+
+@pytest.mark.parametrize(("much", "at_once"), [(1e9, True), (1.0, False)])
+def test_fits_that_take_much_memory_come_one_after_the_other(
+    misfit: InnovationMisfit, monkeypatch: pytest.MonkeyPatch, much: float, *, at_once: bool
+) -> None:
+    asked: list[bool] = []
+
+    def one_by_one(function: Any, items: Any, *, among_threads: bool) -> list[Any]:
+        asked.append(among_threads)
+        return [function(item) for item in items]
+
+    monkeypatch.setattr(rivals, "_MUCH", much)
+    monkeypatch.setattr(rivals, "shared", one_by_one)
+    fitted = Fitted(misfit, misfit.coordinates.first(), 1.0)
+    (found,) = rivals.fitted_together([misfit], lambda _: fitted)
+    assert found.cost == 1.0
+    assert asked == [at_once]
