@@ -16,8 +16,8 @@ from rovid.identify.fitted import Fitted
 from rovid.identify.misfit import Misfit
 from rovid.identify.scoring import Innovations, NormalEquations, Slopes
 
-# Directions with less information tell nothing.
-_LEAST_POWER = 1e-9
+# Directions with less information tell nothing, and with more the model runs away.
+_LEAST_POWER, _MOST_POWER = 1e-9, 1e200
 # The gain, the starts and the power of a promise.
 _Told = tuple[float, FloatArray, FloatArray, float]
 # A form beside what is known already, and where to start from with it.
@@ -158,7 +158,7 @@ def _promised(
             power.append(one.information)
             common.append(own.with_others(one))
         gradient, information, both = (np.sum(each, axis=0) for each in (along, power, common))
-    bears = np.flatnonzero(np.isfinite(np.diag(information)) & np.isfinite(both).all(axis=0))
+    bears = np.flatnonzero((np.diag(information) < _MOST_POWER) & np.isfinite(both).all(axis=0))
     tried = Tried(np.array(begins)[bears], gradient[bears], information[np.ix_(bears, bears)], both[:, bears])
     if not bears.size:
         return (0.0, begins[0], begins[0], 0.0), tried
