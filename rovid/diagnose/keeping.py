@@ -7,7 +7,15 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from rovid.diagnose.rivals import climbed_on, cost_of, fitted_together, price_of_one, quickly_climbed, worth
+from rovid.diagnose.rivals import (
+    ITERATIONS,
+    climbed_on,
+    cost_of,
+    fitted_together,
+    price_of_one,
+    quickly_climbed,
+    worth,
+)
 from rovid.diagnose.screening import Promise, sized
 from rovid.ground.in_step import shared
 from rovid.identify.fitted import Fitted
@@ -17,7 +25,6 @@ from rovid.identify.misfit import Misfit
 PROMISE = 0.1
 _FITTED = 7
 _FORMS_FITTED = 3
-ITERATIONS = 25
 # Sizes to begin with, as shares of what the slopes ask for: where they mislead, that may be far too much.
 _SHARES = (1.0, 0.3, 0.1)
 _FIRST_ITERATIONS = 4
@@ -140,10 +147,11 @@ def fit_all(
 
 def _first_of_each(promises: Sequence[Promise]) -> list[Promise]:
     """Of each cause the most promising form, and the first of the plainest."""
-    groups = by_cause(promises)
-    plainest = [min(forms, key=lambda one: len(one.effect.parameters)) for forms in groups]
-    pairs = zip(groups, plainest, strict=True)
-    return [one for forms, plain in pairs for one in dict.fromkeys((forms[0], plain))]
+    first: list[Promise] = []
+    for forms in by_cause(promises):
+        plainest = min(forms, key=lambda one: len(one.effect.parameters))
+        first += forms[:1] if plainest is forms[0] else [forms[0], plainest]
+    return first
 
 
 def _with_promised(current: Fitted, promise: Promise) -> Misfit:

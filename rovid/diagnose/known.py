@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rovid.diagnose.keeping import ITERATIONS
-from rovid.diagnose.rivals import climbed_on, fitted_together, is_at_end, quickly_climbed
+from rovid.diagnose.rivals import ITERATIONS, climbed_on, fitted_together, is_at_end, quickly_climbed
 from rovid.diagnose.screening import Promise
 from rovid.effects import Effect
 from rovid.ground.arrays import FloatArray

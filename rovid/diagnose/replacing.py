@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rovid.diagnose.screening import Past, Promise, gains_each
+from rovid.diagnose.screening import Past, Promise, gain_together, gains_each, sized
 from rovid.effects import Effect
 from rovid.identify.fitted import Fitted
 
@@ -19,15 +19,12 @@ def may_replace(current: Fitted, effect: Effect, promises: Sequence[Promise]) ->
 
     That is taken away as far as slopes tell, and what each form would gain there is set beside what is lost.
     """
-    sizes = effect.parameters[: effect.sizes]
-    if any(size.endless for size in sizes) or not promises:
+    if any(size.endless for size in effect.parameters[: effect.sizes]) or not promises:
         # How far away nothing is cannot be told.
         return [one.effect for one in promises]
-    place = next(place for other, place in current.misfit.coordinates.places() if other is effect)
+    place, own = dict(current.misfit.coordinates.places())[effect], current.own(effect)
     held, moved = np.zeros(len(current.x), dtype=bool), np.zeros(len(current.x))
-    held[place] = True
-    first = place.start
-    moved[first : first + len(sizes)] = [size.null for size in sizes] - current.x[first : first + len(sizes)]
+    held[place], moved[place] = True, sized(effect, own, 0.0) - own
     past = Past(promises[0].own, held, moved)
     return [one.effect for one in promises if _gain(one, past) >= _SHARE * past.lost]
 
@@ -39,6 +36,6 @@ def _gain(promise: Promise, past: Past) -> float:
         return np.inf
     pull, information = past(tried)
     if form.sizes > 1:
-        return 0.5 * float(pull @ np.linalg.pinv(information, rcond=1e-6) @ pull)
+        return gain_together(pull, information)
     gains, _ = gains_each(form, pull, information)
     return float(gains.max())

@@ -12,8 +12,9 @@ from rovid.ground.in_step import shared
 from rovid.identify.fitted import Fitted, climbed
 from rovid.identify.misfit import Misfit
 
-# Of log-likelihood: a search looks no closer.
+# Of log-likelihood: a search looks no closer. So many steps are taken for that at most.
 _TOLERANCE = 0.1
+ITERATIONS = 25
 # Bytes that no more than one fit takes at a time.
 _MUCH = 5e7
 # Of what is gained so much may be no more than how nature's form of it differs from the equation's.

@@ -93,8 +93,11 @@ def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
         return [(at, _promised(*begun[at], own, centre, here, past)) for at, own in zip(few, sides, strict=True)]
 
     found = shared(promised, _abreast(begun))
-    promises = dict(pair for pairs in found for pair in pairs)
-    return [Promise(form, *promises[at][0], promises[at][1], equations) for at, form in enumerate(forms)]
+    every, promises = dict(pair for pairs in found for pair in pairs), list[Promise]()
+    for at, form in enumerate(forms):
+        told, tried = every[at]
+        promises.append(Promise(form, *told, tried, equations))
+    return promises
 
 
 def _abreast(begun: Sequence[_Begun]) -> list[list[int]]:
@@ -184,9 +187,8 @@ def _told(misfit: Misfit, tried: Tried, sides: list[Innovations], centre: Innova
     best = int(np.argmax(gains))
     if gains[best] <= 0.0:
         return 0.0, begins[best], unscaled, shown
-    together = 0.5 * float(pull @ np.linalg.pinv(information, rcond=1e-6) @ pull)
     # What noise gains by so many starts together is no promise: all but one are paid for.
-    together -= price_of_one(misfit) * (len(begins) - 1)
+    together = gain_together(pull, information) - price_of_one(misfit) * (len(begins) - 1)
     asked = float(share[best])
     # Slopes hold near by: what they ask for is neither taken to be next to nothing nor far away.
     taken = min(max(abs(asked), 0.1), 5.0)
@@ -200,6 +202,11 @@ def gains_each(form: Effect, pull: FloatArray, information: FloatArray) -> tuple
     one_sided = size.low >= size.null or size.high <= size.null
     share = np.where(power > _LEAST_POWER, pull / np.maximum(power, _LEAST_POWER), 0.0)
     return np.where((share > 0.0) | (not one_sided), 0.5 * share * pull, 0.0), share
+
+
+def gain_together(pull: FloatArray, information: FloatArray) -> float:
+    """What a form would gain along all directions together, with such a pull and information."""
+    return 0.5 * float(pull @ np.linalg.pinv(information, rcond=1e-6) @ pull)
 
 
 def _of_several(misfit: Misfit, begins: FloatArray, pull: FloatArray, information: FloatArray) -> _Told:

@@ -9,11 +9,11 @@ from functools import cached_property
 
 import numpy as np
 
-from rovid.diagnose.keeping import ITERATIONS, gains_of
+from rovid.diagnose.keeping import gains_of
 from rovid.diagnose.known import Known
 from rovid.diagnose.odds import ESTABLISHED, PRIOR_ODDS
 from rovid.diagnose.parts import Piece
-from rovid.diagnose.rivals import is_plausible, quickly_climbed, worth
+from rovid.diagnose.rivals import ITERATIONS, is_plausible, quickly_climbed, worth
 from rovid.diagnose.search import MARGIN, Gains, Hopeless, Report, Search
 from rovid.diagnose.waves import Waves, look_for_waves
 from rovid.diagnose.work import Work
