@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -26,7 +27,7 @@ _Begun = tuple[Misfit, list[FloatArray]]
 
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """A form beside a model, by the slopes from there to those of its starts that bear it.
+    """A form beside a model, by the slopes from there to its starts.
 
     Attributes
     ----------
@@ -36,12 +37,40 @@ class Tried:
         (s,) and (s, s) of the cost.
     common
         (p, s) what the information has between the model's parameters and these.
+    outright
+        (s,) log-likelihood that each start gains as it stands.
     """
 
     starts: FloatArray
     gradient: FloatArray
     information: FloatArray
     common: FloatArray
+    outright: FloatArray
+
+    @classmethod
+    def summed(cls, each: Sequence[Self]) -> Self:
+        """Over all innovations, of some of them each."""
+        # Starts from which the model runs away are infinitely bad in any of them.
+        with np.errstate(over="ignore", invalid="ignore"):
+            return cls(
+                each[0].starts,
+                np.sum([one.gradient for one in each], axis=0),
+                np.sum([one.information for one in each], axis=0),
+                np.sum([one.common for one in each], axis=0),
+                np.sum([one.outright for one in each], axis=0),
+            )
+
+    @property
+    def borne(self) -> Self:
+        """Of those starts that bear the form."""
+        bears = np.flatnonzero((np.diag(self.information) < _MOST_POWER) & np.isfinite(self.common).all(axis=0))
+        return type(self)(
+            self.starts[bears],
+            self.gradient[bears],
+            self.information[np.ix_(bears, bears)],
+            self.common[:, bears],
+            self.outright[bears],
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +88,7 @@ class Promise:
     power
         Gain that the effect would have, were it there with the size of its first start.
     tried, own
-        What it was made of, and the slopes by the model's parameters.
+        What it was made of, of those starts that bear it, and the slopes by the model's parameters.
     """
 
     effect: Effect
@@ -78,26 +107,30 @@ class Promise:
 
 def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
     """What each of ``forms`` promises to gain, from the slopes alone."""
-    known = current.misfit.looked(current.x)
-    here, (centre, _) = list(current.misfit.slopes(current.x, known)), known
-    equations = NormalEquations.of(here)
-    past = Past(equations)
     misfits = [current.misfit.like((*current.effects, form)) for form in forms]
-    begun = [(misfit, misfit.coordinates.starts()) for misfit in misfits]
+    starts = [misfit.coordinates.starts() for misfit in misfits]
+    portions: Iterable[Sequence[Misfit]] = zip(current.misfit.portions, *(one.portions for one in misfits), strict=True)
+    each = [_slopes(current.x, portion, list(zip(own, starts, strict=True))) for portion, *own in portions]
+    equations = NormalEquations.summed([own for own, _ in each])
+    past = Past(equations)
+    tried = map(Tried.summed, zip(*(found for _, found in each), strict=True))
+    return [_promised(misfit, one, past, equations) for misfit, one in zip(misfits, tried, strict=True)]
 
-    def promised(few: Sequence[int]) -> list[tuple[int, tuple[_Told, Tried]]]:
+
+def _slopes(x: FloatArray, misfit: Misfit, begun: Sequence[_Begun]) -> tuple[NormalEquations, list[Tried]]:
+    """At (p,) ``x``: by the parameters of ``misfit``, and of each further form to all of its starts."""
+    known = misfit.looked(x)
+    here, (centre, _) = list(misfit.slopes(x, known)), known
+
+    def tried(few: Sequence[int]) -> list[tuple[int, Tried]]:
         # No more innovations are held than those of a few forms.
-        pairs = [(begun[at][0], np.concatenate((current.x, begin))) for at in few for begin in begun[at][1]]
-        found = iter(current.misfit.of_each(pairs))
+        pairs = [(begun[at][0], np.concatenate((x, begin))) for at in few for begin in begun[at][1]]
+        found = iter(misfit.of_each(pairs))
         sides = [[next(found) for _ in begun[at][1]] for at in few]
-        return [(at, _promised(*begun[at], own, centre, here, past)) for at, own in zip(few, sides, strict=True)]
+        return [(at, _tried(*begun[at], own, centre, here)) for at, own in zip(few, sides, strict=True)]
 
-    found = shared(promised, _abreast(begun))
-    every, promises = dict(pair for pairs in found for pair in pairs), list[Promise]()
-    for at, form in enumerate(forms):
-        told, tried = every[at]
-        promises.append(Promise(form, *told, tried, equations))
-    return promises
+    every = dict(pair for pairs in shared(tried, _abreast(begun)) for pair in pairs)
+    return NormalEquations.of(here), [every[at] for at in range(len(begun))]
 
 
 def _abreast(begun: Sequence[_Begun]) -> list[list[int]]:
@@ -143,15 +176,10 @@ class Past:
         return pull, tried.information - common.T @ taken
 
 
-def _promised(
-    misfit: Misfit,
-    begins: list[FloatArray],
-    sides: list[Innovations],
-    centre: Innovations,
-    here: Sequence[Slopes],
-    past: Past,
-) -> tuple[_Told, Tried]:
-    """Of the last effect of ``misfit``, with the innovations at each of its starts."""
+def _tried(
+    misfit: Misfit, begins: list[FloatArray], sides: list[Innovations], centre: Innovations, here: Sequence[Slopes]
+) -> Tried:
+    """The last effect of ``misfit``, with the innovations at each of its starts."""
     along, power, common = list[FloatArray](), list[FloatArray](), list[FloatArray]()
     # A drag that falls with the rate runs away from one start, and may hold from another.
     with np.errstate(over="ignore", invalid="ignore"):
@@ -161,14 +189,18 @@ def _promised(
             power.append(one.information)
             common.append(own.with_others(one))
         gradient, information, both = (np.sum(each, axis=0) for each in (along, power, common))
-    bears = np.flatnonzero((np.diag(information) < _MOST_POWER) & np.isfinite(both).all(axis=0))
-    tried = Tried(np.array(begins)[bears], gradient[bears], information[np.ix_(bears, bears)], both[:, bears])
-    if not bears.size:
-        return (0.0, begins[0], begins[0], 0.0), tried
-    return _told(misfit, tried, [sides[k] for k in bears], centre, past), tried
+    outright = misfit.cost_of(centre) - np.array([misfit.cost_of(side) for side in sides])
+    return Tried(np.array(begins), gradient, information, both, outright)
 
 
-def _told(misfit: Misfit, tried: Tried, sides: list[Innovations], centre: Innovations, past: Past) -> _Told:
+def _promised(misfit: Misfit, every: Tried, past: Past, own: NormalEquations) -> Promise:
+    """Of the last effect of ``misfit``."""
+    form, tried = misfit.effects[-1], every.borne
+    nothing: _Told = (0.0, every.starts[0], every.starts[0], 0.0)
+    return Promise(form, *(_told(misfit, tried, past) if len(tried.starts) else nothing), tried, own)
+
+
+def _told(misfit: Misfit, tried: Tried, past: Past) -> _Told:
     """As `_promised`, of those starts that bear the effect."""
     form, begins = misfit.effects[-1], tried.starts
     pull, information = past(tried)
@@ -180,10 +212,9 @@ def _told(misfit: Misfit, tried: Tried, sides: list[Innovations], centre: Innova
     # Starts differ in what else there is to an effect, too: the one that shows best at a size tells.
     shown = 0.5 * float(np.max(np.diag(information) * (sizes[0] / sizes) ** 2))
     # Where slopes mislead, as at a threshold, what is gained there without any fit may tell more.
-    outright = misfit.cost_of(centre) - np.array([misfit.cost_of(side) for side in sides])
-    unscaled = begins[int(np.argmax(outright))]
-    if outright.max() > gains.max():
-        return float(outright.max()), unscaled, unscaled, shown
+    unscaled = begins[int(np.argmax(tried.outright))]
+    if tried.outright.max() > gains.max():
+        return float(tried.outright.max()), unscaled, unscaled, shown
     best = int(np.argmax(gains))
     if gains[best] <= 0.0:
         return 0.0, begins[best], unscaled, shown

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -251,12 +252,9 @@ def actuation(
     time = trial.time if at is None else trial.time[at]
     counts = _counts(len(time), parts, cut)
     stretch = Stretch(trial.name, trial.whole or trial.name, trial.since, chosen=chosen, cut=cut)
-    return Actuation(
+    return replace(
+        _unmoved(vehicle),
         time=time if parts == 1 else _instants(time, counts),
-        names=tuple(thruster.name for thruster in vehicle.thrusters),
-        ahead=vehicle.ahead,
-        ends=np.array([_ends(thruster) for thruster in vehicle.thrusters]),
-        dead_zone=np.array([_dead_zone(thruster.curve) for thruster in vehicle.thrusters]),
         # Between two instants a speed is what is between its readings there, and any other channel is held.
         extras={
             name: np.repeat(values[at] if at is not None and name in SPEEDS else stretch.held(values), counts)
@@ -265,6 +263,19 @@ def actuation(
         reference=trial.reference,
         trials=(stretch,),
         parts=parts,
+    )
+
+
+@functools.lru_cache(maxsize=4)
+def _unmoved(vehicle: Vehicle) -> Actuation:
+    """What is told of ``vehicle``, at no time."""
+    return Actuation(
+        time=np.zeros(0),
+        names=tuple(thruster.name for thruster in vehicle.thrusters),
+        ahead=vehicle.ahead,
+        ends=np.array([_ends(thruster) for thruster in vehicle.thrusters]),
+        dead_zone=np.array([_dead_zone(thruster.curve) for thruster in vehicle.thrusters]),
+        extras={},
         neutral=neutral_commands(vehicle),
         arms=np.array([thruster.arm for thruster in vehicle.thrusters]),
         full_thrust=np.array([thruster.full_thrust for thruster in vehicle.thrusters]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import threading
 from collections.abc import Callable, Hashable
 from typing import Any, Protocol, TypeVar
@@ -21,14 +22,17 @@ Made = TypeVar("Made", bound=Sized)
 class Recent:
     """What was made, by all that it was made of; what has not been asked for the longest goes first.
 
-    Of ``most`` bytes all together. Threads may ask for the same at the same time, and make it twice.
+    Of ``most`` bytes all together. What is asked for ``in_turn``, from the first to the last again and again, is asked
+    for next when it has not been for the longest: then any other goes, and the latest is kept however large it is.
+    Threads may ask for the same at the same time, and make it twice.
     """
 
-    def __init__(self, most: int) -> None:
-        self.most = most
+    def __init__(self, most: int, *, in_turn: bool = False) -> None:
+        self.most, self.in_turn = most, in_turn
         self._made: dict[Hashable, Any] = {}
         self._bytes = 0
         self._lock = threading.Lock()
+        self._chance = random.Random(0)  # noqa: S311 - nothing is secret
 
     def of(self, key: Hashable, make: Callable[[], Made]) -> Made:
         """What is kept under ``key``, or else what ``make`` gives, which is kept where there is room for it at all."""
@@ -38,13 +42,17 @@ class Recent:
                 self._keep(key, found)
                 return found
         made = make()
-        if made.nbytes <= self.most:
+        if made.nbytes <= self.most or self.in_turn:
             with self._lock:
                 self._taken(key)
                 self._keep(key, made)
-                while self._bytes > self.most:
-                    self._taken(next(iter(self._made)))
+                while self._bytes > self.most and len(self._made) > self.in_turn:
+                    self._taken(self._dispensable())
         return made
+
+    def _dispensable(self) -> Hashable:
+        keys = list(self._made)
+        return keys[self._chance.randrange(len(keys) - 1)] if self.in_turn else keys[0]
 
     def _taken(self, key: Hashable) -> Any:
         found = self._made.pop(key, None)

@@ -70,7 +70,7 @@ class _Point:
     """Coordinates with what is known there, and the damping of the step from there."""
 
     x: FloatArray
-    known: tuple[Innovations, list[Innovations]]
+    known: tuple[Innovations, list[Innovations]] | None
     cost: float
     damping: float
 
@@ -100,6 +100,8 @@ def climb(
     been: list[tuple[FloatArray, FloatArray]] = []
     for _ in range(iterations):
         gradient, information = NormalEquations.of(misfit.slopes(here.x, here.known))
+        # Of long logs it takes much, and has served.
+        here = replace(here, known=None)
         if not np.isfinite(information).all():
             end = End.RUNAWAY
             break
@@ -145,11 +147,10 @@ def _step(
 
 
 def _points(misfit: Misfit, every: Sequence[FloatArray], dampings: Sequence[float]) -> list[_Point]:
-    """The one with all that comes free with it; of several their innovations alone are known."""
+    """The one with all that comes free with it; of several no more than their cost is known."""
     if len(every) == 1:
         return [_Point.at(misfit, every[0], dampings[0])]
-    each = zip(every, misfit.innovations_of(every), dampings, strict=True)
-    return [_Point(x, (here, []), misfit.cost_of(here), damping) for x, here, damping in each]
+    return [_Point(x, None, *told) for x, *told in zip(every, misfit.costs_of(every), dampings, strict=True)]
 
 
 def _shortened(step: FloatArray) -> FloatArray:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
-from rovid.ground.arrays import BoolArray, IntArray
+from rovid.ground.arrays import BoolArray, FloatArray, IntArray
+from rovid.ground.compiled import compiled
+from rovid.ground.recent import Recent
 from rovid.model.commanded import Commanded
 from rovid.model.drive import MOST_PARTS, Drive, Intervals
 from rovid.model.model import Model
@@ -19,8 +22,22 @@ from rovid.motion.runs import Run
 
 # Of the position's noise: so much of an angle may be lost by a mean torque.
 _LOST = 0.1
+# Bytes of what was commanded that are kept: logs of hours take more.
+_KEPT = 128_000_000
 # For so many steps at least a change of a command is looked at closely, or so many times as long, or as long again.
 _FRESH, _LONGER = 5.0, 4.0
+
+
+class _Given(NamedTuple):
+    """What was commanded, and between which steps it drives; None for between its instants."""
+
+    commanded: Commanded
+    between: Intervals | None
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes, about."""
+        return self.commanded.nbytes + (0 if self.between is None else self.between.nbytes)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -40,6 +57,10 @@ class Driving:
     means_alone
         Whether the mean torque from each of some instants to the next is all that is wanted, see `chosen`; else that
         from each step to the next is, and when in between it acts.
+    among
+        That of all runs, where these are some of them: how finely it is looked is told by all.
+    given
+        What was commanded, as finely as models asked for it, in all runs.
     """
 
     runs: Sequence[Run]
@@ -48,17 +69,26 @@ class Driving:
     position_noise: float
     steps: list[IntArray] | None
     means_alone: bool = False
-    # By into how many intervals are cut, and how long a change is fresh.
-    _commanded: dict[tuple[int, float], tuple[Commanded, Intervals | None]] = field(
-        default_factory=dict, init=False, repr=False
-    )
+    among: Self | None = None
+    given: Recent = field(default_factory=lambda: Recent(_KEPT, in_turn=True), repr=False)
     _chosen: dict[int, list[IntArray]] = field(default_factory=dict, init=False, repr=False)
 
-    def at_instants(self, model: Model) -> Drive:
-        """Of all runs, at all instants of their logs."""
-        if self.vehicle is None or model.drivetrain.is_plain:
-            return self._held
-        return Drive.joined([model.drive(self.vehicle, run.trial) for run in self.runs])
+    def of_some(self, place: slice) -> Self:
+        """Of some of the runs."""
+        steps = None if self.steps is None else self.steps[place]
+        return replace(self, runs=self.runs[place], steps=steps, among=self._all)
+
+    @property
+    def _all(self) -> Self:
+        return self if self.among is None else self.among
+
+    def at_instants(self, model: Model) -> Iterator[Drive]:
+        """Of each run, at all instants of its log."""
+        for run in self.runs:
+            if self.vehicle is None or model.drivetrain.is_plain:
+                yield Drive.held(run.torque)
+            else:
+                yield model.drive(self.vehicle, run.trial)
 
     def between_steps(self, model: Model) -> Drive:
         """Of all runs, from each of their steps to the next."""
@@ -66,24 +96,28 @@ class Driving:
             return self._held_between
         return model.drivetrain.driven(*self._given(self.vehicle, model))
 
-    def _given(self, vehicle: Vehicle, model: Model) -> tuple[Commanded, Intervals | None]:
-        """What was commanded, as finely as ``model`` asks for; and between which steps."""
-        train, steps = model.drivetrain, self.steps
-        parts = 1 if self.means_alone and train.means_exactly else min(self._parts, train.parts)
-        fresh_for = self._fresh_for(train.settles(self._change))
-        if (parts, fresh_for) not in self._commanded:
-            fresh = [_fresh(run.trial, fresh_for) for run in self.runs]
-            at, cut = self._at(fresh), fresh
-            if at is not None:
-                cut = [here[chosen] for here, chosen in zip(fresh, at, strict=True)]
+    def _given(self, vehicle: Vehicle, model: Model) -> _Given:
+        """What was commanded, as finely as ``model`` asks for."""
+        train, every = model.drivetrain, self._all
+        parts = 1 if self.means_alone and train.means_exactly else min(every.parts, train.parts)
+        fresh_for = every.fresh_for(train.settles(every.change))
+        return self.given.of(
+            (self.runs[0], len(self.runs), parts, fresh_for), lambda: self._commanded(vehicle, parts, fresh_for)
+        )
+
+    def _commanded(self, vehicle: Vehicle, parts: int, fresh_for: float) -> _Given:
+        """With intervals cut into so many ``parts`` as long as a change of commands is fresh."""
+        fresh, steps = [_fresh(run.trial, fresh_for) for run in self.runs], self.steps
+        at, cut = self._at(fresh), fresh
+        if at is not None:
+            cut = [here[chosen] for here, chosen in zip(fresh, at, strict=True)]
+            if self.means_alone:
                 self._chosen[sum(map(len, at))] = at
-                if steps is not None:
-                    steps = [np.searchsorted(here, step) for here, step in zip(at, steps, strict=True)]
-            trials = [run.trial for run in self.runs]
-            given = Commanded.of(vehicle, trials, parts, at, cut if parts > 1 else None)
-            between = None if steps is None or self.means_alone else given.between(steps)
-            self._commanded[parts, fresh_for] = given, between
-        return self._commanded[parts, fresh_for]
+            if steps is not None:
+                steps = [np.searchsorted(here, step) for here, step in zip(at, steps, strict=True)]
+        trials = [run.trial for run in self.runs]
+        commanded = Commanded.of(vehicle, trials, parts, at, cut if parts > 1 else None)
+        return _Given(commanded, None if steps is None or self.means_alone else commanded.between(steps))
 
     def chosen(self, count: int) -> list[IntArray]:
         """Of each run the instants that a drive of so many in all is of, where they are not all that there are."""
@@ -100,7 +134,7 @@ class Driving:
             at.append(np.flatnonzero(telling))
         return None if sum(map(len, at)) == sum(map(len, fresh)) else at
 
-    def _fresh_for(self, settles: float) -> float:
+    def fresh_for(self, settles: float) -> float:
         """How long a change of commands is looked at closely, in s: as long as it takes, or longer.
 
         There are few such times, so that much is shared by models that are compared.
@@ -119,24 +153,21 @@ class Driving:
         return float(np.median(np.concatenate([np.diff(run.trial.time[at]) for run, at in pairs])))
 
     @cached_property
-    def _change(self) -> float:
+    def change(self) -> float:
         """The most by which a command may change."""
         commands = [run.trial.commands for run in self.runs]
         return max(float(np.max(np.ptp(here, axis=0), initial=0.0)) for here in commands)
 
     @cached_property
-    def _held(self) -> Drive:
-        torques = [run.torque for run in self.runs]
-        return Drive.held(np.concatenate(torques), begins=np.cumsum([0, *map(len, torques)]))
-
-    @cached_property
     def _held_between(self) -> Drive:
+        torques = [run.torque for run in self.runs]
+        held = np.concatenate(torques)
         if self.steps is None or self.means_alone:
-            return self._held
-        return Drive.over(Intervals.of([run.trial.time for run in self.runs], self.steps), self._held.torque)
+            return Drive.held(held, begins=np.cumsum([0, *map(len, torques)]))
+        return Drive.over(Intervals.of([run.trial.time for run in self.runs], self.steps), held)
 
     @cached_property
-    def _parts(self) -> int:
+    def parts(self) -> int:
         """How finely a torque that changes between two samples has to be known.
 
         What a mean in its place does to the angle is to be lost in the position's noise.
@@ -151,7 +182,16 @@ class Driving:
 
 def _fresh(trial: Trial, seconds: float) -> BoolArray:
     """(n,) which instants of ``trial`` are no later than so many after a change of a command."""
-    count = len(trial.time)
-    changed = np.concatenate(([False], (np.diff(trial.commands, axis=0) != 0.0).any(axis=1)))
-    latest = np.maximum.accumulate(np.where(changed, np.arange(count), -1))
-    return np.asarray((latest >= 0) & (trial.time - trial.time[latest] <= seconds))
+    return _changed_within(trial.time, trial.commands, seconds)
+
+
+@compiled
+def _changed_within(time: FloatArray, commands: FloatArray, seconds: float) -> BoolArray:
+    fresh = np.zeros(len(time), dtype=np.bool_)
+    latest = -1
+    for k in range(1, len(time)):
+        for thruster in range(commands.shape[1]):
+            if commands[k, thruster] != commands[k - 1, thruster]:
+                latest = k
+        fresh[k] = latest >= 0 and time[k] - time[latest] <= seconds
+    return fresh

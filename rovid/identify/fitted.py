@@ -140,7 +140,7 @@ class Fitted:
 
     def _simulated_rates(self) -> FloatArray:
         """(N,) free-running rate in each run."""
-        pairs = zip(self.records.runs, self.records.drives(self.model).by_trial, strict=True)
+        pairs = zip(self.records.runs, self.records.drives(self.model), strict=True)
         return np.concatenate([simulated_rate(run, self.model, drive) for run, drive in pairs])
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self, TypeVar
 
@@ -17,6 +17,7 @@ from rovid.ground.lanes import LANES
 from rovid.ground.workers import spread
 from rovid.identify.coordinates import COMMON, DISTURBANCE, MEMORY, NOISE, Coordinates
 from rovid.identify.misfit import Misfit
+from rovid.identify.portion import Portion
 from rovid.identify.readings import Readings
 from rovid.identify.scoring import Innovations
 from rovid.model.batch import Abreast, Driven
@@ -34,9 +35,15 @@ class InnovationMisfit(Misfit):
     """Negative log-likelihood of each next reading, predicted from all before it.
 
     The filter passes over readings that do not count all the same.
+
+    Attributes
+    ----------
+    portion
+        Which portion of the records is looked at; None for all.
     """
 
     records: Readings
+    portion: int | None = None
 
     method: ClassVar[str] = "maximum likelihood of Kalman-filter innovations"
     remembered: ClassVar[int] = 10
@@ -48,6 +55,27 @@ class InnovationMisfit(Misfit):
     def coordinates(self) -> Coordinates:
         """Within physical bounds, and the disturbance below its limit."""
         return Coordinates.of(self.records, self.effects, self.limit)
+
+    @cached_property
+    def portions(self) -> list[Self]:
+        """The same of each portion of the records."""
+        numbers = range(len(self.records.portions))
+        return [self] if self.portion is not None or len(numbers) == 1 else [replace(self, portion=k) for k in numbers]
+
+    @cached_property
+    def rows(self) -> slice:
+        """Which of the innovations that count these are."""
+        begin, end = self.looked_at[0].rows.start, self.looked_at[-1].rows.stop
+        if self.counted is None:
+            return slice(begin, end)
+        before, until = (int(np.count_nonzero(self.counted[:place])) for place in (begin, end))
+        return slice(before, until)
+
+    @property
+    def looked_at(self) -> list[Portion]:
+        """Portions of the records, one after the other."""
+        portions = self.records.portions
+        return portions if self.portion is None else [portions[self.portion]]
 
     @property
     def weight(self) -> float:
@@ -123,8 +151,11 @@ class InnovationMisfit(Misfit):
 
     def held_out_costs(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[float]:
         """Cost of each of ``tests`` with the coordinates that were fitted to others."""
-        found = self.of_each(list(zip(tests, fits, strict=True)))
-        return [test.cost_of(here) for test, here in zip(tests, found, strict=True)]
+        costs = np.zeros(len(tests))
+        for portions in zip(*(test.portions for test in tests), strict=True):
+            found = self.of_each(list(zip(portions, fits, strict=True)))
+            costs += [portion.cost_of(here) for portion, here in zip(portions, found, strict=True)]
+        return costs.tolist()
 
     def recounted(self, model: Model) -> Self:  # noqa: ARG002 - as every misfit
         """Itself: each innovation is news."""
@@ -165,25 +196,42 @@ def _by(count: int, every: Sequence[One]) -> list[Sequence[One]]:
 
 def _side_by_side(pairs: Sequence[tuple[InnovationMisfit, FloatArray]]) -> list[Innovations]:
     """Innovations of up to LANES models of the same terms and the same records, by one pass over the readings."""
+    portions = [misfit.portions for misfit, _ in pairs]
+    if len(portions[0]) == 1:
+        return _passed(pairs)
+    joined = [Innovations.of_as_many(len(misfit.of_counted(misfit.records.trial))) for misfit, _ in pairs]
+
+    def passed(each: Sequence[InnovationMisfit]) -> None:
+        few = [(portion, x) for portion, (_, x) in zip(each, pairs, strict=True)]
+        for portion, all_of_it, found in zip(each, joined, _passed(few), strict=True):
+            all_of_it.error[portion.rows], all_of_it.variance[portion.rows] = found
+
+    spread(passed, list(zip(*portions, strict=True)))
+    return joined
+
+
+def _passed(pairs: Sequence[tuple[InnovationMisfit, FloatArray]]) -> list[Innovations]:
+    """As `_side_by_side`, of misfits of one portion."""
     from rovid.model.kernels import innovations, innovations_wide
 
-    first, records = pairs[0][0], pairs[0][0].records
+    first = pairs[0][0]
+    (portion,) = first.looked_at
     # What is left over is worked out again beside the last.
     every = [pairs[min(at, len(pairs) - 1)] for at in range(LANES)]
     models = [misfit.coordinates.model(x) for misfit, x in pairs]
     models += models[-1:] * (LANES - len(pairs))
-    seen = [records.seen(model) for model in models]
-    drives = [records.drives_between(model) for model in models]
-    driven = Driven.of(drives, [one.angle for one in seen])
+    seen = [portion.seen(model) for model in models]
+    driven = Driven.of([portion.drives(model) for model in models], [one.angle for one in seen])
     abreast = Abreast.of(models, [misfit.noise(x) for misfit, x in every])
-    errors, variances = (innovations_wide if first.is_wide else innovations)(records.logged, driven, abreast)
+    errors, variances = (innovations_wide if first.is_wide else innovations)(portion.logged, driven, abreast)
     found = []
     for (misfit, _), error, variance, (_, slope) in zip(pairs, errors, variances, seen, strict=False):
         if slope is not None:
             # The density is that of the measured heading, whatever it deviates by.
-            gain = np.where(records.told % 2, 1.0, slope[records.told // 2])
+            gain = np.where(portion.told % 2, 1.0, slope[portion.told // 2])
             error, variance = error * gain, variance * gain**2  # noqa: PLW2901 - of the same innovations
         if misfit.counted is not None:
-            error, variance = error[misfit.counted], variance[misfit.counted]  # noqa: PLW2901 - likewise
+            counted = misfit.counted[portion.rows]
+            error, variance = error[counted], variance[counted]  # noqa: PLW2901 - likewise
         found.append(Innovations(error, variance))
     return found

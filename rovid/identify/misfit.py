@@ -12,6 +12,7 @@ import numpy as np
 
 from rovid.effects import Effect
 from rovid.ground.arrays import BoolArray, FloatArray, IntArray
+from rovid.ground.workers import spread
 from rovid.identify.coordinates import Coordinates
 from rovid.identify.records import Records
 from rovid.identify.scoring import Innovations, Slopes, costs, slopes_between, total_cost
@@ -106,6 +107,16 @@ class Misfit(ABC):
     def position_noise(self, x: FloatArray) -> float:
         """Standard deviation of the noise of what is measured."""
 
+    @property
+    def portions(self) -> Sequence[Self]:
+        """The same of some of the innovations after the others, so that no more is held than takes such a portion."""
+        return [self]
+
+    @property
+    def rows(self) -> slice:
+        """Which of the innovations that count these are, where this is of a portion."""
+        return slice(0, None)
+
     def like(self, effects: tuple[Effect, ...], counted: BoolArray | None = None) -> Self:
         """The same question asked of a model with other effects, or of other innovations."""
         return replace(self, effects=effects, counted=counted)
@@ -145,7 +156,8 @@ class Misfit(ABC):
 
     def costs_of(self, points: Sequence[FloatArray]) -> list[float]:
         """Negative log-likelihood at each of the (p,) ``points``."""
-        return [self.cost_of(here) for here in self.innovations_of(points)]
+        each = spread(lambda portion: list(map(portion.cost_of, portion.innovations_of(points))), self.portions)
+        return [sum(costs) for costs in zip(*each, strict=True)]
 
     def likeliest(self, points: Sequence[FloatArray], count: int) -> list[FloatArray]:
         """So many of the ``points``, the likeliest first."""
@@ -154,7 +166,7 @@ class Misfit(ABC):
 
     def cost(self, x: FloatArray) -> float:
         """Negative log-likelihood."""
-        return self.cost_of(self.innovations(x))
+        return self.costs_of([x])[0]
 
     def cost_of(self, here: Innovations) -> float:
         """Negative log-likelihood of innovations."""
@@ -179,12 +191,16 @@ class Misfit(ABC):
         By forward differences, backward at an upper bound; on all cores at once. ``known`` is what was `looked` at
         already.
         """
-        return self.slopes_between(*self._beside(x, known), self._inward(x))
+        for portion in self.portions:
+            own = known
+            if known is not None and portion is not self:
+                own = known[0].of(portion.rows), [side.of(portion.rows) for side in known[1]]
+            yield from portion.slopes_between(*portion.beside(x, own), self._inward(x))
 
-    def _beside(
-        self, x: FloatArray, known: tuple[Innovations, Sequence[Innovations]] | None
+    def beside(
+        self, x: FloatArray, known: tuple[Innovations, Sequence[Innovations]] | None = None
     ) -> tuple[Innovations, list[Innovations]]:
-        """Innovations at ``x``, and one step aside along each coordinate."""
+        """Innovations at ``x``, and one step aside along each coordinate; ``known`` is what was `looked` at already."""
         centre, sides = self.looked(x) if known is None else known
         _, *others = self.about(x, self._aside(x, self._free[len(sides) :]), centre)
         # Along a coordinate that has no choice nothing changes.
@@ -214,11 +230,11 @@ class Misfit(ABC):
         Where a change cuts an interval into one step more, innovations jump by a part of their error. Over the short
         step of a slope that is more than all others together, but on one side alone.
         """
-        centre, sides = self._beside(x, None)
-        ahead = self.slopes_between(centre, sides, self._inward(x))
         if self.is_smooth:
-            yield from ahead
+            yield from self.slopes(x)
             return
+        centre, sides = self.beside(x)
+        ahead = self.slopes_between(centre, sides, self._inward(x))
         low, high = self.coordinates.bounds
         step = self.coordinates.steps(x)
         # At a bound there is one side, and along stairs all that is told is told by jumps.
@@ -236,4 +252,4 @@ class Misfit(ABC):
         """Slopes from the innovations at a point and one ``step`` aside along each coordinate."""
         if self.profiled:
             sides = [side._replace(variance=centre.variance) for side in sides]
-        return slopes_between(centre, sides, step, self.weight)
+        return slopes_between(centre, sides, step, self.weight, first=self.rows.start)

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Self
+from itertools import pairwise
 
 import numpy as np
 
 from rovid.ground.arrays import FloatArray, IntArray
 from rovid.ground.recent import Recent
+from rovid.identify.portion import Portion, RunReadings
 from rovid.identify.records import Records
-from rovid.model.batch import Logged
-from rovid.model.instrument import Instrument
 from rovid.model.integration import initial_rate
-from rovid.model.model import Model
-from rovid.motion.runs import Run
 
 _RATE_NOISE_FLOOR = 1e-5  # rad/s; no gyro is better
 # Of the usual rate: how well the first rate of a trial is known.
@@ -25,71 +22,8 @@ _RATE_ERROR = 0.2
 _BLOCK_SECONDS, _BLOCKS = 40.0, 12
 # Bytes of headings without their deviation that are kept.
 _KEPT = 16_000_000
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class RunReadings:
-    """What is looked at in one run.
-
-    Attributes
-    ----------
-    at
-        (n,) where the filter steps to, of the log's instants.
-    time
-        (n,) s, there.
-    angle
-        (n,) measured position along the body's axis, rad or m. Where the rate alone was measured, no more than the
-        first.
-    gyro_rate
-        (n,) measured rate less the gyro's offset from the position's rate; NaN where none is looked at.
-    known, known_rates
-        Which of the n have a position, but for the first, where the filter starts; and which have a rate.
-    """
-
-    run: Run
-    at: IntArray
-    time: FloatArray
-    angle: FloatArray
-    gyro_rate: FloatArray
-    known: IntArray
-    known_rates: IntArray
-
-    @classmethod
-    def of(cls, run: Run, at: IntArray, *, gyro: bool) -> Self:
-        """Of the instants ``at`` of a run; logged rates too where ``gyro`` says so, or nothing else was measured."""
-        angle = run.trial.body_position[at]
-        if run.trial.integrated:
-            angle[1:] = np.nan
-        gyro_rate = np.full(len(at), np.nan)
-        if run.trial.rate is not None and (gyro or run.trial.integrated):
-            offset = np.nan_to_num(run.rates.gyro_offset)
-            gyro_rate = run.trial.rate[at] - offset
-        return cls(
-            run=run,
-            at=at,
-            time=run.trial.time[at],
-            angle=angle,
-            gyro_rate=gyro_rate,
-            known=np.flatnonzero(np.isfinite(angle))[1:],
-            known_rates=np.flatnonzero(np.isfinite(gyro_rate)),
-        )
-
-    @property
-    def told_at(self) -> FloatArray:
-        """(m,) s, of each innovation: of the positions, then of the rates."""
-        return np.concatenate((self.time[self.known], self.time[self.known_rates]))
-
-
-class Seen(NamedTuple):
-    """(n,) the angle without the deviation of the heading, and d(measured)/d(true) where there is one."""
-
-    angle: FloatArray
-    gain: FloatArray | None
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes."""
-        return self.angle.nbytes + (0 if self.gain is None else self.gain.nbytes)
+# Instants of logs that are gone through at once.
+_AT_ONCE = 200_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,14 +48,9 @@ class Readings(Records):
     @cached_property
     def of_runs(self) -> list[RunReadings]:
         """What is looked at in each run."""
-        pairs = zip(self.runs, self._steps_in_use(), strict=True)
+        every: Sequence[IntArray | slice] = [slice(None)] * len(self.runs) if self.steps is None else self.steps
+        pairs = zip(self.runs, every, strict=True)
         return [RunReadings.of(run, at, gyro=self.gyro) for run, at in pairs]
-
-    def _steps_in_use(self) -> Sequence[IntArray]:
-        """Instants of each run that are looked at: all of them where none were chosen."""
-        if self.steps is not None:
-            return self.steps
-        return [np.arange(len(run.trial.time)) for run in self.runs]
 
     @cached_property
     def spans(self) -> list[tuple[FloatArray, FloatArray]]:
@@ -135,63 +64,21 @@ class Readings(Records):
         return min(_BLOCK_SECONDS, total / _BLOCKS)
 
     @cached_property
-    def logged(self) -> Logged:
-        """All of it, the runs one after the other."""
-        runs = self.of_runs
-        first = [(rate, _RATE_ERROR * self.rate) for rate in self.initial_rates]
-        return Logged(
-            begins=self._begins,
-            time=np.concatenate([run.time for run in runs]),
-            rate=np.concatenate([run.gyro_rate for run in runs]),
-            start=np.array([run.trial.start for run in self.runs]),
-            first=np.array(first, dtype=float),
-            row=self._rows,
-        )
-
-    @cached_property
-    def angle(self) -> FloatArray:
-        """(n,) measured position along the body's axis at each instant, the runs one after the other."""
-        return np.concatenate([run.angle for run in self.of_runs])
-
-    def seen(self, model: Model) -> Seen:
-        """What a filter goes by, with the heading as the instrument of ``model`` shows it; worked out once."""
-        instrument = model.instrument
-        if not instrument.deviates:
-            return Seen(self.angle, None)
-        return self._recent.of(instrument.made_of, lambda: self._corrected(instrument))
-
-    def _corrected(self, instrument: Instrument) -> Seen:
-        true, gain = instrument.as_true(self._position)
-        return Seen(self.angle - (self._position - true), gain)
-
-    @cached_property
-    def _recent(self) -> Recent:
-        """What was `seen`: models that are compared have the same deviation, but where that is what is looked at."""
-        return Recent(_KEPT)
-
-    @cached_property
-    def _position(self) -> FloatArray:
-        """(n,) measured position itself, as `angle`."""
-        return np.concatenate([run.run.trial.position[run.at] for run in self.of_runs])
-
-    @cached_property
-    def _begins(self) -> IntArray:
-        """(r + 1,) the instant with which each run begins, and how many there are in all."""
-        return np.cumsum([0, *(len(run.time) for run in self.of_runs)])
-
-    @property
-    def _rows(self) -> IntArray:
-        """(n, 2) as in `Logged`."""
-        rows = np.full(2 * len(self.angle), -1)
-        rows[self.told] = np.arange(len(self.told))
-        return rows.reshape(-1, 2)
-
-    @cached_property
-    def told(self) -> IntArray:
-        """(N,) of each innovation, twice the instant that it is of, and one more if it is of the rate."""
-        pairs = zip(self.of_runs, self._begins[:-1], strict=True)
-        of_runs = [(2 * (begin + run.known), 2 * (begin + run.known_rates) + 1) for run, begin in pairs]
-        return np.concatenate([series for both in of_runs for series in both])
+    def portions(self) -> list[Portion]:
+        """All runs, some after the others: what a pass takes of memory is what it takes for so many."""
+        ends = np.cumsum([len(begin) for begin, _ in self.spans])
+        recent, portions = Recent(_KEPT), list[Portion]()
+        for place in _portions([len(run.trial.time) for run in self.runs]):
+            rates = [(rate, _RATE_ERROR * self.rate) for rate in self.initial_rates[place]]
+            portion = Portion(
+                of_runs=self.of_runs[place],
+                first=np.array(rates, dtype=float),
+                driving=self._driving.of_some(place),
+                rows=slice(portions[-1].rows.stop if portions else 0, int(ends[place.stop - 1])),
+                recent=recent,
+            )
+            portions.append(portion)
+        return portions
 
     @cached_property
     def initial_rates(self) -> list[float]:
@@ -214,3 +101,14 @@ def _spaced(time: FloatArray, known: IntArray, interval: float) -> IntArray:
     first = np.concatenate(([True], cell[1:] != cell[:-1]))
     first[-1] = True
     return np.asarray(known[first])
+
+
+def _portions(lengths: Sequence[int]) -> list[slice]:
+    """Runs of such lengths one after the other, as many together as are not longer than is gone through at once."""
+    begins, length = [0], 0
+    for place, one in enumerate(lengths):
+        if length and length + one > _AT_ONCE:
+            begins.append(place)
+            length = 0
+        length += one
+    return [slice(begin, end) for begin, end in pairwise([*begins, len(lengths)])]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -141,8 +141,8 @@ class Records(ABC):
             means_alone=self.means_alone,
         )
 
-    def drives(self, model: Model) -> Drive:
-        """What drives the runs, at all instants of their logs."""
+    def drives(self, model: Model) -> Iterator[Drive]:
+        """What drives each run, at all instants of its log."""
         return self._driving.at_instants(model)
 
     def drives_between(self, model: Model) -> Drive:

@@ -25,6 +25,15 @@ class Innovations(NamedTuple):
     error: FloatArray
     variance: FloatArray
 
+    def of(self, rows: slice) -> Self:
+        """Those of some ``rows``."""
+        return type(self)(self.error[rows], self.variance[rows])
+
+    @classmethod
+    def of_as_many(cls, count: int) -> Self:
+        """Room for so many."""
+        return cls(np.empty(count), np.empty(count))
+
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
@@ -78,8 +87,12 @@ class NormalEquations(NamedTuple):
     @classmethod
     def of(cls, pieces: Iterable[Slopes]) -> Self:
         """The sums over all ``pieces``."""
-        sums = zip(*((piece.gradient, piece.information) for piece in pieces), strict=True)
-        gradient, information = (sum(each) for each in sums)
+        return cls.summed(cls(piece.gradient, piece.information) for piece in pieces)
+
+    @classmethod
+    def summed(cls, each: Iterable[Self]) -> Self:
+        """Of all innovations, of some of them each."""
+        gradient, information = (sum(every) for every in zip(*each, strict=True))
         return cls(np.asarray(gradient), np.asarray(information))
 
 
@@ -123,14 +136,14 @@ class Scatter:
     def of(cls, pieces: Iterable[Slopes], groupings: Sequence[IntArray]) -> Self:
         """By (N,) numbers of groups, of which there may be several ways to group them."""
         numbered = [np.unique(groups, return_inverse=True) for groups in groupings]
-        information, scores = list[FloatArray](), [list[FloatArray]() for _ in groupings]
+        information, scores = np.zeros(()), [np.zeros(()) for _ in groupings]
         for piece in pieces:
-            information.append(piece.information)
+            information = information + piece.information
             columns = piece.scores.T
-            for (used, number), found in zip(numbered, scores, strict=True):
+            for at, (used, number) in enumerate(numbered):
                 sums = [np.bincount(number[piece.rows], weights=column, minlength=len(used)) for column in columns]
-                found.append(np.column_stack(sums))
-        return cls(np.sum(information, axis=0), [np.sum(found, axis=0) for found in scores])
+                scores[at] = scores[at] + np.column_stack(sums)
+        return cls(information, scores)
 
 
 def slopes_between(
@@ -139,13 +152,17 @@ def slopes_between(
     step: FloatArray,
     weight: float | FloatArray,
     at_once: int = _AT_ONCE,
+    first: int = 0,
 ) -> Iterator[Slopes]:
-    """Slopes from the innovations at a point and one ``step`` aside along each coordinate, some after the other."""
+    """Slopes from the innovations at a point and one ``step`` aside along each coordinate, some after the other.
+
+    These are those of all from the ``first`` on.
+    """
     weights = np.broadcast_to(weight, centre.error.shape)
     for begin in range(0, max(len(weights), 1), at_once):
-        rows = slice(begin, begin + at_once)
-        here, *there = (Innovations(error[rows], variance[rows]) for error, variance in (centre, *sides))
-        yield _slopes(rows, here, there, step, weights[rows])
+        rows = slice(begin, min(begin + at_once, len(weights)))
+        here, *there = (one.of(rows) for one in (centre, *sides))
+        yield _slopes(slice(first + rows.start, first + rows.stop), here, there, step, weights[rows])
 
 
 def _slopes(

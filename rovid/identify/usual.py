@@ -12,7 +12,6 @@ from rovid.campaign.vehicle import Vehicle
 from rovid.effects.actuation import SPEEDS, neutral_commands
 from rovid.effects.base import Scales
 from rovid.ground.arrays import FloatArray
-from rovid.model.commanded import Commanded
 from rovid.motion.runs import Run
 
 # It is divided by.
@@ -71,8 +70,9 @@ def _command(trials: Sequence[Trial], vehicle: Vehicle | None) -> float:
 
 def _races(trials: Sequence[Trial], vehicle: Vehicle) -> tuple[float, float]:
     """Of the race in use, N^0.5 m^2, and of the root of a thrust in use, N^0.5."""
-    given = Commanded.of(vehicle, trials)
-    return in_use(given.where.race(given.thrust)), in_use(np.sqrt(np.abs(given.thrust)))
+    arms = np.array([thruster.arm for thruster in vehicle.thrusters])
+    roots = [np.sqrt(np.abs(vehicle.thrust(trial.commands))) for trial in trials]
+    return in_use(np.concatenate([root @ arms**2 for root in roots])), in_use(np.concatenate(roots))
 
 
 def _load(trials: Sequence[Trial], vehicle: Vehicle) -> float:

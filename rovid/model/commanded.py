@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Self
@@ -14,11 +14,11 @@ from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
 from rovid.effects.actuation import Actuation, actuation
 from rovid.ground.arrays import BoolArray, FloatArray, IntArray
-from rovid.ground.recent import Recent
+from rovid.ground.recent import Made, Recent
 from rovid.model.drive import Intervals
 
-# Bytes of what effects made of commands that are kept: models that are compared share most of it.
-_KEPT = 16_000_000
+# What effects made of commands, of any trials: models that are compared share most of it.
+_MADE = Recent(48_000_000)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +31,14 @@ class Commanded:
         What effects are told of the trials, with each interval between two of the log's instants cut into parts.
     held
         (n, k) commands at the log's instants, those that were chosen.
-    recent
-        What effects made of it, by them and their parameters.
+    mark
+        What tells it from others, and does not keep it.
     """
 
     vehicle: Vehicle
     where: Actuation
     held: FloatArray
-    recent: Recent = field(default_factory=lambda: Recent(_KEPT), init=False, repr=False)
+    mark: object = field(default_factory=object, init=False, repr=False)
 
     @classmethod
     def of(
@@ -65,6 +65,16 @@ class Commanded:
             found = cls(vehicle, where, np.concatenate(held))
             _SHARED[key] = found
         return found
+
+    def made(self, of: Hashable, make: Callable[[], Made]) -> Made:
+        """What effects ``make`` of it, by what it is made ``of``: them and their parameters."""
+        return _MADE.of((self.mark, of), make)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes, about, with commands and thrust, and when they are given."""
+        finer = 2 * self.held[:1].nbytes + (2 + len(self.where.extras)) * self.where.time.itemsize
+        return 2 * self.held.nbytes + finer * len(self.where.time)
 
     @cached_property
     def commands(self) -> FloatArray:

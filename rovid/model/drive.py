@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Self
 from weakref import WeakValueDictionary
@@ -32,6 +32,8 @@ class Intervals:
         (n,) s from each instant to the next, 0 from the last of a trial; and when half of that has passed.
     span, end
         (m,) s that each interval lasts, and when it ends; of the last of a trial 1 s, for it has none.
+    mark
+        What tells them from others, and does not keep them.
     """
 
     at: IntArray
@@ -40,6 +42,7 @@ class Intervals:
     middle: FloatArray
     span: FloatArray
     end: FloatArray
+    mark: object = field(default_factory=object, init=False, repr=False)
 
     @classmethod
     def of(cls, times: Sequence[FloatArray], at: Sequence[IntArray]) -> Self:
@@ -54,6 +57,11 @@ class Intervals:
             span=np.concatenate([np.append(np.diff(end), 1.0) for end in ends]),
             end=np.concatenate([np.append(end[1:], end[-1]) for end in ends]),
         )
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes."""
+        return sum(series.nbytes for series in (self.at, self.length, self.middle, self.span, self.end))
 
     @property
     def last(self) -> IntArray:
@@ -127,17 +135,6 @@ class Drive:
             open_when = total(scatter)
             open_when[last] = 0.0
         return cls(mean, moment, told, open_when, steps.begins)
-
-    @classmethod
-    def joined(cls, each: Sequence[Self]) -> Self:
-        """Of several trials, one after the other."""
-        return cls(
-            np.concatenate([one.torque for one in each]),
-            np.concatenate([one.moment for one in each]),
-            np.concatenate([one.beside for one in each]),
-            np.concatenate([one.scatter for one in each]),
-            np.cumsum([0, *(len(one.torque) for one in each)]),
-        )
 
     @property
     def nbytes(self) -> int:

@@ -62,19 +62,21 @@ class Drivetrain:
     def driven(self, given: Commanded, over: Intervals | None = None) -> Drive:
         """As ``drive``, of several trials; between the log's instants where not ``over`` others."""
         over = given.intervals if over is None else over
-        return given.recent.of(("drive", over, *self._told()), lambda: self._driven(given, over))
+        return given.made(
+            ("drive", None if over is None else over.mark, *self._told()), lambda: self._driven(given, over)
+        )
 
     def _driven(self, given: Commanded, over: Intervals | None) -> Drive:
         where = given.where
         thrust, made_of = self._thrust(given, self.acting)
         made_of = (*made_of, None)
-        torque, scatter = given.recent.of(made_of, lambda: where.summed(thrust, where.arms)), None
+        torque, scatter = given.made(made_of, lambda: where.summed(thrust, where.arms)), None
         for one, act in each_that(self.acting, OnTorque):
             if act.scatter is not None:
                 more = act.scatter(where, torque, one.values)
                 scatter = more if scatter is None else scatter + more
             made_of = (*made_of, one.effect, *one.numbers)
-            torque = given.recent.of(made_of, partial(act.change, where, torque, one.values))
+            torque = given.made(made_of, partial(act.change, where, torque, one.values))
         beside = self._beside(where, thrust)
         if over is None:
             return Drive.held(torque, beside, scatter, where.begins)
@@ -103,16 +105,16 @@ class Drivetrain:
         where, commands, thrust, made_of = given.where, given.commands, given.thrust, tuple[Hashable, ...]()
         for one, act in each_that(acting, OnCommand):
             made_of = (*made_of, one.effect, *one.numbers)
-            commands = given.recent.of(made_of, partial(act.change, where, commands, one.values))
+            commands = given.made(made_of, partial(act.change, where, commands, one.values))
         if made_of:
             made_of = (*made_of, "thrust")
             # No effect asks for more than there is, which a bench curve sees to itself.
             if any(thruster.curve is None for thruster in given.vehicle.thrusters):
                 commands = np.clip(commands, *where.ends.T)
-            thrust = given.recent.of(made_of, lambda: given.vehicle.thrust(commands))
+            thrust = given.made(made_of, lambda: given.vehicle.thrust(commands))
         for one, bend in each_that(acting, OnThrust):
             made_of = (*made_of, one.effect, *one.numbers)
-            thrust = given.recent.of(made_of, partial(bend.change, where, thrust, one.values))
+            thrust = given.made(made_of, partial(bend.change, where, thrust, one.values))
         return thrust, made_of
 
     def _beside(self, where: Actuation, thrust: FloatArray) -> FloatArray | None:

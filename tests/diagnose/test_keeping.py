@@ -43,7 +43,7 @@ class Keeping:
 def promise(key: str, gain: float) -> Promise:
     """Of so much, by no slopes."""
     effect, none, square = effect_named(key), np.zeros(0), np.zeros((0, 0))
-    tried = Tried(np.zeros((0, len(effect.parameters))), none, square, np.zeros((0, 0)))
+    tried = Tried(np.zeros((0, len(effect.parameters))), none, square, np.zeros((0, 0)), none)
     return Promise(effect, gain, effect.starts[0], effect.starts[0], 1.0, tried, NormalEquations(none, square))
 
 

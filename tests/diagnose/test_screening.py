@@ -40,6 +40,10 @@ class RunningAway:
     spare, count = 0, 200.0
 
     @property
+    def portions(self) -> list[RunningAway]:
+        return [self]
+
+    @property
     def abreast(self) -> int:
         return 0
 

@@ -38,6 +38,24 @@ def test_what_has_no_room_at_all_is_not_kept_and_drives_nothing_out() -> None:
     assert made == ["small", "large", "large"]
 
 
+def test_of_what_is_asked_for_in_turn_some_is_always_still_there() -> None:
+    turns, asked = 40, "abcdefghijklmno"
+    kept, latest = list[str](), list[str]()
+    for made, recent in ((kept, Recent(ROOM, in_turn=True)), (latest, Recent(ROOM))):
+        for key in asked * turns:
+            recent.of(key, lambda key=key, made=made: counted(made, key, 1))  # type: ignore[misc]  # as above
+    # Ten of fifteen have room: each is gone when its turn comes, if what has not been asked for the longest goes.
+    assert len(latest) == len(asked) * turns
+    assert len(kept) < 0.8 * len(latest)
+
+
+def test_the_latest_of_what_is_asked_for_in_turn_is_kept_however_large() -> None:
+    recent, made = Recent(ROOM, in_turn=True), list[str]()
+    for key in ("a", "a", "b", "b"):
+        recent.of(key, lambda key=key: counted(made, key, 50))  # type: ignore[misc]  # as above
+    assert made == ["a", "b"]
+
+
 def test_a_failure_leaves_nothing_behind() -> None:
     recent = Recent(ROOM)
     with pytest.raises(ZeroDivisionError):

@@ -41,7 +41,7 @@ def driving(run: Run, *, quick: bool = False) -> Driving:
 
 
 def test_without_an_effect_the_logged_torque_drives(run: Run) -> None:
-    drive = driving(run).at_instants(synthetic.ROSUB)
+    (drive,) = driving(run).at_instants(synthetic.ROSUB)
     assert (drive.torque == TORQUE).all()
     quick = driving(run, quick=True).between_steps(synthetic.ROSUB)
     # Of 2.5 s that change over half-way the mean is nothing.
@@ -78,7 +78,7 @@ def test_what_has_settled_need_not_be_looked_at_closely(run: Run, effect: Effect
     given = Commanded.of(synthetic.VEHICLE, [run.trial], parts)
     true = model.drivetrain.driven(given, given.between([steps]) if few else None)
     # What is looked at is no more than what may change.
-    (looked_at, _), *_ = here._commanded.values()  # noqa: SLF001 - what it is for
+    (looked_at, _), *_ = here.given._made.values()  # noqa: SLF001 - what it is for
     assert len(looked_at.where.time) < 0.8 * len(given.where.time) or (parts == 1 and not few)
     most = np.max(np.abs(true.torque))
     np.testing.assert_allclose(found.torque, true.torque, atol=2e-4 * most, rtol=0.0)

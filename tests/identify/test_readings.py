@@ -55,12 +55,12 @@ def test_where_the_rate_alone_was_measured_a_position_is_known_at_the_start_alon
 
 
 def test_headings_are_freed_of_the_same_deviation_once() -> None:
-    off, records = effect_named("heading_deviation"), readings(RUN)
+    off, (portion,) = effect_named("heading_deviation"), readings(RUN).portions
     models = [replace(synthetic.ROSUB, effects=(off,), effect_values=(size, 0.3)) for size in (0.05, 0.05, 0.06)]
-    first, same, other = (records.seen(model) for model in models)
+    first, same, other = (portion.seen(model) for model in models)
     assert first is same
     assert not np.array_equal(first.angle, other.angle)
     assert first.gain is not None
-    plain = records.seen(synthetic.ROSUB)
-    assert plain.angle is records.seen(synthetic.ROSUB).angle
+    plain = portion.seen(synthetic.ROSUB)
+    assert plain.angle is portion.seen(synthetic.ROSUB).angle
     assert plain.gain is None

@@ -50,13 +50,6 @@ def test_trials_one_after_the_other_do_not_run_into_each_other() -> None:
             np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
 
 
-def test_joined_drives_come_apart_again() -> None:
-    first, second = Drive.held(np.ones(3)), Drive.over(STEPS, np.arange(7.0))
-    joined = Drive.joined([first, second])
-    assert joined.begins.tolist() == [0, 3, 7]
-    assert [one.moment.tolist() for one in joined.by_trial] == [first.moment.tolist(), second.moment.tolist()]
-
-
 def test_a_function_goes_over_each_series() -> None:
     drive = Drive.held(np.arange(3.0), beside=np.ones((3, 1 + len(SPEEDS)))).mapped(lambda values: 2.0 * values)
     assert drive.torque.tolist() == [0.0, 2.0, 4.0]
