@@ -65,7 +65,7 @@ class Climb:
     left: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Point:
     """Coordinates with what is known there, and the damping of the step from there."""
 
@@ -101,7 +101,7 @@ def climb(
     for _ in range(iterations):
         gradient, information = NormalEquations.of(misfit.slopes(here.x, here.known))
         # Of long logs it takes much, and has served.
-        here = replace(here, known=None)
+        here.known = None
         if not np.isfinite(information).all():
             end = End.RUNAWAY
             break
@@ -147,10 +147,11 @@ def _step(
 
 
 def _points(misfit: Misfit, every: Sequence[FloatArray], dampings: Sequence[float]) -> list[_Point]:
-    """The one with all that comes free with it; of several no more than their cost is known."""
+    """The one with all that comes free with it; of several their innovations alone are known."""
     if len(every) == 1:
         return [_Point.at(misfit, every[0], dampings[0])]
-    return [_Point(x, None, *told) for x, *told in zip(every, misfit.costs_of(every), dampings, strict=True)]
+    each = zip(every, misfit.innovations_of(every), dampings, strict=True)
+    return [_Point(x, (here, []), misfit.cost_of(here), damping) for x, here, damping in each]
 
 
 def _shortened(step: FloatArray) -> FloatArray:

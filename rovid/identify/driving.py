@@ -22,8 +22,8 @@ from rovid.motion.runs import Run
 
 # Of the position's noise: so much of an angle may be lost by a mean torque.
 _LOST = 0.1
-# Bytes of what was commanded that are kept: logs of hours take more.
-_KEPT = 128_000_000
+# What was commanded, as finely as models asked for it: that of logs of hours takes more than there is room for.
+_GIVEN = Recent(128_000_000, in_turn=True)
 # For so many steps at least a change of a command is looked at closely, or so many times as long, or as long again.
 _FRESH, _LONGER = 5.0, 4.0
 
@@ -59,8 +59,8 @@ class Driving:
         from each step to the next is, and when in between it acts.
     among
         That of all runs, where these are some of them: how finely it is looked is told by all.
-    given
-        What was commanded, as finely as models asked for it, in all runs.
+    mark
+        What tells it from others, and does not keep it.
     """
 
     runs: Sequence[Run]
@@ -70,7 +70,7 @@ class Driving:
     steps: list[IntArray] | None
     means_alone: bool = False
     among: Self | None = None
-    given: Recent = field(default_factory=lambda: Recent(_KEPT, in_turn=True), repr=False)
+    mark: object = field(default_factory=object, init=False, repr=False)
     _chosen: dict[int, list[IntArray]] = field(default_factory=dict, init=False, repr=False)
 
     def of_some(self, place: slice) -> Self:
@@ -101,9 +101,7 @@ class Driving:
         train, every = model.drivetrain, self._all
         parts = 1 if self.means_alone and train.means_exactly else min(every.parts, train.parts)
         fresh_for = every.fresh_for(train.settles(every.change))
-        return self.given.of(
-            (self.runs[0], len(self.runs), parts, fresh_for), lambda: self._commanded(vehicle, parts, fresh_for)
-        )
+        return _GIVEN.of((self.mark, parts, fresh_for), lambda: self._commanded(vehicle, parts, fresh_for))
 
     def _commanded(self, vehicle: Vehicle, parts: int, fresh_for: float) -> _Given:
         """With intervals cut into so many ``parts`` as long as a change of commands is fresh."""

@@ -14,7 +14,7 @@ from rovid.ground.arrays import FloatArray, IntArray
 # Innovations beyond so many standard deviations count in proportion, not squared (Huber 1964).
 OUTLIER = 5.0
 _FARTHEST = 1e100
-# Innovations whose slopes are held at once where sums are all that is asked for: a core's cache holds them.
+# Innovations that are taken at once where sums are all that is asked for: a core's cache holds them.
 _AT_ONCE = 8192
 _WORST = 1e12
 
@@ -113,8 +113,14 @@ def _robust_square(z: FloatArray) -> FloatArray:
 
 def total_cost(here: Innovations, weight: float | FloatArray) -> float:
     """Negative log-likelihood of innovations that count with this ``weight`` each; large, but finite, of a runaway."""
-    total = float(np.sum(weight * costs(*here)))
+    weights = np.broadcast_to(weight, here.error.shape)
+    total = sum(float(np.sum(weights[rows] * costs(*here.of(rows)))) for rows in _pieces(len(weights), _AT_ONCE))
     return total if math.isfinite(total) else _WORST
+
+
+def _pieces(count: int, at_once: int) -> list[slice]:
+    """So many innovations, some after the other; one piece if there is none."""
+    return [slice(begin, min(begin + at_once, count)) for begin in range(0, max(count, 1), at_once)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,8 +165,7 @@ def slopes_between(
     These are those of all from the ``first`` on.
     """
     weights = np.broadcast_to(weight, centre.error.shape)
-    for begin in range(0, max(len(weights), 1), at_once):
-        rows = slice(begin, min(begin + at_once, len(weights)))
+    for rows in _pieces(len(weights), at_once):
         here, *there = (one.of(rows) for one in (centre, *sides))
         yield _slopes(slice(first + rows.start, first + rows.stop), here, there, step, weights[rows])
 
