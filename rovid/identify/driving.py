@@ -23,7 +23,7 @@ from rovid.motion.runs import Run
 # Of the position's noise: so much of an angle may be lost by a mean torque.
 _LOST = 0.1
 # What was commanded, as finely as models asked for it: that of logs of hours takes more than there is room for.
-_GIVEN = Recent(128_000_000, in_turn=True)
+_GIVEN = Recent(96_000_000, in_turn=True)
 # For so many steps at least a change of a command is looked at closely, or so many times as long, or as long again.
 _FRESH, _LONGER = 5.0, 4.0
 

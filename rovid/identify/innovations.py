@@ -228,7 +228,8 @@ def _passed(pairs: Sequence[tuple[InnovationMisfit, FloatArray]]) -> list[Innova
     for (misfit, _), error, variance, (_, slope) in zip(pairs, errors, variances, seen, strict=False):
         if slope is not None:
             # The density is that of the measured heading, whatever it deviates by.
-            gain = np.where(portion.told % 2, 1.0, slope[portion.told // 2])
+            told = portion.told
+            gain = np.where(told % 2, 1.0, slope[told // 2])
             error, variance = error * gain, variance * gain**2  # noqa: PLW2901 - of the same innovations
         if misfit.counted is not None:
             counted = misfit.counted[portion.rows]

@@ -150,10 +150,11 @@ class Portion:
     def _rows(self) -> IntArray:
         """(n, 2) as in `Logged`."""
         rows = np.full(2 * len(self._angle), -1)
-        rows[self.told] = np.arange(len(self.told))
+        told = self.told
+        rows[told] = np.arange(len(told))
         return rows.reshape(-1, 2)
 
-    @cached_property
+    @property
     def told(self) -> IntArray:
         """(N,) of each innovation, twice the instant that it is of, and one more if it is of the rate."""
         pairs = zip(self.of_runs, self._begins[:-1], strict=True)

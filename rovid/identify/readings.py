@@ -52,7 +52,7 @@ class Readings(Records):
         pairs = zip(self.runs, every, strict=True)
         return [RunReadings.of(run, at, gyro=self.gyro) for run, at in pairs]
 
-    @cached_property
+    @property
     def spans(self) -> list[tuple[FloatArray, FloatArray]]:
         """Of each run the (n,) s of each innovation, at which it begins and ends to tell of the motion."""
         return [(readings.told_at, readings.told_at) for readings in self.of_runs]

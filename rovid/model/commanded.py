@@ -18,7 +18,7 @@ from rovid.ground.recent import Made, Recent
 from rovid.model.drive import Intervals
 
 # What effects made of commands, of any trials: models that are compared share most of it.
-_MADE = Recent(48_000_000)
+_MADE = Recent(32_000_000)
 
 
 @dataclass(frozen=True, eq=False)
