@@ -19,7 +19,7 @@ from tools.trial_day import write_trial_day
 from tools.truth import VEHICLES
 
 # How many days each command is given.
-DAYS = {"fit": (1, 4, 16), "diagnose": (1, 4)}
+DAYS = {"fit": (1, 4, 16), "diagnose": (1, 4, 16)}
 
 
 def write_days(folder: Path, days: int, seed: int, case: str | None) -> list[str]:

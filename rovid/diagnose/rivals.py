@@ -15,8 +15,8 @@ from rovid.identify.misfit import Misfit
 # Of log-likelihood: a search looks no closer. So many steps are taken for that at most.
 _TOLERANCE = 0.1
 ITERATIONS = 25
-# Bytes that no more than one fit takes at a time.
-_MUCH = 5e7
+# Of so many readings no more than one fit is made at a time.
+_MANY = 400_000
 # Of what is gained so much may be no more than how nature's form of it differs from the equation's.
 REMAINDER = 0.04
 
@@ -104,20 +104,15 @@ def fitted_together(misfits: Sequence[Misfit], fit: Callable[[int], Fitted]) -> 
 
     # Whoever shares them is done about as soon as the others where what takes longest comes first.
     order = sorted(range(len(misfits)), key=lambda at: _length(misfits[at]), reverse=True)
-    # Each fit holds as much as its slopes take: where that is a lot threads share the passes of one instead.
-    small = max(map(_taken, misfits), default=0.0) < _MUCH
-    found = dict(zip(order, shared(numbers, order, among_threads=small), strict=True))
+    # Each fit holds innovations at two points, and beside them: where these are many, threads share the passes of one.
+    few = all(len(misfit.records.trial) < _MANY for misfit in misfits)
+    found = dict(zip(order, shared(numbers, order, among_threads=few), strict=True))
     return [Fitted(misfit, *found[at]) for at, misfit in enumerate(misfits)]
 
 
 def _length(misfit: Misfit) -> tuple[bool, int]:
     """The more the longer a fit takes: what swings by itself takes two states more, and each parameter slopes."""
     return any(effect.oscillates for effect in misfit.effects), len(misfit.coordinates.parameters)
-
-
-def _taken(misfit: Misfit) -> float:
-    """Bytes that the innovations and variances one step aside along each coordinate take."""
-    return 16.0 * len(misfit.records.trial) * len(misfit.coordinates.low)
 
 
 def is_plausible(fitted: Fitted) -> bool:

@@ -12,8 +12,7 @@ import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
-from rovid.ground.arrays import BoolArray, FloatArray, IntArray
-from rovid.ground.compiled import compiled
+from rovid.ground.arrays import BoolArray, IntArray
 from rovid.ground.recent import Recent
 from rovid.model.commanded import Commanded
 from rovid.model.drive import MOST_PARTS, Drive, Intervals
@@ -180,16 +179,7 @@ class Driving:
 
 def _fresh(trial: Trial, seconds: float) -> BoolArray:
     """(n,) which instants of ``trial`` are no later than so many after a change of a command."""
-    return _changed_within(trial.time, trial.commands, seconds)
-
-
-@compiled
-def _changed_within(time: FloatArray, commands: FloatArray, seconds: float) -> BoolArray:
-    fresh = np.zeros(len(time), dtype=np.bool_)
-    latest = -1
-    for k in range(1, len(time)):
-        for thruster in range(commands.shape[1]):
-            if commands[k, thruster] != commands[k - 1, thruster]:
-                latest = k
-        fresh[k] = latest >= 0 and time[k] - time[latest] <= seconds
-    return fresh
+    count = len(trial.time)
+    changed = np.concatenate(([False], (np.diff(trial.commands, axis=0) != 0.0).any(axis=1)))
+    latest = np.maximum.accumulate(np.where(changed, np.arange(count), -1))
+    return np.asarray((latest >= 0) & (trial.time - trial.time[latest] <= seconds))

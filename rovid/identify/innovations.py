@@ -199,7 +199,7 @@ def _side_by_side(pairs: Sequence[tuple[InnovationMisfit, FloatArray]]) -> list[
     portions = [misfit.portions for misfit, _ in pairs]
     if len(portions[0]) == 1:
         return _passed(pairs)
-    joined = [Innovations.of_as_many(len(misfit.of_counted(misfit.records.trial))) for misfit, _ in pairs]
+    joined = [Innovations.of_as_many(misfit.rows.stop) for misfit, _ in pairs]
 
     def passed(each: Sequence[InnovationMisfit]) -> None:
         few = [(portion, x) for portion, (_, x) in zip(each, pairs, strict=True)]

@@ -68,9 +68,9 @@ def test_who_cannot_reach_the_goal_is_not_followed(misfit: InnovationMisfit, mon
     assert climbed_on(ended, 60) is ended
 
 
-@pytest.mark.parametrize(("much", "at_once"), [(1e9, True), (1.0, False)])
-def test_fits_that_take_much_memory_come_one_after_the_other(
-    misfit: InnovationMisfit, monkeypatch: pytest.MonkeyPatch, much: float, *, at_once: bool
+@pytest.mark.parametrize(("many", "at_once"), [(10**9, True), (1, False)])
+def test_fits_of_many_readings_come_one_after_the_other(
+    misfit: InnovationMisfit, monkeypatch: pytest.MonkeyPatch, many: int, *, at_once: bool
 ) -> None:
     asked: list[bool] = []
 
@@ -78,7 +78,7 @@ def test_fits_that_take_much_memory_come_one_after_the_other(
         asked.append(among_threads)
         return [function(item) for item in items]
 
-    monkeypatch.setattr(rivals, "_MUCH", much)
+    monkeypatch.setattr(rivals, "_MANY", many)
     monkeypatch.setattr(rivals, "shared", one_by_one)
     fitted = Fitted(misfit, misfit.coordinates.first(), 1.0)
     (found,) = rivals.fitted_together([misfit], lambda _: fitted)
