@@ -84,3 +84,18 @@ def test_what_has_settled_need_not_be_looked_at_closely(run: Run, effect: Effect
     np.testing.assert_allclose(found.torque, true.torque, atol=2e-4 * most, rtol=0.0)
     large = np.max(np.abs(true.moment))
     np.testing.assert_allclose(found.moment, true.moment, atol=0.02 * large, rtol=0.0)
+
+
+@pytest.mark.parametrize("few", [False, True], ids=["all", "few"])
+def test_some_of_the_runs_are_looked_at_as_finely_as_all(run: Run, *, few: bool) -> None:
+    """Of logs whose readings are far apart, and whose commands change little, what all ask for."""
+    time = TIME[::4]
+    seldom = synthetic.run(time, 0.2 * TORQUE[::4])
+    seldom = replace(seldom, trial=replace(seldom.trial, name="seldom", commands=0.2 * COMMAND[::4, None]))
+    steps = [np.arange(0, len(one.trial.time), 8) for one in (run, seldom)] if few else None
+    both = replace(driving(run), runs=[run, seldom], steps=steps, position_noise=1e-8)
+    whole = both.between_steps(LAGGED)
+    parts = [both.of_some(slice(at, at + 1)).between_steps(LAGGED) for at in range(2)]
+    for part, true in zip(parts, whole.by_trial, strict=True):
+        np.testing.assert_array_equal(part.torque, true.torque)
+        np.testing.assert_array_equal(part.moment, true.moment)

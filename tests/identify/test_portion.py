@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -42,12 +44,14 @@ def run(number: int, begin: int, end: int, since: float) -> Run:
 RUNS = [run(number, *piece) for number, piece in enumerate(PIECES)]
 
 
-def misfit_of(monkeypatch: pytest.MonkeyPatch, at_once: int, key: str, interval: float = 0.0) -> InnovationMisfit:
+def misfit_of(
+    monkeypatch: pytest.MonkeyPatch, at_once: int, key: str, interval: float = 0.0, runs: Sequence[Run] = RUNS
+) -> InnovationMisfit:
     """With so many instants gone through at once at most."""
     monkeypatch.setattr(readings, "_AT_ONCE", at_once)
-    records = Readings(RUNS, synthetic.VEHICLE, synthetic.ROSUB, interval=interval)
+    records = Readings(runs, synthetic.VEHICLE, synthetic.ROSUB, interval=interval)
     misfit = InnovationMisfit(records, 0.05, (effect_named(key),) if key else ())
-    assert len(misfit.portions) == (1 if at_once > 2000 else len(RUNS))
+    assert len(misfit.portions) == (1 if at_once > 2000 else len(runs))
     return misfit
 
 
@@ -102,6 +106,24 @@ def test_innovations_that_do_not_count_are_left_out_of_each_portion(monkeypatch:
     assert costs == pytest.approx([some.cost(x), cut.cost(x)])
     rows = [piece.rows for piece in some.flatter_slopes(x)]
     assert [row.start for row in rows] == [0, *(row.stop for row in rows[:-1])]
+
+
+def test_slopes_take_the_memory_of_one_portion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside what is known of all: a side for each coordinate would be there of all runs at once."""
+    many = [run(number, *PIECES[number % len(PIECES)]) for number in range(30)]
+    taken = []
+    for at_once in (100_000, 100):
+        misfit = misfit_of(monkeypatch, at_once, "supply_sag:drift", runs=many)
+        x = point(misfit)
+        known = misfit.looked(x)
+        # What is kept of the logs is there already.
+        NormalEquations.of(misfit.slopes(x, known))
+        tracemalloc.start()
+        NormalEquations.of(misfit.slopes(x, known))
+        taken.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    whole, cut = taken
+    assert cut < 0.3 * whole
 
 
 def test_slopes_promise_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
