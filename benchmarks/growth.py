@@ -19,7 +19,7 @@ from tools.trial_day import write_trial_day
 from tools.truth import VEHICLES
 
 # How many days each command is given.
-DAYS = {"fit": (1, 4, 16), "diagnose": (1, 4, 16)}
+COMMANDS, DAYS = ("fit", "diagnose"), (1, 4, 16)
 
 
 def write_days(folder: Path, days: int, seed: int, case: str | None) -> list[str]:
@@ -65,22 +65,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=secrets.randbelow(10**6))
     parser.add_argument("--hide", metavar="CASE")
-    parser.add_argument("--only", choices=list(DAYS), action="append", help="this command alone")
+    parser.add_argument("--only", choices=COMMANDS, action="append", help="this command alone")
     arguments = parser.parse_args()
-    commands = arguments.only or list(DAYS)
+    commands = arguments.only or COMMANDS
     print(f"seed {arguments.seed}, hidden: {arguments.hide or 'nothing'}")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        most = max(max(DAYS[command]) for command in commands)
-        names = write_days(folder, most, arguments.seed, arguments.hide)
+        names = write_days(folder, max(DAYS), arguments.seed, arguments.hide)
         for command in commands:
             taken(folder, command, names[:1])  # compiles, where that was not done before
             first = usage = taken(folder, command, names[:1])
             print(f"rovid {command}\n{row(1, first, first)}; {said(command, first.out)}", flush=True)
-            for days in DAYS[command][1:]:
+            for days in DAYS[1:]:
                 usage = taken(folder, command, names[:days])
                 print(f"{row(days, usage, first)}; {said(command, usage.out)}", flush=True)
-            print(more(max(DAYS[command]), usage, first))
+            print(more(max(DAYS), usage, first))
 
 
 if __name__ == "__main__":

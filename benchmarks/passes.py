@@ -73,7 +73,8 @@ class Reference:
     def prepared(self, misfit: InnovationMisfit, points: Sets) -> Callable[[], list[Innovations]]:
         """One pass over the log of ``misfit`` with as many ``points`` as there are lanes."""
         (readings,) = misfit.records.of_runs
-        drive = misfit.records.drives_between(misfit.coordinates.model(points[0]))
+        (portion,) = misfit.records.portions
+        drive = portion.drives(misfit.coordinates.model(points[0]))
         sets = np.column_stack([_set(misfit, x) for x in points])
         log = readings.time, drive.torque, drive.moment, readings.angle
         innovation, variance = (np.empty((len(readings.time), self.lanes)) for _ in range(2))

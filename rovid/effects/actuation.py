@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -253,7 +252,7 @@ def actuation(
     counts = _counts(len(time), parts, cut)
     stretch = Stretch(trial.name, trial.whole or trial.name, trial.since, chosen=chosen, cut=cut)
     return replace(
-        _unmoved(vehicle),
+        _of_vehicle(vehicle),
         time=time if parts == 1 else _instants(time, counts),
         # Between two instants a speed is what is between its readings there, and any other channel is held.
         extras={
@@ -266,9 +265,9 @@ def actuation(
     )
 
 
-@functools.lru_cache(maxsize=4)
-def _unmoved(vehicle: Vehicle) -> Actuation:
-    """What is told of ``vehicle``, at no time."""
+@lru_cache(maxsize=4)
+def _of_vehicle(vehicle: Vehicle) -> Actuation:
+    """What is told of ``vehicle``, whatever the trial; asked for by every one."""
     return Actuation(
         time=np.zeros(0),
         names=tuple(thruster.name for thruster in vehicle.thrusters),

@@ -22,9 +22,10 @@ Made = TypeVar("Made", bound=Sized)
 class Recent:
     """What was made, by all that it was made of; what has not been asked for the longest goes first.
 
-    Of ``most`` bytes all together. What is asked for ``in_turn``, from the first to the last again and again, is asked
-    for next when it has not been for the longest: then any other goes, and the latest is kept however large it is.
-    Threads may ask for the same at the same time, and make it twice.
+    Of ``most`` bytes all together. A weak reference among what it was made of does not keep that alive. What is asked
+    for ``in_turn``, from the first to the last again and again, is asked for next when it has not been for the longest:
+    then any other goes, and the latest is kept however large it is. Threads may ask for the same at the same time, and
+    make it twice.
     """
 
     def __init__(self, most: int, *, in_turn: bool = False) -> None:

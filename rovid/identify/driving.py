@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple, Self
+from weakref import ref
 
 import numpy as np
 
@@ -58,8 +59,6 @@ class Driving:
         from each step to the next is, and when in between it acts.
     among
         That of all runs, where these are some of them: how finely it is looked is told by all.
-    mark
-        What tells it from others, and does not keep it.
     """
 
     runs: Sequence[Run]
@@ -69,7 +68,6 @@ class Driving:
     steps: list[IntArray] | None
     means_alone: bool = False
     among: Self | None = None
-    mark: object = field(default_factory=object, init=False, repr=False)
     _chosen: dict[int, list[IntArray]] = field(default_factory=dict, init=False, repr=False)
 
     def of_some(self, place: slice) -> Self:
@@ -100,7 +98,7 @@ class Driving:
         train, every = model.drivetrain, self._all
         parts = 1 if self.means_alone and train.means_exactly else min(every.parts, train.parts)
         fresh_for = every.fresh_for(train.settles(every.change))
-        return _GIVEN.of((self.mark, parts, fresh_for), lambda: self._commanded(vehicle, parts, fresh_for))
+        return _GIVEN.of((ref(self), parts, fresh_for), lambda: self._commanded(vehicle, parts, fresh_for))
 
     def _commanded(self, vehicle: Vehicle, parts: int, fresh_for: float) -> _Given:
         """With intervals cut into so many ``parts`` as long as a change of commands is fresh."""

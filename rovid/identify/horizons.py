@@ -76,6 +76,10 @@ class HorizonRecords(Records):
         pairs = [(course.run.trial.time, course.time) for course in self.courses.each]
         return [held_since(time, grid) for time, grid in pairs]
 
+    def drives_between(self, model: Model) -> Drive:
+        """What drives the runs from each instant that is looked at to the next."""
+        return self._driving.between_steps(model)
+
     def means(self, series: FloatArray) -> FloatArray:
         """(m,) means from each instant of the grids to the next, of an (n,) series at all or at the chosen instants."""
         if len(series) not in self._means:

@@ -59,8 +59,9 @@ class InnovationMisfit(Misfit):
     @cached_property
     def portions(self) -> list[Self]:
         """The same of each portion of the records."""
-        numbers = range(len(self.records.portions))
-        return [self] if self.portion is not None or len(numbers) == 1 else [replace(self, portion=k) for k in numbers]
+        if len(self.looked_at) == 1:
+            return [self]
+        return [replace(self, portion=number) for number in range(len(self.looked_at))]
 
     @cached_property
     def rows(self) -> slice:

@@ -144,7 +144,3 @@ class Records(ABC):
     def drives(self, model: Model) -> Iterator[Drive]:
         """What drives each run, at all instants of its log."""
         return self._driving.at_instants(model)
-
-    def drives_between(self, model: Model) -> Drive:
-        """What drives the runs from each instant that is looked at to the next."""
-        return self._driving.between_steps(model)

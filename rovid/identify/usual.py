@@ -9,7 +9,7 @@ import numpy as np
 
 from rovid.campaign.trial import Trial
 from rovid.campaign.vehicle import Vehicle
-from rovid.effects.actuation import SPEEDS, neutral_commands
+from rovid.effects.actuation import SPEEDS, actuation, neutral_commands
 from rovid.effects.base import Scales
 from rovid.ground.arrays import FloatArray
 from rovid.motion.runs import Run
@@ -70,9 +70,9 @@ def _command(trials: Sequence[Trial], vehicle: Vehicle | None) -> float:
 
 def _races(trials: Sequence[Trial], vehicle: Vehicle) -> tuple[float, float]:
     """Of the race in use, N^0.5 m^2, and of the root of a thrust in use, N^0.5."""
-    arms = np.array([thruster.arm for thruster in vehicle.thrusters])
-    roots = [np.sqrt(np.abs(vehicle.thrust(trial.commands))) for trial in trials]
-    return in_use(np.concatenate([root @ arms**2 for root in roots])), in_use(np.concatenate(roots))
+    thrusts = [vehicle.thrust(trial.commands) for trial in trials]
+    races = [actuation(vehicle, trial).race(thrust) for trial, thrust in zip(trials, thrusts, strict=True)]
+    return in_use(np.concatenate(races)), in_use(np.sqrt(np.abs(np.concatenate(thrusts))))
 
 
 def _load(trials: Sequence[Trial], vehicle: Vehicle) -> float:

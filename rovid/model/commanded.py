@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
-from weakref import WeakValueDictionary
+from weakref import WeakValueDictionary, ref
 
 import numpy as np
 
@@ -31,14 +31,11 @@ class Commanded:
         What effects are told of the trials, with each interval between two of the log's instants cut into parts.
     held
         (n, k) commands at the log's instants, those that were chosen.
-    mark
-        What tells it from others, and does not keep it.
     """
 
     vehicle: Vehicle
     where: Actuation
     held: FloatArray
-    mark: object = field(default_factory=object, init=False, repr=False)
 
     @classmethod
     def of(
@@ -68,7 +65,7 @@ class Commanded:
 
     def made(self, of: Hashable, make: Callable[[], Made]) -> Made:
         """What effects ``make`` of it, by what it is made ``of``: them and their parameters."""
-        return _MADE.of((self.mark, of), make)
+        return _MADE.of((ref(self), of), make)
 
     @property
     def nbytes(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Self
 from weakref import WeakValueDictionary
@@ -32,8 +32,6 @@ class Intervals:
         (n,) s from each instant to the next, 0 from the last of a trial; and when half of that has passed.
     span, end
         (m,) s that each interval lasts, and when it ends; of the last of a trial 1 s, for it has none.
-    mark
-        What tells them from others, and does not keep them.
     """
 
     at: IntArray
@@ -42,7 +40,6 @@ class Intervals:
     middle: FloatArray
     span: FloatArray
     end: FloatArray
-    mark: object = field(default_factory=object, init=False, repr=False)
 
     @classmethod
     def of(cls, times: Sequence[FloatArray], at: Sequence[IntArray]) -> Self:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from weakref import ref
 
 import numpy as np
 
@@ -63,7 +64,7 @@ class Drivetrain:
         """As ``drive``, of several trials; between the log's instants where not ``over`` others."""
         over = given.intervals if over is None else over
         return given.made(
-            ("drive", None if over is None else over.mark, *self._told()), lambda: self._driven(given, over)
+            ("drive", None if over is None else ref(over), *self._told()), lambda: self._driven(given, over)
         )
 
     def _driven(self, given: Commanded, over: Intervals | None) -> Drive:
