@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.campaign.axis import YAW
 from rovid.effects import effect_named
-from rovid.identify.fitted import climbed
-from rovid.identify.free_run import fit_free_run, free_run_r2
-from rovid.identify.likelihood import fit_base, with_effects
-from rovid.identify.readings import Readings
-from rovid.model.names import base_names
-from rovid.study import open_study
+from rovid.estimate.filter_data import Readings
+from rovid.estimate.fit_result import climbed
+from rovid.estimate.maximum_likelihood import fit_base, with_effects
+from rovid.estimate.output_error import fit_free_run, free_run_r2
+from rovid.model.parameter_names import base_names
+from rovid.store.study import open_study
+from rovid.trial.axis import YAW
 
 
 def main() -> None:

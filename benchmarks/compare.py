@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from rovid.compare.changes import Changes, Pair, candidates_of, changes_of
+from rovid.compare.difference_tests import Changes, Pair, candidates_of, changes_of
 from tools.hard import draw, write_campaign
 from tools.hidden import Hidden
 from tools.programme import Hold, Run, Sine, multilevel
@@ -121,10 +121,10 @@ def hard(seed: int, number: int, room: Path) -> tuple[list[tuple[str, Path]], di
 
 def judged(seed: int, number: int, water: str) -> dict[str, Any]:
     """One vehicle: its days diagnosed, each pair compared."""
+    from rovid.compare.campaign_fit import day_of_logs, diagnosed
     from rovid.compare.comparison import compare
-    from rovid.compare.day import day_of_logs, diagnosed
-    from rovid.ground.errors import DataError
-    from rovid.study import open_study
+    from rovid.core.errors import DataError
+    from rovid.store.study import open_study
 
     began = time.monotonic()
     pairs, refused = [], 0

@@ -51,7 +51,7 @@ FEW = (
 def rovid(folder: Path, *arguments: str) -> dict[str, Any]:
     """JSON of a rovid command."""
     done = subprocess.run(
-        [sys.executable, "-c", "from rovid.commands.cli import main; main()", *arguments, "--json"],
+        [sys.executable, "-c", "from rovid.cli.cli import main; main()", *arguments, "--json"],
         cwd=folder,
         capture_output=True,
         text=True,

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.campaign.trial import Trial
-from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
-from rovid.inspect.feedback import LEVEL, find_feedback
+from rovid.preflight.feedback_detection import LEVEL, find_feedback
+from rovid.trial.trial import Trial
+from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 from tools.hard import Campaign, draw
 from tools.hard.thrust import bench
 from tools.steering import CLOSED, OPEN, Steered, steered

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from rovid.ground.workers import SHARE, cores
+from rovid.core.threads import SHARE, cores
 from tools.cases import Case, all_cases
 from tools.programme import campaign_for
 from tools.trial_day import write_trial_day

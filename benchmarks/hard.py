@@ -23,7 +23,7 @@ from benchmarks.hard_scores import score
 from tools.hard import VEHICLES, draw, look, write_campaign
 
 PROJECT = Path(__file__).resolve().parents[1]
-TOOL = [sys.executable, "-c", "from rovid.commands.cli import main; main()"]
+TOOL = [sys.executable, "-c", "from rovid.cli.cli import main; main()"]
 # What of a diagnosis is kept in the state.
 KEPT = ("verdict", "findings", "suspects", "base", "extended", "horizons", "unexplained", "warnings")
 

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 
 from benchmarks.simulation import compiled
 from rovid.effects import effect_named
-from rovid.ground.lanes import LANES
-from rovid.identify.coordinates import COMMON, DISTURBANCE
-from rovid.identify.free_run import fit_free_run
-from rovid.identify.innovations import InnovationMisfit
-from rovid.identify.readings import Readings
-from rovid.identify.scoring import Innovations
-from rovid.study import open_study
+from rovid.estimate.filter_data import Readings
+from rovid.estimate.fisher_information import Innovations
+from rovid.estimate.innovation_likelihood import InnovationMisfit
+from rovid.estimate.output_error import fit_free_run
+from rovid.estimate.parametrization import COMMON, DISTURBANCE
+from rovid.jit.simd import LANES
+from rovid.store.study import open_study
 from tools.programme import Run, multilevel
 from tools.trial_day import write_trial_day
 

@@ -22,8 +22,8 @@ import pandas as pd
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from rovid.campaign.config import load_config
 from rovid.readers import read_log
+from rovid.trial.config import load_config
 
 TOML = """
 [[thrusters]]
@@ -48,7 +48,7 @@ EPOCH = 1_767_787_200_000_000_000
 MEASURE = """
 import sys
 from pathlib import Path
-from rovid.campaign.config import load_config
+from rovid.trial.config import load_config
 from rovid.readers import read_log
 trial = read_log(Path(sys.argv[1]), load_config(Path(sys.argv[2])))
 status = Path("/proc/self/status").read_text()

@@ -26,10 +26,10 @@ from benchmarks.gallery import SETS
 from benchmarks.gallery.base import RealSet, Step
 from benchmarks.gallery.judge import Answer
 from benchmarks.gallery.page import Record, line_of, page_of
-from rovid.report.plots.canvas import png
+from rovid.present.plots.canvas import png
 
 PROJECT = Path(__file__).resolve().parents[1]
-TOOL = [sys.executable, "-c", "from rovid.commands.cli import main; main()"]
+TOOL = [sys.executable, "-c", "from rovid.cli.cli import main; main()"]
 
 
 def ask(step: Step, room: Path, timeout: float) -> Answer:

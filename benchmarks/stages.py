@@ -22,9 +22,9 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from rovid import study
-from rovid.diagnose.record import Diagnosis
-from rovid.ground.workers import SHARE
+from rovid.core.threads import SHARE
+from rovid.diagnose.result import Diagnosis
+from rovid.store import study
 from tools.cases import all_cases, truth_of
 from tools.trial_day import write_trial_day
 from tools.truth import VEHICLES
@@ -33,25 +33,25 @@ HIDDEN = ("thruster_lag-first_order-strong", "thrust_asymmetry-gain-strong")
 WHOLE, SCREENING, CLIMBS = "diagnosis", "screening", "climbs"
 # Where a function is called from, by module and name, and the stage that it is; several may be of one.
 STAGES = {
-    "rovid.study.open_study": "reading",
-    "rovid.diagnose.diagnosis.fit_free_run": "start fit",
-    "rovid.diagnose.diagnosis.pieces_of": "cutting into pieces",
+    "rovid.store.study.open_study": "reading",
+    "rovid.diagnose.algorithm.fit_free_run": "start fit",
+    "rovid.diagnose.algorithm.pieces_of": "cutting into pieces",
     "rovid.diagnose.strategies.ByInnovations.at_once": "search by each next reading",
     "rovid.diagnose.strategies.look_for_waves": "waves",
-    "rovid.diagnose.search.screen": SCREENING,
-    "rovid.diagnose.search.shortlist": "shortlist",
-    "rovid.diagnose.search.fit_all": CLIMBS,
-    "rovid.identify.fitted.climb": CLIMBS,
-    "rovid.diagnose.work.Work.holds": "testing what was found",
-    "rovid.diagnose.work.Work.decided": "testing what was found",
-    "rovid.diagnose.work.cross_validate": "cross-validation",
-    "rovid.diagnose.waves.cross_validate": "cross-validation",
-    "rovid.diagnose.diagnosis.concluded": "conclusion",
+    "rovid.diagnose.stepwise.screen": SCREENING,
+    "rovid.diagnose.stepwise.shortlist": "shortlist",
+    "rovid.diagnose.stepwise.fit_all": CLIMBS,
+    "rovid.estimate.fit_result.climb": CLIMBS,
+    "rovid.diagnose.validation.Work.holds": "testing what was found",
+    "rovid.diagnose.validation.Work.decided": "testing what was found",
+    "rovid.diagnose.validation.cross_validate": "cross-validation",
+    "rovid.diagnose.wave_test.cross_validate": "cross-validation",
+    "rovid.diagnose.algorithm.concluded": "conclusion",
 }
 # What asks the model, and how often by what it is given: once a set of parameters.
 PASSES: dict[str, Callable[..., int]] = {
-    "rovid.identify.innovations._side_by_side": len,
-    "rovid.identify.horizon_misfit.predictions": lambda *_: 1,
+    "rovid.estimate.innovation_likelihood._side_by_side": len,
+    "rovid.estimate.multi_step_likelihood.predictions": lambda *_: 1,
 }
 
 Function = Callable[..., Any]

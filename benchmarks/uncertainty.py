@@ -16,15 +16,15 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.campaign.config import find_config, load_config
 from rovid.effects import effect_named
-from rovid.identify.estimate import Estimate
-from rovid.identify.inertia import fit_inertia
-from rovid.identify.likelihood import fit_likelihood
-from rovid.identify.steady import fit_drag
-from rovid.identify.steady_points import steady_points
-from rovid.motion.runs import prepare
+from rovid.estimate.estimate import Estimate
+from rovid.estimate.inertia import fit_inertia
+from rovid.estimate.maximum_likelihood import fit_likelihood
+from rovid.estimate.steady_drag import fit_drag
+from rovid.estimate.steady_points import steady_points
 from rovid.readers import read_campaign
+from rovid.signals.preprocessing import prepare
+from rovid.trial.config import find_config, load_config
 from tools.cases import Case, all_cases, truth_of
 from tools.trial_day import write_trial_day
 from tools.truth import VEHICLES, Truth

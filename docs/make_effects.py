@@ -19,19 +19,19 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from rovid.campaign.axis import AXES, YAW, Axis
-from rovid.campaign.config import load_config
-from rovid.campaign.trial import Trial
-from rovid.campaign.vehicle import Vehicle
-from rovid.diagnose.experiments import _PAIRS
+from rovid.core.array_types import FloatArray
+from rovid.core.errors import ConfigError, RovidError, nearest
+from rovid.diagnose.next_experiment import _PAIRS
 from rovid.effects import CATALOGUE, FORMS, Effect, EffectParameter
 from rovid.effects.base import SPEEDS, OnCommand, OnHeading, OnThrust, OnTorque, Term, Wave
 from rovid.effects.thruster_imbalance import BESIDE, of_thruster
-from rovid.ground.arrays import FloatArray
-from rovid.ground.errors import ConfigError, RovidError, nearest
-from rovid.model.drive import Drive
 from rovid.model.model import Model
-from rovid.report.plots.canvas import BLACK, BLUE, ORANGE, PALE, png, sheet, styled
+from rovid.model.torque_input import Drive
+from rovid.present.plots.canvas import BLACK, BLUE, ORANGE, PALE, png, sheet, styled
+from rovid.trial.axis import AXES, YAW, Axis
+from rovid.trial.config import load_config
+from rovid.trial.trial import Trial
+from rovid.trial.vehicle import Vehicle
 
 FOLDER = Path(__file__).parent / "effects"
 NOTES = FOLDER / "notes.toml"

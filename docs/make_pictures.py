@@ -41,7 +41,7 @@ OPEN = ("open.png", 1500, ("hold_02.csv", "hold_03.csv", "sine_40s_a.csv", "stai
 def has_browser() -> bool:
     """Whether there is one that can be driven from here."""
     try:
-        from tests.report.chromium import find_chromium
+        from tests.present.chromium import find_chromium
     except ImportError:  # it is driven over a pipe of POSIX
         return False
     return find_chromium() is not None
@@ -49,7 +49,7 @@ def has_browser() -> bool:
 
 def screens(page: Path, folder: Path) -> None:
     """Take the pictures of ``page`` as a browser shows it, into ``folder``."""
-    from tests.report.chromium import chromium
+    from tests.present.chromium import chromium
 
     with tempfile.TemporaryDirectory() as profile, chromium(Path(profile), "--hide-scrollbars") as tab:
         tab.call("Emulation.setDeviceMetricsOverride", width=1280, height=800, deviceScaleFactor=1, mobile=False)
@@ -68,7 +68,7 @@ def screens(page: Path, folder: Path) -> None:
 def screen_of_open(folder: Path) -> None:
     """Take the picture of the page of `rovid open`, into ``folder``."""
     from tests.app.served import served
-    from tests.report.chromium import chromium
+    from tests.present.chromium import chromium
 
     picture, height, logs = OPEN
     with tempfile.TemporaryDirectory() as name:
@@ -98,7 +98,7 @@ def main() -> None:
         (folder / "sample_logs").symlink_to(HERE.parent / "sample_logs")
         for command in re.findall(r"^\$ rovid (.*)$", text, re.MULTILINE):
             sys.stdout.write(f"rovid {command}\n")
-            words = [sys.executable, "-c", "from rovid.commands.cli import main; main()", *shlex.split(command)]
+            words = [sys.executable, "-c", "from rovid.cli.cli import main; main()", *shlex.split(command)]
             subprocess.run(words, cwd=folder, check=True, stdout=subprocess.DEVNULL)  # noqa: S603 - the page's own
         for picture, made in PICTURES.items():
             shutil.copy(folder / made, FOLDER / picture)

@@ -1,5 +1,5 @@
 """``python -m rovid``."""
 
-from rovid.commands.cli import main
+from rovid.cli.cli import main
 
 main()

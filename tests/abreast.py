@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rovid.ground.arrays import FloatArray
-from rovid.ground.lanes import LANES
-from rovid.model.batch import Abreast, Driven, Logged
-from rovid.model.drive import Drive
+from rovid.core.array_types import FloatArray
+from rovid.jit.simd import LANES
+from rovid.model.filter_batch import Abreast, Driven, Logged
 from rovid.model.model import Model
+from rovid.model.torque_input import Drive
 
 Filter = Callable[[Logged, Driven, Abreast], tuple[FloatArray, FloatArray]]
 

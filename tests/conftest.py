@@ -15,10 +15,10 @@ from typing import Any
 
 import pytest
 
-from rovid.campaign.guesswork import Guesswork
-from rovid.commands import cli
-from rovid.diagnose.record import Diagnosis
-from rovid.study import Study
+from rovid.cli import cli
+from rovid.diagnose.result import Diagnosis
+from rovid.store.study import Study
+from rovid.trial.assumptions import Guesswork
 from tools.programme import CAMPAIGN
 from tools.trial_day import write_trial_day
 
@@ -98,19 +98,19 @@ def blank_plots(*drawn: str) -> Iterator[None]:
     """
     from matplotlib.figure import Figure
 
-    from rovid.report import album
-    from rovid.report.plots import canvas
+    from rovid.present.page import figures
+    from rovid.present.plots import canvas
 
-    figure, whole = Figure(figsize=(0.5, 0.5)), album._picture  # noqa: SLF001 - what draws one
+    figure, whole = Figure(figsize=(0.5, 0.5)), figures._picture  # noqa: SLF001 - what draws one
     as_png, as_svg = canvas.png(figure), canvas.svg(figure)
 
-    def picture(sketch: album.Sketch, guess: Guesswork) -> album.Picture:
+    def picture(sketch: figures.Sketch, guess: Guesswork) -> figures.Picture:
         if sketch.name in drawn:
             return whole(sketch, guess)
-        return album.Picture(name=sketch.name, caption=sketch.caption, alt=sketch.alt, png=as_png, svg=as_svg)
+        return figures.Picture(name=sketch.name, caption=sketch.caption, alt=sketch.alt, png=as_png, svg=as_svg)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(album, "_picture", picture)
+        patch.setattr(figures, "_picture", picture)
         yield
 
 

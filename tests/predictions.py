@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from rovid.core.array_types import FloatArray
 from rovid.effects import effect_named
-from rovid.ground.arrays import FloatArray
-from rovid.identify.fitted import Fitted, climbed
-from rovid.identify.horizon_misfit import HorizonMisfit
-from rovid.identify.horizons import HorizonRecords
-from rovid.identify.innovations import InnovationMisfit
-from rovid.identify.readings import Readings
-from rovid.motion.runs import Run
+from rovid.estimate.filter_data import Readings
+from rovid.estimate.fit_result import Fitted, climbed
+from rovid.estimate.innovation_likelihood import InnovationMisfit
+from rovid.estimate.multi_step_data import HorizonRecords
+from rovid.estimate.multi_step_likelihood import HorizonMisfit
+from rovid.signals.preprocessing import Run
 from tests import synthetic
 
 TIME = synthetic.clock(1500.0, rate=5.0)

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.campaign.trial import Trial
-from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
-from rovid.ground.arrays import FloatArray
+from rovid.core.array_types import FloatArray
 from rovid.model.kernels import simulate
 from rovid.model.model import Model
-from rovid.motion.rates import rates_of
-from rovid.motion.runs import Run
+from rovid.signals.preprocessing import Run
+from rovid.signals.rates import rates_of
+from rovid.trial.trial import Trial
+from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 
 ROSUB = Model(inertia=5057.0, quadratic_drag=3532.0, linear_drag=132.0)
 VOLTS = ThrustCurve(command=np.array([-5.0, 5.0]), thrust=np.array([-500.0, 500.0]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rovid.campaign.tables import Table, read_table
+from rovid.trial.tables import Table, read_table
 
 
 def table(text: str, folder: Path, **options: tuple[str, ...]) -> Table:

@@ -8,7 +8,7 @@ from pathlib import Path
 import yaml
 
 from rovid import __version__
-from rovid.parameters.reading import read_parameters
+from rovid.store.load import read_parameters
 
 ROOT = Path(__file__).resolve().parents[1]
 RELEASED = re.findall(r"^## \[(\d+\.\d+\.\d+)\] - (\S+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)

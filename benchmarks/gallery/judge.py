@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from rovid.ground.numbers import plus_minus
+from rovid.core.formatting import plus_minus
 
 RIGHT, WRONG, UNDECIDED = "right", "wrong", "undecided"
 # A suspect of this confidence is more likely there than not: it counts as said.

@@ -22,7 +22,7 @@ from benchmarks.gallery.judge import (
     judge_cause,
     sizes,
 )
-from rovid.ground.numbers import plus_minus
+from rovid.core.formatting import plus_minus
 
 WORDS = (RIGHT, WRONG, UNDECIDED)
 SECONDS_A_MINUTE, SECONDS_AT_LEAST = 4.0, 5.0

@@ -14,8 +14,8 @@ from mcap.reader import make_reader
 from scipy.signal import find_peaks
 
 from benchmarks.gallery.judge import Answer
-from rovid.ground.arrays import FloatArray
-from rovid.report.plots.canvas import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, extremes, sheet, styled
+from rovid.core.array_types import FloatArray
+from rovid.present.plots.canvas import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, extremes, sheet, styled
 
 _SMALLEST_SWING = 0.05  # deg
 

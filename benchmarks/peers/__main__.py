@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.peers import log
 from benchmarks.usage import Usage, measured
 from rovid.model.kernels import compile_now, is_compiled
-from rovid.study import open_study
+from rovid.store.study import open_study
 from tools.programme import Run, multilevel
 from tools.trial_day import write_trial_day
 from tools.truth import ROSUB, Dynamics
@@ -34,7 +34,7 @@ PEERS = {
     "casadi": ("casadi", "nlpsol"),
     "mujoco": ("mujoco.sysid", "optimize"),
 }
-IMPORTS = "import rovid.identify.likelihood, rovid.model.kernels, rovid.study"
+IMPORTS = "import rovid.estimate.maximum_likelihood, rovid.model.kernels, rovid.store.study"
 
 
 def is_installed(peer: str) -> bool:

@@ -24,9 +24,9 @@ import rovid
 from benchmarks.torture.frames import dataflash_ends, sentence_ends, table_ends, tlog_ends, ulog_ends
 from benchmarks.torture.mutations import Case, mutated
 from benchmarks.torture.samples import FORMATS, Sample, samples
-from rovid.campaign.config import load_config
-from rovid.commands import cli
-from rovid.ground.errors import RovidError
+from rovid.cli import cli
+from rovid.core.errors import RovidError
+from rovid.trial.config import load_config
 
 # Beyond what the process has, and four times what is needed of the file.
 MEMORY = 300_000_000

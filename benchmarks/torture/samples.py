@@ -19,8 +19,8 @@ from rosbags.rosbag1 import Writer as Rosbag1
 
 from benchmarks.torture.bombs import NEEDED, bombs
 from benchmarks.torture.frames import Frame, bag_frames, mcap_frames, sealed_nmea, sealed_tlog, tlog_frames, ulog_frames
-from rovid.identify.estimate import Estimate
-from rovid.parameters.parameters import Parameters
+from rovid.estimate.estimate import Estimate
+from rovid.store.parameter_file import Parameters
 from tests.readers import logs, recordings
 from tests.readers.logs import EPOCH, csv_text, mcap_bytes, stamped
 

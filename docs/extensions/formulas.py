@@ -17,7 +17,7 @@ from sphinx.errors import ExtensionError
 from sphinx.util.typing import ExtensionMetadata
 from sphinx.writers.html5 import HTML5Translator
 
-from rovid.ground.arrays import FloatArray
+from rovid.core.array_types import FloatArray
 
 _SIZE = 100.0  # drawing units in 1 em
 _LETTERS = {Path.MOVETO: "M", Path.LINETO: "L", Path.CURVE3: "Q", Path.CURVE4: "C", Path.CLOSEPOLY: "Z"}

@@ -8,7 +8,7 @@ from sphinx.application import Sphinx
 from sphinx.util.typing import ExtensionMetadata
 from typer.main import get_command
 
-from rovid.commands.cli import app as rovid
+from rovid.cli.cli import app as rovid
 from rovid.effects import CATALOGUE
 
 _COMMANDS = "<!-- commands -->"

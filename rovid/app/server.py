@@ -19,18 +19,18 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route
 
-from rovid.app.desk import Desk, places_of, word
-from rovid.app.guard import ADDRESS, Asgi, Guard
-from rovid.app.places import Arrival, Top, clean_name
-from rovid.app.work import Works
-from rovid.campaign.formats import FORMATS
-from rovid.ground.errors import ConfigError, OutputError, RovidError
-from rovid.ground.files.form import PAGE
+from rovid.app.api import Desk, places_of, word
+from rovid.app.auth import ADDRESS, Asgi, Guard
+from rovid.app.jobs import Works
+from rovid.app.sandbox import Arrival, Top, clean_name
+from rovid.core.errors import ConfigError, OutputError, RovidError
+from rovid.core.signatures import PAGE
+from rovid.trial.log_formats import FORMATS
 
 # Bytes of what the page sends but for logs.
 _LARGEST = 4 << 20
 _STATIC = files("rovid.app") / "static"
-_REPORT = files("rovid.report")
+_REPORT = files("rovid.present.page")
 _KINDS = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/javascript"}
 # name -> where it comes from: the report's own style and plots, for the two look alike.
 _SHARED = {

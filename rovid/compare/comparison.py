@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.campaign.settings import Settings
-from rovid.compare.changes import DRAG, MATTERS, Changes, Pair, candidates_of, changes_of
-from rovid.compare.day import Asked, Day, asked, diagnosed, shared_effects
+from rovid.compare.campaign_fit import Asked, Day, asked, diagnosed, shared_effects
+from rovid.compare.difference_tests import DRAG, MATTERS, Changes, Pair, candidates_of, changes_of
+from rovid.core.errors import ConfigError
+from rovid.core.threads import spread
 from rovid.effects import Effect
 from rovid.effects.thruster_imbalance import EFFECT as IMBALANCE
-from rovid.ground.errors import ConfigError
-from rovid.ground.workers import spread
 from rovid.model.model import Model
 from rovid.model.simulation import HORIZONS, TrialSimulation, overall, simulate_runs
+from rovid.trial.config_fingerprint import Settings
 
 # Of the vehicle as a whole: a change of these that these data could not have seen leaves the question open.
 _WANTED = ("inertia", DRAG)

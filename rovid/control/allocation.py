@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.campaign.trial import Trial
-from rovid.campaign.vehicle import Vehicle
-from rovid.effects.actuation import Actuation, neutral_commands
-from rovid.effects.actuation import actuation as actuation_of
-from rovid.ground.arrays import FloatArray
-from rovid.model.commanded import Commanded
+from rovid.core.array_types import FloatArray
+from rovid.effects.actuator_inputs import Actuation, neutral_commands
+from rovid.effects.actuator_inputs import actuation as actuation_of
+from rovid.model.command_series import Commanded
 from rovid.model.model import Model
+from rovid.trial.trial import Trial
+from rovid.trial.vehicle import Vehicle
 
 _LEVELS = 501
 # Of the largest torque: as good as none.

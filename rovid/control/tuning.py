@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rovid.control.law import Law, total_of_terms
-from rovid.control.probes import ComplexArray
+from rovid.control.actuator_response import ComplexArray
+from rovid.control.control_law import Law, total_of_terms
+from rovid.core.array_types import FloatArray
+from rovid.core.errors import DataError
 from rovid.effects.base import TERM_STATES
-from rovid.ground.arrays import FloatArray
-from rovid.ground.errors import DataError
 from rovid.model.model import Model
-from rovid.parameters.parameters import Parameters
+from rovid.store.parameter_file import Parameters
 
 _FREQUENCIES = 1200
 # The sampled plant's response folds back about every multiple of the sampling frequency; it falls as the cube of that.

@@ -9,24 +9,24 @@ from functools import cached_property
 
 import numpy as np
 
-from rovid.diagnose.keeping import gains_of
-from rovid.diagnose.known import Known
-from rovid.diagnose.odds import ESTABLISHED, PRIOR_ODDS
-from rovid.diagnose.parts import Piece
-from rovid.diagnose.rivals import ITERATIONS, is_plausible, quickly_climbed, worth
-from rovid.diagnose.search import MARGIN, Gains, Hopeless, Report, Search
-from rovid.diagnose.waves import Waves, look_for_waves
-from rovid.diagnose.work import Work
+from rovid.core.array_types import FloatArray
+from rovid.diagnose.bic import ITERATIONS, is_plausible, quickly_climbed, worth
+from rovid.diagnose.candidate_fits import gains_of
+from rovid.diagnose.fit_cache import Known
+from rovid.diagnose.posterior import ESTABLISHED, PRIOR_ODDS
+from rovid.diagnose.splitting import Piece
+from rovid.diagnose.stepwise import MARGIN, Gains, Hopeless, Report, Search
+from rovid.diagnose.validation import Work
+from rovid.diagnose.wave_test import Waves, look_for_waves
 from rovid.effects import Effect
-from rovid.ground.arrays import FloatArray
-from rovid.identify.coordinates import DISTURBANCE
-from rovid.identify.fitted import Fitted, climbed
-from rovid.identify.free_run import free_run_r2
-from rovid.identify.horizon_misfit import HorizonMisfit
-from rovid.identify.horizons import HorizonRecords, time_constant
-from rovid.identify.likelihood import LIMITS, TRUSTED_R2, fit_base, loosened
-from rovid.identify.misfit import UNLIMITED, Key, Misfit
-from rovid.identify.readings import Readings
+from rovid.estimate.filter_data import Readings
+from rovid.estimate.fit_result import Fitted, climbed
+from rovid.estimate.maximum_likelihood import LIMITS, TRUSTED_R2, fit_base, loosened
+from rovid.estimate.multi_step_data import HorizonRecords, time_constant
+from rovid.estimate.multi_step_likelihood import HorizonMisfit
+from rovid.estimate.objective import UNLIMITED, Key, Misfit
+from rovid.estimate.output_error import free_run_r2
+from rovid.estimate.parametrization import DISTURBANCE
 
 # By predictions an addition has to gain so much log-likelihood: with the number of causes tried it is then established.
 _MARGIN_AHEAD = math.log(ESTABLISHED / (1.0 - ESTABLISHED) / PRIOR_ODDS)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from importlib import import_module
 
-from rovid.campaign.axis import Axis
-from rovid.campaign.vehicle import Vehicle
+from rovid.core.errors import ConfigError, nearest
 from rovid.effects import bias_torque, restoring, supply_sag, thruster_imbalance
-from rovid.effects.actuation import SPEEDS, Actuation
+from rovid.effects.actuator_inputs import SPEEDS, Actuation
 from rovid.effects.base import Effect, EffectParameter, Term
-from rovid.effects.by_trial import trials_of
-from rovid.ground.errors import ConfigError, nearest
+from rovid.effects.per_trial import trials_of
+from rovid.trial.axis import Axis
+from rovid.trial.vehicle import Vehicle
 
 # The file of each effect, which is called as it is, in the order in which effects are listed everywhere.
 EFFECTS = (

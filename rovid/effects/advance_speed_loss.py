@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from rovid.core.array_types import FloatArray
 from rovid.effects.base import (
     SPEEDS,
     Actuation,
@@ -21,7 +22,6 @@ from rovid.effects.base import (
     smaller,
     where_positive,
 )
-from rovid.ground.arrays import FloatArray
 
 # Thrust against the stream is half as much again at most: beyond, the curve is not known.
 _AGAINST = -0.5

@@ -1,6 +1,6 @@
 """What an effect is: an equation, its parameters, what it looks like, and how to tell it from its rivals.
 
-Where it acts, and by which function, is one of `rovid.effects.acts`. What an effect's file needs is to be had here.
+Where it acts, and by which function, is one of `rovid.effects.stages`. What an effect's file needs is to be had here.
 
 Nature does not know our equations: one cause may have several forms. They share the id and are told apart by ``form``;
 a cause is named, whichever form fits best.
@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.effects.acts import Acts, Actuating, OnCommand, OnHeading, OnThrust, OnTorque, Term, Values, Wave
-from rovid.effects.actuation import SPEEDS, Actuation
-from rovid.effects.instant import TERM_PARAMETERS, TERM_STATES, Body, Instant, Numbers, drag
-from rovid.ground.arrays import FloatArray
-from rovid.ground.compiled import compiled
-from rovid.ground.lanes import larger, smaller, where_positive
+from rovid.core.array_types import FloatArray
+from rovid.effects.actuator_inputs import SPEEDS, Actuation
+from rovid.effects.stages import Acts, Actuating, OnCommand, OnHeading, OnThrust, OnTorque, Term, Values, Wave
+from rovid.effects.term_inputs import TERM_PARAMETERS, TERM_STATES, Body, Instant, Numbers, drag
+from rovid.jit.decorators import compiled
+from rovid.jit.simd import larger, smaller, where_positive
 
 __all__ = [
     "REFERENCE_RATE",

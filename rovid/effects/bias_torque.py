@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from rovid.effects import by_trial
+from rovid.core.array_types import FloatArray
+from rovid.effects import per_trial
 from rovid.effects.base import (
     Actuation,
     Effect,
@@ -17,7 +18,6 @@ from rovid.effects.base import (
     Values,
     compiled,
 )
-from rovid.ground.arrays import FloatArray
 
 
 @compiled
@@ -44,14 +44,14 @@ FORMS: tuple[Effect, ...] = (EFFECT,)
 
 def of_trials(names: Sequence[str]) -> Effect:
     """The effect with a torque of its own in each trial of these names, as of a tether or a current."""
-    torques = by_trial.sizes_like(EFFECT.parameters[0], len(names), 0.02)
+    torques = per_trial.sizes_like(EFFECT.parameters[0], len(names), 0.02)
 
     def in_trials(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
-        return torque + by_trial.held(where, names, [values[one.name] for one in torques], 0.0)
+        return torque + per_trial.held(where, names, [values[one.name] for one in torques], 0.0)
 
     return replace(
         EFFECT,
-        form=by_trial.form_of(names),
+        form=per_trial.form_of(names),
         title="constant torque of another size in each trial",
         parameters=torques,
         sizes=len(torques),

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from rovid.core.array_types import FloatArray
+from rovid.effects.actuator_dynamics import delayed, delayed_anyhow, open_changes
 from rovid.effects.base import Actuation, Effect, EffectParameter, OnTorque, Values
-from rovid.effects.series import delayed, delayed_anyhow, open_changes
-from rovid.ground.arrays import FloatArray
 
 
 def _late(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from rovid.core.array_types import FloatArray
+from rovid.effects.actuator_dynamics import latched, played
 from rovid.effects.base import Actuation, Effect, EffectParameter, OnCommand, Values
-from rovid.effects.series import latched, played
-from rovid.ground.arrays import FloatArray
 
 # A sharp threshold would change the likelihood by steps, without a slope to follow: it is ten percent wide.
 _RAMP = 0.1

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from rovid.ground.arrays import FloatArray
+from rovid.core.array_types import FloatArray
 
 
 def canonical(numbers: FloatArray) -> FloatArray:

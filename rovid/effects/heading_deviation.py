@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from rovid.core.array_types import FloatArray
 from rovid.effects.base import Effect, EffectParameter, OnHeading, Values
 from rovid.effects.harmonics import canonical
-from rovid.ground.arrays import FloatArray
 
 
 def _once(heading: FloatArray, values: Values) -> FloatArray:

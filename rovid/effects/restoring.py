@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from rovid.core.array_types import FloatArray
 from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled
-from rovid.ground.arrays import FloatArray
 
 
 @compiled

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from rovid.core.array_types import FloatArray
+from rovid.effects.actuator_dynamics import slewed, soft_started
 from rovid.effects.base import Actuation, Effect, EffectParameter, OnCommand, Values
-from rovid.effects.series import slewed, soft_started
-from rovid.ground.arrays import FloatArray
 
 
 def _both_ways(where: Actuation, command: FloatArray, values: Values) -> FloatArray:

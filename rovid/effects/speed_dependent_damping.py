@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from rovid.core.array_types import FloatArray
+from rovid.effects.actuator_dynamics import speed_of_thrust
 from rovid.effects.base import SPEEDS, Actuation, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled
-from rovid.effects.series import speed_of_thrust
-from rovid.ground.arrays import FloatArray
 
 
 @compiled

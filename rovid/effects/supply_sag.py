@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.effects import by_trial
+from rovid.core.array_types import FloatArray
+from rovid.effects import per_trial
+from rovid.effects.actuator_dynamics import lagged
 from rovid.effects.base import Actuation, Effect, EffectParameter, OnThrust, Values
-from rovid.effects.series import lagged
-from rovid.ground.arrays import FloatArray
 
 _CHANNEL = "supply_voltage"
 _HOUR = 3600.0
@@ -114,11 +114,11 @@ def of_trials(names: Sequence[str]) -> Effect:
         return _of_each(names)
 
     def in_trial(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
-        return thrust * by_trial.held(where, names, [values["gain"]], 1.0)[:, None]
+        return thrust * per_trial.held(where, names, [values["gain"]], 1.0)[:, None]
 
     return replace(
         EFFECT,
-        form=by_trial.form_of(names),
+        form=per_trial.form_of(names),
         title="thrust of another size in one trial",
         parameters=(_TRIAL_GAIN,),
         equation="T' = g·T in the named trial",
@@ -130,16 +130,16 @@ def of_trials(names: Sequence[str]) -> Effect:
 
 
 def _of_each(names: Sequence[str]) -> Effect:
-    gains = by_trial.sizes_like(_TRIAL_GAIN, len(names) - 1, 1.1)
+    gains = per_trial.sizes_like(_TRIAL_GAIN, len(names) - 1, 1.1)
 
     def in_trials(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
         own = [values[gain.name] for gain in gains]
         last = max(len(names) - sum(own), 0.0)
-        return thrust * by_trial.held(where, names, [*own, last], 1.0)[:, None]
+        return thrust * per_trial.held(where, names, [*own, last], 1.0)[:, None]
 
     return replace(
         EFFECT,
-        form=by_trial.form_of(names),
+        form=per_trial.form_of(names),
         title="thrust of another size in each trial",
         parameters=gains,
         sizes=len(gains),

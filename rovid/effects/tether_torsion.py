@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from rovid.core.array_types import FloatArray
 from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled
-from rovid.ground.arrays import FloatArray
 
 
 @compiled

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from rovid.core.array_types import FloatArray
 from rovid.effects.base import Actuation, Effect, EffectParameter, OnCommand, Values
-from rovid.ground.arrays import FloatArray
 
 
 def _shift(where: Actuation, command: FloatArray, values: Values) -> FloatArray:

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from rovid.core.array_types import FloatArray
 from rovid.effects.base import Actuation, Effect, EffectParameter, OnThrust, Values
-from rovid.ground.arrays import FloatArray
 
 
 def _each(_: Actuation, thrust: FloatArray, values: Values) -> FloatArray:

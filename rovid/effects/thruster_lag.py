@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from rovid.core.array_types import FloatArray
+from rovid.effects.actuator_dynamics import lagged, rotor_lagged
 from rovid.effects.base import Actuation, Effect, EffectParameter, OnCommand, OnThrust, OnTorque, Values
-from rovid.effects.series import lagged, rotor_lagged
-from rovid.ground.arrays import FloatArray
 
 
 def _of_torque(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:

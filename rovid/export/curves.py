@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rovid.campaign.trial import Trial
-from rovid.campaign.vehicle import Thruster
+from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.escaping import identifiers, xml_comment
 from rovid.effects import Effect
-from rovid.effects.actuation import neutral_commands
+from rovid.effects.actuator_inputs import neutral_commands
 from rovid.effects.thruster_imbalance import BESIDE
-from rovid.export.subject import Subject
-from rovid.ground.arrays import FloatArray, IntArray
-from rovid.ground.quoting import identifiers, xml_comment
-from rovid.model.commanded import Commanded
+from rovid.export.export_input import Subject
+from rovid.model.command_series import Commanded
+from rovid.trial.trial import Trial
+from rovid.trial.vehicle import Thruster
 
 # Effects without a memory, between the command and the thrust of one thruster: a thrust curve holds them.
 CURVE_EFFECTS = ("thruster_deadband", "thrust_asymmetry", "thrust_curve_shape", "thruster_imbalance")

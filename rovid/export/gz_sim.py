@@ -11,15 +11,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.campaign.trial import Trial
-from rovid.effects.actuation import Actuation, actuation
+from rovid.core.array_types import FloatArray
+from rovid.core.escaping import xml_attribute, xml_comment
+from rovid.core.signatures import export_mark
+from rovid.effects.actuator_inputs import Actuation, actuation
 from rovid.export.curves import Curve, curve_comment, curve_keys, curves
-from rovid.export.manoeuvre import march, thrust_torque
-from rovid.export.subject import Subject
-from rovid.export.target import Target
-from rovid.ground.arrays import FloatArray
-from rovid.ground.files.form import export_mark
-from rovid.ground.quoting import xml_attribute, xml_comment
+from rovid.export.export_input import Subject
+from rovid.export.export_result import Target
+from rovid.export.resimulation import march, thrust_torque
+from rovid.trial.trial import Trial
 
 NEWTONS = "Thruster takes newtons: the curves in the file turn commands into them, effects of the curve included."
 _STEP = 0.001  # s, gz-sim's default; DART steps a rate by semi-implicit Euler

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from rovid.export.plain import AXES, BASE, EQUATION, base_of, effect_names, target_of, thruster_of
-from rovid.export.subject import Subject
-from rovid.export.target import Target
-from rovid.ground.files.form import export_mark
+from rovid.core.signatures import export_mark
+from rovid.export.export_input import Subject
+from rovid.export.export_result import Target
+from rovid.export.rovid_equation import AXES, BASE, EQUATION, base_of, effect_names, target_of, thruster_of
 
 
 def export(subject: Subject) -> Target:

@@ -11,13 +11,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from rovid.core.array_types import FloatArray
+from rovid.core.escaping import xml_attribute
+from rovid.core.signatures import export_mark
 from rovid.export.curves import Curve, curve_keys, curves, numbers
-from rovid.export.manoeuvre import lagged, march, stepped
-from rovid.export.subject import Subject
-from rovid.export.target import Target
-from rovid.ground.arrays import FloatArray
-from rovid.ground.files.form import export_mark
-from rovid.ground.quoting import xml_attribute
+from rovid.export.export_input import Subject
+from rovid.export.export_result import Target
+from rovid.export.resimulation import lagged, march, stepped
 
 _STEP = 0.002  # s, MuJoCo's default
 _ACTUATOR_EFFECTS = ("thruster_lag", "command_delay")

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from rovid.core.array_types import FloatArray
+from rovid.core.escaping import python_docstring
+from rovid.core.signatures import export_mark
 from rovid.export.curves import Curve, curve_keys, curves
-from rovid.export.manoeuvre import stepped
-from rovid.export.subject import Subject
-from rovid.export.target import Target
-from rovid.ground.arrays import FloatArray
-from rovid.ground.files.form import export_mark
-from rovid.ground.quoting import python_docstring
+from rovid.export.export_input import Subject
+from rovid.export.export_result import Target
+from rovid.export.resimulation import stepped
 
 _STEP = 0.02  # s, of the simulator's main.py
 # Further terms of the equation of motion as Python, torque in N m.

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from rovid.export.plain import AXES, BASE, EQUATION, base_of, effect_names, target_of, thruster_of
-from rovid.export.subject import Subject
-from rovid.export.target import Target
-from rovid.ground.files.form import export_mark
-from rovid.ground.quoting import toml_text
+from rovid.core.escaping import toml_text
+from rovid.core.signatures import export_mark
+from rovid.export.export_input import Subject
+from rovid.export.export_result import Target
+from rovid.export.rovid_equation import AXES, BASE, EQUATION, base_of, effect_names, target_of, thruster_of
 
 
 def export(subject: Subject) -> Target:

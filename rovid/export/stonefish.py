@@ -13,16 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-from rovid.campaign.vehicle import Vehicle
+from rovid.core.array_types import FloatArray
+from rovid.core.escaping import xml_attribute
+from rovid.core.signatures import export_mark
+from rovid.export.command_lag import BEHIND, first_order, input_notes, inputs_of
 from rovid.export.curves import Curve, curve_comment, curve_keys, curves, numbers
+from rovid.export.export_input import Subject
+from rovid.export.export_result import Target
 from rovid.export.gz_sim import side_of
-from rovid.export.manoeuvre import march, thrust_torque
-from rovid.export.rotor import BEHIND, first_order, input_notes, inputs_of
-from rovid.export.subject import Subject
-from rovid.export.target import Target
-from rovid.ground.arrays import FloatArray
-from rovid.ground.files.form import export_mark
-from rovid.ground.quoting import xml_attribute
+from rovid.export.resimulation import march, thrust_torque
+from rovid.trial.vehicle import Vehicle
 
 _STEP = 0.002  # s
 _DENSITY = 1025.0  # kg/m^3

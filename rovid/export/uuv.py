@@ -10,15 +10,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from rovid.core.array_types import FloatArray
+from rovid.core.escaping import identifiers
+from rovid.core.signatures import export_mark
+from rovid.export.command_lag import AHEAD, first_order, input_notes, inputs_of
 from rovid.export.curves import Curve, curve_comment, curve_keys, curves, numbers
+from rovid.export.export_input import Subject
+from rovid.export.export_result import Target
 from rovid.export.gz_sim import frame_notes, place, side_of
-from rovid.export.manoeuvre import march, settling_time, thrust_torque
-from rovid.export.rotor import AHEAD, first_order, input_notes, inputs_of
-from rovid.export.subject import Subject
-from rovid.export.target import Target
-from rovid.ground.arrays import FloatArray
-from rovid.ground.files.form import export_mark
-from rovid.ground.quoting import identifiers
+from rovid.export.resimulation import march, settling_time, thrust_torque
 
 _STEP = 0.002  # s, of uuv_simulator's worlds
 _FILTER = 0.3

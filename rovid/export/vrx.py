@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from rovid.export.curves import curve_keys, curves
+from rovid.export.export_input import Subject
+from rovid.export.export_result import Target
 from rovid.export.gz_sim import NEWTONS, deadband, frame_notes, plant_of, sdf
-from rovid.export.subject import Subject
-from rovid.export.target import Target
 
 _STEP = 0.004  # s, of VRX's worlds
 _EFFORT = 10.0  # times the largest drag in use; VRX crops at 10 kN m without

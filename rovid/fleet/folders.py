@@ -8,11 +8,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rovid.campaign.config import FILE_NAME
-from rovid.ground.errors import ConfigError
-from rovid.ground.places import odd
-from rovid.ground.quoting import encodable
+from rovid.core.errors import ConfigError
+from rovid.core.escaping import encodable
+from rovid.core.paths import odd
 from rovid.readers import READERS
+from rovid.trial.config import FILE_NAME
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.fleet.fleet import UNLIKE, Fleet, Value
-from rovid.fleet.record import Record
+from rovid.fleet.campaign_record import Record
+from rovid.fleet.results import UNLIKE, Fleet, Value
 
 # Campaigns that have the parameter; of fewer none is told from the rest.
 LEAST = 5

@@ -12,21 +12,21 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from rovid import __version__
-from rovid.campaign.axis import axis_named
-from rovid.campaign.guesswork import Guesswork
+from rovid.core.errors import visible
+from rovid.core.formatting import plus_minus, significant
 from rovid.effects import CATALOGUE
-from rovid.fleet.fleet import Fleet, causes, guessed, verdict
+from rovid.fleet.campaign_record import Record
 from rovid.fleet.outliers import RULE, Outlier, outliers
 from rovid.fleet.plots import VERDICTS, history, timeline
-from rovid.fleet.record import Record
-from rovid.fleet.shrink import Shrunk
-from rovid.ground.errors import visible
-from rovid.ground.numbers import plus_minus, significant
-from rovid.report.plots.canvas import inline
-from rovid.report.table import Grid, Table, of_text, of_unlike
-from rovid.report.templating import environment_of
-from rovid.report.text import NOTHING, title, unit
-from rovid.show.verdict import listed
+from rovid.fleet.results import Fleet, causes, guessed, verdict
+from rovid.fleet.shrinkage import Shrunk
+from rovid.present.number_text import NOTHING, title, unit
+from rovid.present.page.templating import environment_of
+from rovid.present.plots.canvas import inline
+from rovid.present.tables.table import Grid, Table, of_text, of_unlike
+from rovid.present.verdict import listed
+from rovid.trial.assumptions import Guesswork
+from rovid.trial.axis import axis_named
 
 _TITLES = {effect.id: effect.title for effect in CATALOGUE}
 FOUND, SUSPECTED, ABSENT = "found", "suspected", "·"

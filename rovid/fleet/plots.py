@@ -12,13 +12,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rovid.fleet.fleet import Fleet, Value, median_of, verdict
-from rovid.fleet.record import Record
-from rovid.fleet.shrink import Shrunk
-from rovid.ground.errors import visible
-from rovid.ground.numbers import significant
-from rovid.report.plots.canvas import BLACK, ORANGE, PALE, RED, sheet, shortened, styled
-from rovid.report.text import title, unit
+from rovid.core.errors import visible
+from rovid.core.formatting import significant
+from rovid.fleet.campaign_record import Record
+from rovid.fleet.results import Fleet, Value, median_of, verdict
+from rovid.fleet.shrinkage import Shrunk
+from rovid.present.number_text import title, unit
+from rovid.present.plots.canvas import BLACK, ORANGE, PALE, RED, sheet, shortened, styled
 
 # Verdict -> marker, its colour and filling, and its words.
 VERDICTS: Mapping[str, tuple[str, str, Literal["full", "none"], str]] = {

@@ -10,17 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from rovid import __version__
-from rovid.fleet.alone import diagnosed
-from rovid.fleet.fleet import Fleet
+from rovid.core.atomic_write import Claim, Output
+from rovid.core.errors import ConfigError
+from rovid.core.signatures import CAMPAIGN, FLEET_PAGE, FLEET_TABLE
+from rovid.core.threads import cores, spread
+from rovid.fleet.campaign_record import Record, Task, digest_of, read_record
 from rovid.fleet.folders import Place, places_in
 from rovid.fleet.page import fleet_page
-from rovid.fleet.record import Record, Task, digest_of, read_record
-from rovid.fleet.shrink import Shrunk, shrunk
+from rovid.fleet.results import Fleet
+from rovid.fleet.shrinkage import Shrunk, shrunk
 from rovid.fleet.table import table_of
-from rovid.ground.errors import ConfigError
-from rovid.ground.files import Claim, Output
-from rovid.ground.files.form import CAMPAIGN, FLEET_PAGE, FLEET_TABLE
-from rovid.ground.workers import cores, spread
+from rovid.fleet.worker import diagnosed
 
 # s to find a cluster.
 _KNOCKING = 20.0

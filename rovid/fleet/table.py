@@ -10,8 +10,8 @@ from datetime import UTC, datetime
 from typing import Any
 
 from rovid import __version__
-from rovid.fleet.fleet import Fleet, causes, guessed, verdict
-from rovid.fleet.shrink import Shrunk
+from rovid.fleet.results import Fleet, causes, guessed, verdict
+from rovid.fleet.shrinkage import Shrunk
 
 SCHEMA = "rovid-fleet/1"
 _ERROR = "_standard_error"

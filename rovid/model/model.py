@@ -10,19 +10,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from rovid.campaign.axis import YAW, Axis
-from rovid.campaign.trial import Trial
-from rovid.campaign.vehicle import Vehicle
+from rovid.core.array_types import FloatArray
 from rovid.effects import Effect, restoring_of
 from rovid.effects.base import Body, Term
-from rovid.ground.arrays import FloatArray
-from rovid.model.acting import Acting, that_act
-from rovid.model.drive import Drive
-from rovid.model.drivetrain import Drivetrain
-from rovid.model.equation import Equation, Terms, terms_of
-from rovid.model.instrument import Instrument
-from rovid.model.integration import abreast, euler_heading, initial_rate, integrated
-from rovid.model.names import base_names
+from rovid.model.actuator_model import Drivetrain
+from rovid.model.bound_effects import Acting, that_act
+from rovid.model.heading_sensor import Instrument
+from rovid.model.ode import abreast, euler_heading, initial_rate, integrated
+from rovid.model.packed_terms import Equation, Terms, terms_of
+from rovid.model.parameter_names import base_names
+from rovid.model.torque_input import Drive
+from rovid.trial.axis import YAW, Axis
+from rovid.trial.trial import Trial
+from rovid.trial.vehicle import Vehicle
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.campaign.vehicle import Vehicle
-from rovid.ground.arrays import FloatArray
-from rovid.model.drive import Drive
-from rovid.model.integration import along, integrated
+from rovid.core.array_types import FloatArray
 from rovid.model.model import Model
-from rovid.motion.rates import on_grid
-from rovid.motion.runs import Run
+from rovid.model.ode import along, integrated
+from rovid.model.torque_input import Drive
+from rovid.signals.preprocessing import Run
+from rovid.signals.rates import on_grid
+from rovid.trial.vehicle import Vehicle
 
 HORIZONS = (10.0, 60.0)
 

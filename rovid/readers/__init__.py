@@ -1,13 +1,13 @@
 """From files to frozen trials: one file a format, one time base for all.
 
 A reader is a function ``read(path, config) -> RawLog`` that hands over channels as logged. A new format is one such
-file, one line in `rovid.campaign.formats` and one in docs/logs.md; ordering, units, unwrapping, outliers, gaps and the
-common time base are the same for all (`rovid.readers.timebase`).
+file, one line in `rovid.trial.log_formats` and one in docs/logs.md; ordering, units, unwrapping, outliers, gaps and the
+common time base are the same for all (`rovid.readers.build_trial`).
 """
 
 from __future__ import annotations
 
-from rovid.readers.campaign import find_logs, read_campaign, trials_of
+from rovid.readers.discover import find_logs, read_campaign, trials_of
 from rovid.readers.formats import READERS, read_log
 
 __all__ = ["READERS", "find_logs", "read_campaign", "read_log", "trials_of"]

@@ -16,11 +16,11 @@ from urllib.parse import quote
 
 import lz4.frame
 
-from rovid.campaign.config import Config
-from rovid.campaign.trial import Remark
-from rovid.ground.errors import LogError, nearest
-from rovid.readers.raw import Contents, RawLog, foreign, library, mapped
-from rovid.readers.topics import Decoder, Handler, Listing, Topics
+from rovid.core.errors import LogError, nearest
+from rovid.readers.raw_log import Contents, RawLog, foreign, library, mapped
+from rovid.readers.topic_extractor import Decoder, Handler, Listing, Topics
+from rovid.trial.config import Config
+from rovid.trial.trial import Remark
 
 KIND = "bag"
 _EXTRA = "ros"

@@ -16,9 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rovid.campaign.config import Config
-from rovid.campaign.trial import Remark
-from rovid.readers.columns import (
+from rovid.readers.message_columns import (
     Columns,
     channels_of,
     missing_topic,
@@ -28,7 +26,9 @@ from rovid.readers.columns import (
     raw_log,
     split_sensor,
 )
-from rovid.readers.raw import Contents, RawLog, foreign, mapped
+from rovid.readers.raw_log import Contents, RawLog, foreign, mapped
+from rovid.trial.config import Config
+from rovid.trial.trial import Remark
 
 KIND = "bin"
 _NAME = "an ArduPilot DataFlash log"

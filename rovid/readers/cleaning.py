@@ -11,9 +11,9 @@ from functools import cached_property
 
 import numpy as np
 
-from rovid.campaign.trial import Remark
-from rovid.ground.arrays import BoolArray, FloatArray, IntArray
-from rovid.readers.raw import typical
+from rovid.core.array_types import BoolArray, FloatArray, IntArray
+from rovid.readers.raw_log import typical
+from rovid.trial.trial import Remark
 
 TURN = 2.0 * np.pi
 _DEG = np.pi / 180.0

@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from rovid.campaign.config import ANGLE, UNITS, Config
-from rovid.campaign.trial import Trial
-from rovid.ground.arrays import FloatArray
-from rovid.ground.errors import ConfigError
-from rovid.ground.files import Output
-from rovid.ground.files.form import LOG
-from rovid.ground.places import require
-from rovid.ground.quoting import toml_text, words
+from rovid.core.array_types import FloatArray
+from rovid.core.atomic_write import Output
+from rovid.core.errors import ConfigError
+from rovid.core.escaping import toml_text, words
+from rovid.core.paths import require
+from rovid.core.signatures import LOG
 from rovid.readers import read_log
 from rovid.readers.mcap_writer import Topic, mcap_bytes, with_unit
-from rovid.readers.raw import library
+from rovid.readers.raw_log import library
+from rovid.trial.config import ANGLE, UNITS, Config
+from rovid.trial.trial import Trial
 
 _TOPIC = "/trial"
 _TIME = "time_s"

@@ -17,14 +17,14 @@ from typing import IO, Any
 import numpy as np
 import pandas as pd
 
-from rovid.campaign.config import Config, Signal
-from rovid.campaign.trial import Remark
-from rovid.ground.arrays import FloatArray
-from rovid.ground.errors import LogError
-from rovid.readers.csv_header import Layout, last_whole_line, read_layout, refuse_long_lines
-from rovid.readers.instants import epoch_of, stamps
-from rovid.readers.raw import Channel, Contents, RawLog, mapped, time_signal
-from rovid.readers.words import CLOCK, NOT_CLOCK, words
+from rovid.core.array_types import FloatArray
+from rovid.core.errors import LogError
+from rovid.readers.csv_dialect import Layout, last_whole_line, read_layout, refuse_long_lines
+from rovid.readers.name_tokens import CLOCK, NOT_CLOCK, words
+from rovid.readers.raw_log import Channel, Contents, RawLog, mapped, time_signal
+from rovid.readers.timestamps import epoch_of, stamps
+from rovid.trial.config import Config, Signal
+from rovid.trial.trial import Remark
 
 KIND = "csv"
 # How a date, or a date and a time of day, begins.

@@ -10,12 +10,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import cast
 
-from rovid.campaign.config import Config
-from rovid.campaign.formats import FORMATS
-from rovid.campaign.trial import Trial
-from rovid.ground.errors import LogError
-from rovid.ground.places import refuse_odd
-from rovid.readers.raw import Contents, RawLog
+from rovid.core.errors import LogError
+from rovid.core.paths import refuse_odd
+from rovid.readers.raw_log import Contents, RawLog
+from rovid.trial.config import Config
+from rovid.trial.log_formats import FORMATS
+from rovid.trial.trial import Trial
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,11 +86,11 @@ def read_log(path: Path, config: Config, name: str | None = None) -> Trial:
             where=path,
             mend="Convert the log or name it by its format.",
         )
-    from rovid.readers.timebase import build
+    from rovid.readers.build_trial import build
 
     config = config.of(form.kind)
     if joined_with(path, config):
-        from rovid.readers.joined import read_joined
+        from rovid.readers.join_files import read_joined
 
         return build(_whole(read_joined(path, config), config, path), config, path, name or path.name)
     return build(form.read(path, config), config, path, name or path.name)
@@ -100,7 +100,7 @@ def joined_with(path: Path, config: Config) -> list[Path]:
     """The files of the trial that ``path`` is one of, itself among them; none where it is a trial by itself."""
     if config.join is None:
         return []
-    from rovid.readers.joined import companions
+    from rovid.readers.join_files import companions
 
     return companions(path, config)
 

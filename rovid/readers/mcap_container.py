@@ -20,9 +20,9 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
 
-from rovid.ground.errors import LogError
+from rovid.core.errors import LogError
 from rovid.readers.mcap_chunks import COMPRESSIONS, Damage, unpacked, verify
-from rovid.readers.topics import Handler
+from rovid.readers.topic_extractor import Handler
 
 MAGIC = b"\x89MCAP0\r\n"
 _FOOTER = 9 + 20 + len(MAGIC)

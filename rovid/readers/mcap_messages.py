@@ -7,8 +7,8 @@ from typing import Any
 
 from mcap.records import Channel, Schema
 
-from rovid.ground.errors import LogError
-from rovid.readers.topics import Decoder
+from rovid.core.errors import LogError
+from rovid.readers.topic_extractor import Decoder
 
 
 def decoder(channel: Channel, schema: Schema | None, where: str) -> Decoder:
@@ -25,7 +25,7 @@ def decoder(channel: Channel, schema: Schema | None, where: str) -> Decoder:
     made: Decoder | None
     try:
         if schema is not None and encodings == ("cdr", "ros2msg"):
-            from rovid.readers.ros2 import decoder as ros2
+            from rovid.readers.ros2_cdr import decoder as ros2
 
             made = ros2(schema.name, schema.data.decode())
         elif schema is not None and encodings == ("protobuf", "protobuf"):

@@ -9,13 +9,13 @@ from typing import BinaryIO
 
 from mcap.records import Channel, Schema
 
-from rovid.campaign.config import Config, Signal
-from rovid.campaign.trial import Remark
-from rovid.ground.errors import LogError
+from rovid.core.errors import LogError
 from rovid.readers.mcap_container import LARGEST, Recording
 from rovid.readers.mcap_messages import decoder
-from rovid.readers.raw import Contents, RawLog, mapped
-from rovid.readers.topics import Handler, Listing, Topics
+from rovid.readers.raw_log import Contents, RawLog, mapped
+from rovid.readers.topic_extractor import Handler, Listing, Topics
+from rovid.trial.config import Config, Signal
+from rovid.trial.trial import Remark
 
 KIND = "mcap"
 

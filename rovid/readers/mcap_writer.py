@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.ground.arrays import FloatArray
+from rovid.core.array_types import FloatArray
 
 # Unit -> what a name that tells it ends in.
 SUFFIXES: Mapping[str, str] = {

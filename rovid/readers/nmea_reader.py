@@ -17,14 +17,14 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.campaign.config import Config
-from rovid.campaign.trial import Remark
-from rovid.ground.arrays import FloatArray, IntArray
-from rovid.ground.errors import ConfigError, LogError, nearest
-from rovid.ground.places import odd
+from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.errors import ConfigError, LogError, nearest
+from rovid.core.paths import odd
 from rovid.readers.formats import READERS
-from rovid.readers.instants import EPOCH_FROM, seconds
-from rovid.readers.raw import Channel, Contents, RawLog, foreign
+from rovid.readers.raw_log import Channel, Contents, RawLog, foreign
+from rovid.readers.timestamps import EPOCH_FROM, seconds
+from rovid.trial.config import Config
+from rovid.trial.trial import Remark
 
 KIND = "nmea"
 _DAY = 86400.0

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from rovid.campaign.config import Config
-from rovid.ground.arrays import BoolArray, FloatArray
-from rovid.ground.errors import LogError, nearest
-from rovid.readers.instants import epoch_of, moments, stamps
-from rovid.readers.raw import Channel, Contents, RawLog, foreign, library, mapped, require_room, time_signal
-from rovid.readers.words import CLOCK, words
+from rovid.core.array_types import BoolArray, FloatArray
+from rovid.core.errors import LogError, nearest
+from rovid.readers.name_tokens import CLOCK, words
+from rovid.readers.raw_log import Channel, Contents, RawLog, foreign, library, mapped, require_room, time_signal
+from rovid.readers.timestamps import epoch_of, moments, stamps
+from rovid.trial.config import Config
 
 KIND = "parquet"
 EXTRA = "parquet"

@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rovid.campaign.config import Config
-from rovid.campaign.trial import Remark
-from rovid.ground.errors import LogError
-from rovid.readers.columns import Columns, channels_of, missing_topic, numeric_sources, raw_log
-from rovid.readers.raw import Contents, RawLog, foreign, library, mapped
+from rovid.core.errors import LogError
+from rovid.readers.message_columns import Columns, channels_of, missing_topic, numeric_sources, raw_log
+from rovid.readers.raw_log import Contents, RawLog, foreign, library, mapped
+from rovid.trial.config import Config
+from rovid.trial.trial import Remark
 
 KIND = "ulg"
 # Topics that `rovid init` looks into.

@@ -13,10 +13,10 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
-from rovid.campaign.config import load_config
+from rovid.trial.config import load_config
 from tests.app.conftest import logs_into, riddle
 from tests.app.served import Served, served
-from tests.report.chromium import find_chromium
+from tests.present.chromium import find_chromium
 
 pytestmark = pytest.mark.skipif(find_chromium() is None, reason="no Chromium here")
 _PATIENCE = 180_000.0  # ms; a diagnosis on a busy machine

@@ -13,7 +13,7 @@ import pytest
 
 from tests.app.conftest import DAY, logs_into
 from tests.app.served import Served, served
-from tests.app.test_desk import chosen
+from tests.app.test_api import chosen
 from tests.conftest import run_rovid
 
 
@@ -113,7 +113,7 @@ def test_without_its_packages_it_says_which_extra_to_install(tmp_path: Path) -> 
         "import sys, importlib.util as u; real = u.find_spec\n"
         "u.find_spec = lambda name, *more: None if name in ('starlette', 'uvicorn') else real(name, *more)\n"
         "sys.argv = ['rovid', 'open', '--no-browser']\n"
-        "from rovid.commands.cli import main; main()"
+        "from rovid.cli.cli import main; main()"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path)
     assert done.returncode == 2

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.passes import LIMIT, SAME, Reference, farthest, points_about, readings_of
-from rovid.ground.lanes import LANES
-from rovid.identify.innovations import InnovationMisfit
+from rovid.estimate.innovation_likelihood import InnovationMisfit
+from rovid.jit.simd import LANES
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")

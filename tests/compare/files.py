@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.campaign.settings import Settings
-from rovid.identify.estimate import Estimate
-from rovid.identify.innovations import InnovationMisfit
-from rovid.parameters.parameters import Origin, Parameters, Source
+from rovid.estimate.estimate import Estimate
+from rovid.estimate.innovation_likelihood import InnovationMisfit
+from rovid.store.parameter_file import Origin, Parameters, Source
+from rovid.trial.config_fingerprint import Settings
 
 LAG = "thruster_lag.time_constant"
 PLAIN = {"inertia": (5000.0, 8.0), "quadratic_drag": (3500.0, 12.0), "linear_drag": (130.0, 3.0)}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rovid.compare.changes import Pair
-from rovid.ground.arrays import FloatArray
+from rovid.compare.difference_tests import Pair
+from rovid.core.array_types import FloatArray
 
 NAMES = ("inertia", "quadratic_drag", "linear_drag", "thruster_lag.time_constant")
 UNITS = ("kg m^2", "N m s^2/rad^2", "N m s/rad", "s")

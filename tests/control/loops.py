@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.control.actuator_response import Probes
 from rovid.control.allocation import Allocation, allocate
-from rovid.control.law import Law
-from rovid.control.loop import ClosedLoop, Course, Plant, run_closed
-from rovid.control.probes import Probes
-from rovid.control.setting import Setting
+from rovid.control.closed_loop import ClosedLoop, Course, Plant, run_closed
+from rovid.control.control_law import Law
+from rovid.control.specs import Setting
 from rovid.control.tuning import Loop, linearised
+from rovid.core.array_types import FloatArray
 from rovid.effects import effect_named
 from rovid.effects.base import Scales
-from rovid.ground.arrays import FloatArray
 from rovid.model.model import Model
+from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 
 PAPER = Model(inertia=5057.0, quadratic_drag=3532.0, linear_drag=132.37)
 VOLTS = np.round(np.linspace(-5.0, 5.0, 201), 2)

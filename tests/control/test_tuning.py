@@ -12,11 +12,11 @@ import pytest
 from scipy import signal
 
 from rovid.control.allocation import allocate
-from rovid.control.law import Law
-from rovid.control.loop import Plant
+from rovid.control.closed_loop import Plant
+from rovid.control.control_law import Law
 from rovid.control.tuning import Loop, damping_ratio, drawn, gains, linearised
-from rovid.ground.arrays import FloatArray
-from rovid.parameters.parameters import Entry, Parameters
+from rovid.core.array_types import FloatArray
+from rovid.store.parameter_file import Entry, Parameters
 from tests.control.loops import PAPER, law, loop, run_one, swing, with_effect
 from tests.synthetic import LOGGED
 

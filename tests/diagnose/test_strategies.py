@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rovid.diagnose.parts import pieces_of
+from rovid.core.array_types import FloatArray
+from rovid.diagnose.splitting import pieces_of
 from rovid.diagnose.strategies import ByInnovations, by_horizons, few_of, looked_first
-from rovid.diagnose.waves import Waves
+from rovid.diagnose.wave_test import Waves
 from rovid.effects import Effect, effect_named
-from rovid.ground.arrays import FloatArray
-from rovid.identify.fitted import Fitted
-from rovid.identify.free_run import fit_free_run
-from rovid.identify.readings import Readings
+from rovid.estimate.filter_data import Readings
+from rovid.estimate.fit_result import Fitted
+from rovid.estimate.output_error import fit_free_run
 from tests import synthetic
 from tests.predictions import NOISE, TIME, TORQUE
 

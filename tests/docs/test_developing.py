@@ -112,7 +112,7 @@ def test_a_line_is_added_at_the_end_of_its_list(source: str) -> None:
 
 def test_each_room_that_grows_is_followed() -> None:
     written = {block["path"].rpartition("/")[0] for block in BLOCK.finditer(PAGE) if block["what"] == "written"}
-    assert {"rovid/effects", "rovid/readers", "rovid/export", "rovid/commands"} <= written
+    assert {"rovid/effects", "rovid/readers", "rovid/export", "rovid/cli"} <= written
 
 
 def test_the_picture_is_of_the_house() -> None:
@@ -161,7 +161,7 @@ class TestEffect:
         assert found["overall"]["yaw_rate_r2"] < 0.0
 
     def test_is_offered_by_the_tab_key(self, copy: Path) -> None:
-        assert "mooring_line" in run(copy, "-c", "from rovid.commands import completion; print(*completion.effects())")
+        assert "mooring_line" in run(copy, "-c", "from rovid.cli import completion; print(*completion.effects())")
 
     def test_page_is_made_of_its_notes(self, copy: Path) -> None:
         code = (
@@ -198,7 +198,7 @@ def test_a_log_of_the_new_format_is_read(copy: Path, tmp_path: Path) -> None:
 
 
 def test_a_model_is_written_in_the_new_format(copy: Path, identified: Path) -> None:
-    assert "plain-text" in run(copy, "-c", "from rovid.commands import completion; print(*completion.formats())")
+    assert "plain-text" in run(copy, "-c", "from rovid.cli import completion; print(*completion.formats())")
     said = json.loads(run(copy, "-m", "rovid", "export", "plain-text", "--json", cwd=identified, quick=False))
     assert said["file"] == "plain_text.txt"
     assert said["mismatch_of_what_is_held"]["yaw_rate_percent_of_range"] == 0.0

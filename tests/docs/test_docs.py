@@ -40,8 +40,8 @@ from PIL import Image
 from typer.main import get_command
 
 from docs.make_pictures import FOLDER, PAGE, PICTURES, SCREENS, has_browser, screens
-from rovid.commands.cli import app
-from rovid.diagnose.record import Diagnosis
+from rovid.cli.cli import app
+from rovid.diagnose.result import Diagnosis
 from tests.conftest import ROOT, SAMPLES, blank_plots, diagnosed_once, run_rovid, write_short_day
 
 DOCS = ROOT / "docs"
@@ -296,8 +296,8 @@ def test_the_keys_of_json_are_in_the_page_on_files(command: str, trial_day: Path
 
 
 def test_the_page_on_files_has_every_schema_and_every_key_of_the_configuration() -> None:
-    from rovid.campaign import config
     from rovid.readers import READERS
+    from rovid.trial import config
 
     text = (DOCS / "files.md").read_text(encoding="utf-8")
     sources = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "rovid").rglob("*.py"))

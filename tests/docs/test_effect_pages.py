@@ -10,8 +10,8 @@ import pytest
 
 from docs import make_effects
 from docs.make_effects import FOLDER, INDEX, NOTES, forms_of, notes, pages, runs_with
+from rovid.core.errors import ConfigError
 from rovid.effects import CATALOGUE, Effect
-from rovid.ground.errors import ConfigError
 from tests.conftest import ROOT
 
 LARGEST_PICTURE = 40_000  # bytes

@@ -10,10 +10,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from rovid.campaign.trial import Trial
-from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.core.array_types import FloatArray
 from rovid.effects import CATALOGUE, FORMS, MOTION, Effect, bias_torque, effect_named, forms_for, supply_sag
-from rovid.effects.actuation import actuation
+from rovid.effects.actuator_dynamics import latched, rotor_lagged, soft_started
+from rovid.effects.actuator_inputs import actuation
 from rovid.effects.base import (
     REFERENCE_RATE,
     SPEEDS,
@@ -30,13 +30,13 @@ from rovid.effects.base import (
     Scales,
     Term,
 )
-from rovid.effects.series import latched, rotor_lagged, soft_started
-from rovid.ground.arrays import FloatArray
-from rovid.ground.lanes import LANES
-from rovid.model.acting import Acting
-from rovid.model.drive import Drive
-from rovid.model.equation import Equation, terms_of
+from rovid.jit.simd import LANES
+from rovid.model.bound_effects import Acting
 from rovid.model.model import Model
+from rovid.model.packed_terms import Equation, terms_of
+from rovid.model.torque_input import Drive
+from rovid.trial.trial import Trial
+from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.synthetic import trial
 
 # What other programs rely on, in its order; further effects come after them.

@@ -10,12 +10,12 @@ import pandas as pd
 import pytest
 from scipy.integrate import solve_ivp
 
-from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.core.array_types import FloatArray
 from rovid.effects import effect_named, forms_for
 from rovid.effects.base import SPEEDS, OnCommand, OnThrust
-from rovid.ground.arrays import FloatArray
-from rovid.model.drive import Drive, Intervals
 from rovid.model.model import Model
+from rovid.model.torque_input import Drive, Intervals
+from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.conftest import Rovid
 from tests.effects.test_effects import WHERE
 from tests.synthetic import trial

@@ -17,12 +17,12 @@ import tomli_w
 from scipy.integrate import solve_ivp
 from scipy.io import loadmat
 
-from rovid.campaign.config import load_config
-from rovid.campaign.trial import Trial
-from rovid.campaign.vehicle import Vehicle
+from rovid.core.array_types import FloatArray
 from rovid.export import FORMATS
-from rovid.ground.arrays import FloatArray
-from rovid.parameters.reading import read_parameters
+from rovid.store.load import read_parameters
+from rovid.trial.config import load_config
+from rovid.trial.trial import Trial
+from rovid.trial.vehicle import Vehicle
 from tests.conftest import SAMPLES, Rovid, run_rovid, write_short_day
 
 # s; commands of the tests' own manoeuvre are held so long, in V.

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from rovid.fleet.fleet import Fleet
-from rovid.fleet.record import Record
+from rovid.fleet.campaign_record import Record
+from rovid.fleet.results import Fleet
 from tools.cases import hide
 from tools.programme import Hold, Run, Sine
 from tools.trial_day import write_trial_day

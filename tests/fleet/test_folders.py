@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from rovid.core.errors import ConfigError
 from rovid.fleet.folders import places_in
-from rovid.ground.errors import ConfigError
 
 
 def campaign(folder: Path, *, toml: bool = True) -> Path:

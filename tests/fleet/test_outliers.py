@@ -6,7 +6,7 @@ import numpy as np
 
 from rovid.fleet.outliers import outliers
 from rovid.fleet.page import fleet_page
-from rovid.fleet.shrink import shrunk
+from rovid.fleet.shrinkage import shrunk
 from tests.fleet.conftest import Made, fleet_of
 
 

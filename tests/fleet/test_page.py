@@ -7,12 +7,12 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
 
+from rovid.core.signatures import FLEET_PAGE, PAGE
 from rovid.effects import CATALOGUE
-from rovid.fleet.fleet import Fleet
+from rovid.fleet.campaign_record import Record
 from rovid.fleet.page import changes, fleet_page, headline
-from rovid.fleet.record import Record
-from rovid.fleet.shrink import shrunk
-from rovid.ground.files.form import FLEET_PAGE, PAGE
+from rovid.fleet.results import Fleet
+from rovid.fleet.shrinkage import shrunk
 from tests.fleet.conftest import Made, fleet_of
 
 DAY = 86400.0

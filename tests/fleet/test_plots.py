@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rovid.fleet.plots import history, timeline
-from rovid.report.plots.canvas import BLACK, RED
+from rovid.present.plots.canvas import BLACK, RED
 from tests.fleet.conftest import Made, fleet_of
 
 

@@ -15,7 +15,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from rovid.fleet import alone
+from rovid.fleet import worker
 from tests.conftest import ROOT, Rovid, run_rovid
 from tests.fleet.conftest import GOOD
 
@@ -136,7 +136,7 @@ def test_logs_that_changed_are_diagnosed_anew(
     log = tmp_path / "sea/alpha/spring/down.csv"
     log.write_text("\n".join(log.read_text().splitlines()[:-100]) + "\n")
     # What has to be done fails, so that this is quick; what is done does not.
-    monkeypatch.setattr(alone, "_CODE", "raise SystemExit('once more')")
+    monkeypatch.setattr(worker, "_CODE", "raise SystemExit('once more')")
     document = run_rovid("fleet", tmp_path / "sea", "-o", tmp_path / "out", "--json").document
     assert document["diagnosed_anew"] == 1
     errors = {one["campaign"]: one["error"] for one in document["campaigns"] if one["error"]}
@@ -185,7 +185,7 @@ def test_on_a_dask_cluster_of_two_workers_it_comes_to_the_same_bytes(
 def test_a_process_that_dies_or_takes_too_long_costs_its_own_row(
     sea: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(alone, "_CODE", DYING + alone._CODE)  # noqa: SLF001 - what the process runs
+    monkeypatch.setattr(worker, "_CODE", DYING + worker._CODE)  # noqa: SLF001 - what the process runs
     out = tmp_path / "out"
     fleet = (sea / "alpha", sea / "beta/summer")
     document = run_rovid("fleet", *fleet, "-o", out, "--timeout", 4, "--json").document
@@ -194,7 +194,7 @@ def test_a_process_that_dies_or_takes_too_long_costs_its_own_row(
     assert errors["spring"] == "no diagnosis within 4 s; --timeout gives it longer."
     assert errors["beta/summer"] == "its process ended with status 3"
     # What was ended from outside is tried again; what was too slow only if it is given longer.
-    monkeypatch.setattr(alone, "_CODE", "raise SystemExit('tried')")
+    monkeypatch.setattr(worker, "_CODE", "raise SystemExit('tried')")
     for seconds, tried in ((3, {"alpha/summer", "beta/summer"}), (30, {"alpha/summer", "beta/summer", "spring"})):
         document = run_rovid("fleet", *fleet, "-o", out, "--timeout", seconds, "--json").document
         assert {one["campaign"] for one in document["campaigns"] if "tried" in one["error"]} == tried
@@ -244,7 +244,7 @@ def test_what_cannot_be_is_refused_in_a_line(
 
 
 def test_a_missing_library_is_named_with_the_extra_that_has_it(sea: Path, tmp_path: Path) -> None:
-    code = "import sys; sys.modules['pyarrow'] = None; from rovid.commands.cli import main; main()"
+    code = "import sys; sys.modules['pyarrow'] = None; from rovid.cli.cli import main; main()"
     ended = subprocess.run(
         [sys.executable, "-c", code, "fleet", sea, "-o", tmp_path / "out"],
         cwd=ROOT,

@@ -8,11 +8,11 @@ from pathlib import Path
 import pandas as pd
 import pyarrow.parquet as pq
 
-from rovid.fleet.fleet import Fleet
-from rovid.fleet.record import Record
-from rovid.fleet.shrink import shrunk
+from rovid.core.signatures import FLEET_TABLE, LOG
+from rovid.fleet.campaign_record import Record
+from rovid.fleet.results import Fleet
+from rovid.fleet.shrinkage import shrunk
 from rovid.fleet.table import table_of
-from rovid.ground.files.form import FLEET_TABLE, LOG
 from tests.fleet.conftest import Made, fleet_of
 
 LOST = Record(campaign="z", folder="", digest="", error="no logs", failure="input")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from rovid.ground.arrays import FloatArray
-from rovid.model.drive import Drive
+from rovid.core.array_types import FloatArray
 from rovid.model.kernels import innovations, simulate
 from rovid.model.model import Model
+from rovid.model.torque_input import Drive
 from tests.abreast import Log, filtered
 
 # Drag is linear: what the filter linearises is then the motion itself.

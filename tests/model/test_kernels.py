@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from rovid.core.array_types import FloatArray
 from rovid.effects import MOTION, Effect, effect_named
 from rovid.effects.base import TERM_STATES
-from rovid.ground.arrays import FloatArray
-from rovid.model.acting import Acting
-from rovid.model.drive import Drive
-from rovid.model.equation import Equation, terms_of
-from rovid.model.integration import along
+from rovid.model.bound_effects import Acting
 from rovid.model.kernels import effects_along, innovations, innovations_wide, predict, simulate, simulate_effects
 from rovid.model.model import Model
+from rovid.model.ode import along
+from rovid.model.packed_terms import Equation, terms_of
+from rovid.model.torque_input import Drive
 from tests import synthetic
 from tests.abreast import Log, filtered
 from tests.predictions import records

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
-from rovid.campaign.axis import AXES
 from rovid.effects import effect_named
 from rovid.model.model import Model
+from rovid.trial.axis import AXES
 
 
 def test_a_parameter_has_the_name_that_stands_where_its_value_does() -> None:

@@ -16,18 +16,18 @@ import numba
 import numpy as np
 import pytest
 
+from rovid.core.array_types import FloatArray
 from rovid.effects import MOTION, TERMS, Effect, effect_named
 from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, Body, Instant, Numbers, Term, compiled
-from rovid.ground.arrays import FloatArray
-from rovid.ground.lanes import LANES, read, write
-from rovid.ground.straight import one_of
-from rovid.model.acting import Acting
-from rovid.model.drive import Drive
-from rovid.model.equation import Equation, Terms, terms_abreast, terms_of
+from rovid.jit.simd import LANES, read, write
+from rovid.jit.tracing import one_of
+from rovid.model.bound_effects import Acting
 from rovid.model.kernels import ROOM, innovations, innovations_wide, predict, simulate
-from rovid.model.kernels.batch import body_of
-from rovid.model.kernels.torque import taking_lanes, torque_at
+from rovid.model.kernels.effect_terms import taking_lanes, torque_at
+from rovid.model.kernels.simd_io import body_of
 from rovid.model.model import Model
+from rovid.model.packed_terms import Equation, Terms, terms_abreast, terms_of
+from rovid.model.torque_input import Drive
 from tests.abreast import Filter, Log, filtered, filtered_abreast
 from tests.conftest import ROOT
 from tests.effects.test_effects import numbers
@@ -262,7 +262,7 @@ import json
 from dataclasses import replace
 import numpy as np
 from rovid.effects import effect_named
-from rovid.model.drive import Drive
+from rovid.model.torque_input import Drive
 from rovid.model.kernels import innovations, innovations_wide
 from tests.abreast import Log, filtered
 from tests.synthetic import ROSUB

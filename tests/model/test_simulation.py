@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scipy.integrate import odeint
 
+from rovid.core.array_types import FloatArray
 from rovid.effects import effect_named
-from rovid.ground.arrays import FloatArray
-from rovid.model.drive import Drive
 from rovid.model.kernels import simulate
 from rovid.model.model import Model
 from rovid.model.simulation import compare, overall, simulate_runs
-from rovid.motion.rates import rates_of
-from rovid.motion.runs import Run
+from rovid.model.torque_input import Drive
+from rovid.signals.preprocessing import Run
+from rovid.signals.rates import rates_of
 from tests.synthetic import LOGGED, ROSUB, clock, run, trial
 
 

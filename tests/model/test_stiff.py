@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from rovid.campaign.axis import AXES
+from rovid.core.array_types import FloatArray
 from rovid.effects import effect_named
-from rovid.ground.arrays import FloatArray
-from rovid.model.drive import Drive
 from rovid.model.kernels import innovations, innovations_wide
 from rovid.model.model import Model
+from rovid.model.torque_input import Drive
+from rovid.trial.axis import AXES
 from tests.abreast import Log, filtered
 
 # Of a work-class vehicle in pitch; the disturbance's size and memory, the noise of angle and rate.

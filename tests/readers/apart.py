@@ -7,10 +7,10 @@ import warnings
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from rovid.campaign.config import load_config
-from rovid.ground.errors import RovidError
-from rovid.inspect.first_config import survey
+from rovid.core.errors import RovidError
+from rovid.preflight.log_survey import survey
 from rovid.readers import read_log
+from rovid.trial.config import load_config
 
 STATUS = Path("/proc/self/status")
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rovid.campaign.trial import Trial
-from rovid.readers.raw import Channel, RawLog
-from rovid.readers.timebase import build
+from rovid.readers.build_trial import build
+from rovid.readers.raw_log import Channel, RawLog
+from rovid.trial.trial import Trial
 from tests.readers.logs import campaign, toml, turning
 
 TIME, HEADING = turning()

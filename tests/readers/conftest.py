@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rovid.campaign.config import Config
+from rovid.trial.config import Config
 from tests.readers.logs import campaign
 
 

@@ -14,10 +14,10 @@ from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2._dynamic import serialize_dynamic
 from numpy.typing import ArrayLike, NDArray
 
-from rovid.campaign.config import Config, load_config
-from rovid.campaign.trial import Trial
-from rovid.ground.arrays import FloatArray
+from rovid.core.array_types import FloatArray
 from rovid.readers import read_log
+from rovid.trial.config import Config, load_config
+from rovid.trial.trial import Trial
 
 CURVE = "command,thrust_N\n-5,-500\n0,0\n5,1000\n"
 HEADING = 'heading = { csv = "heading_deg", mcap = "/phins/heading.data", unit = "deg" }'

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.campaign.trial import Trial
-from rovid.ground.errors import LogError
+from rovid.core.errors import LogError
 from rovid.readers import read_campaign, read_log
+from rovid.trial.trial import Trial
 from tests.readers.logs import campaign, kinds, toml
 from tests.readers.recordings import HEADING, TIME, bag, said
 

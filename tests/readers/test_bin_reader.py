@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.campaign.config import Config, load_config
-from rovid.campaign.trial import Trial
-from rovid.ground.errors import ConfigError, LogError
+from rovid.core.errors import ConfigError, LogError
 from rovid.readers import READERS, bin_reader, read_campaign, read_log
+from rovid.trial.config import Config, load_config
+from rovid.trial.trial import Trial
 from tests.conftest import SAMPLES, Rovid
 from tests.readers.logs import campaign, csv_text, kinds, standard, toml
 from tests.readers.recordings import Row, dataflash

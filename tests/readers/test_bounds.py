@@ -12,12 +12,12 @@ import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-from rovid.campaign.config import load_config
-from rovid.ground.errors import RovidError
-from rovid.inspect.first_config import survey
+from rovid.core.errors import RovidError
+from rovid.preflight.log_survey import survey
 from rovid.readers import bag_reader, read_log
+from rovid.trial.config import load_config
 from tests.conftest import slow
-from tests.inspect.test_first_config import changed
+from tests.preflight.test_log_survey import changed
 from tests.readers.apart import STATUS, read
 from tests.readers.logs import EPOCH, campaign, csv_text, standard, toml, turning
 from tests.readers.recordings import CHANGES, RECORDINGS, TIME, bag, said

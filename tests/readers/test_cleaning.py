@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from rovid.ground.arrays import FloatArray
+from rovid.core.array_types import FloatArray
 from rovid.readers.cleaning import Cleaned, clean
 
 RNG = np.random.default_rng(3)

@@ -15,10 +15,10 @@ import pytest
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
-from rovid.campaign.axis import axis_named
-from rovid.campaign.config import Config, load_config
-from rovid.campaign.trial import Trial
 from rovid.readers import read_log
+from rovid.trial.axis import axis_named
+from rovid.trial.config import Config, load_config
+from rovid.trial.trial import Trial
 from tests.conftest import SAMPLES, Rovid
 from tests.readers.logs import campaign, csv_text, dive, mcap_bytes, standard, toml
 from tests.whole.test_bad_input import assert_one_message

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.ground.errors import ConfigError, LogError
+from rovid.core.errors import ConfigError, LogError
 from rovid.readers import csv_reader, read_log
 from tests.readers.logs import campaign, csv_text, kinds, read_csv, standard, toml, turning
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from rovid.campaign.config import Config
-from rovid.ground.errors import RovidError
-from rovid.inspect.first_config import survey
+from rovid.core.errors import RovidError
+from rovid.preflight.log_survey import survey
 from rovid.readers import READERS, read_log
+from rovid.trial.config import Config
 from tests.readers import recordings
 from tests.readers.logs import campaign, csv_text, dive, mcap_bytes, standard
 from tests.readers.recordings import RECORDINGS

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from PIL import Image
 
-from rovid.campaign.config import Config, load_config
-from rovid.ground.errors import LogError
+from rovid.core.errors import LogError
 from rovid.readers import READERS, read_log
+from rovid.trial.config import Config, load_config
 from tests.conftest import ROOT, Rovid
 from tests.readers.logs import campaign, kinds, toml
 from tests.readers.recordings import CHANGES, HEADING, RECORDINGS, TIME

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from rovid.campaign.config import Config
-from rovid.ground.errors import RovidError
-from rovid.inspect.draft import toml_of
-from rovid.inspect.first_config import survey
+from rovid.core.errors import RovidError
+from rovid.preflight.config_writer import toml_of
+from rovid.preflight.log_survey import survey
 from rovid.readers import read_campaign, read_log
+from rovid.trial.config import Config
 from tests.readers.logs import COMPRESSIONS, ENCODERS, campaign, csv_text, dive, mcap_bytes, standard, toml
 
 # Each example may take two seconds; real ones take milliseconds, so that a hang or an explosion shows.

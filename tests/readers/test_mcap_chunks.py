@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import zstandard
 
-from rovid.campaign.config import Config
-from rovid.ground.errors import LogError
+from rovid.core.errors import LogError
 from rovid.readers import mcap_reader
+from rovid.trial.config import Config
 from tests.readers.apart import STATUS
 from tests.readers.logs import EPOCH, dive, mcap_bytes, read_mcap
 from tests.readers.test_mcap_limits import (

@@ -18,10 +18,10 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.writer import IndexType, Writer
 
-from rovid.campaign.config import Config
-from rovid.ground.errors import LogError
+from rovid.core.errors import LogError
 from rovid.readers.mcap_reader import read
-from rovid.readers.raw import RawLog
+from rovid.readers.raw_log import RawLog
+from rovid.trial.config import Config
 from tests.conftest import slow
 from tests.readers.logs import COMPRESSIONS, ENCODERS, EPOCH, Message, campaign, dive, finished, mcap_bytes
 

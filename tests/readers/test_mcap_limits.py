@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from mcap.writer import CompressionType, IndexType, Writer
 
-from rovid.campaign.config import Config
-from rovid.ground.errors import LogError
+from rovid.core.errors import LogError
 from rovid.readers import mcap_reader
+from rovid.trial.config import Config
 from tests.readers.apart import STATUS, read
 from tests.readers.logs import EPOCH, Message, dive, finished, mcap_bytes, read_mcap
 

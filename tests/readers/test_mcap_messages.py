@@ -10,9 +10,9 @@ import pytest
 from google.protobuf import descriptor_pb2
 from mcap.writer import Writer
 
-from rovid.campaign.config import Config
-from rovid.ground.errors import LogError
+from rovid.core.errors import LogError
 from rovid.readers import mcap_reader
+from rovid.trial.config import Config
 from tests.readers.logs import EPOCH
 
 

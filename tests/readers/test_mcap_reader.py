@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from rovid.ground.errors import ConfigError, LogError
+from rovid.core.errors import ConfigError, LogError
 from tests.readers.logs import (
     COMPRESSIONS,
     ENCODERS,

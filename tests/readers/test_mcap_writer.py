@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rovid.ground.quoting import words
+from rovid.core.escaping import words
 from rovid.readers.mcap_writer import Topic, mcap_bytes
 from tests.hostile import NAMES
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.campaign.config import Config
-from rovid.campaign.trial import Trial
-from rovid.ground.arrays import FloatArray
-from rovid.ground.errors import ConfigError, LogError
+from rovid.core.array_types import FloatArray
+from rovid.core.errors import ConfigError, LogError
 from rovid.readers import read_campaign, read_log
+from rovid.trial.config import Config
+from rovid.trial.trial import Trial
 from tests.readers.logs import EPOCH, campaign, csv_text, dive, kinds, mcap_bytes, toml
 from tests.readers.recordings import COMMANDS_BESIDE, HEADING, TIME, iso, sentence
 

@@ -16,9 +16,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from rovid.campaign.trial import Trial
-from rovid.ground.errors import ConfigError, LogError
+from rovid.core.errors import ConfigError, LogError
 from rovid.readers import read_log
+from rovid.trial.trial import Trial
 from tests.conftest import slow
 from tests.readers.logs import EPOCH, campaign, kinds, standard, to_ns, toml, turning
 from tests.readers.recordings import parquet
@@ -105,8 +105,8 @@ def test_wrong_columns(change: Mapping[str, Any], words: str, tmp_path: Path) ->
 EVERY_BYTE = """
 import sys
 from pathlib import Path
-from rovid.campaign.config import load_config
-from rovid.ground.errors import RovidError
+from rovid.trial.config import load_config
+from rovid.core.errors import RovidError
 from rovid.readers import READERS, read_log
 path, changes = Path(sys.argv[1]), list(map(int, sys.argv[2:]))
 data, config = path.read_bytes(), load_config(path.parent / "rovid.toml")

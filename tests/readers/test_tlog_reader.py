@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from rovid.campaign.trial import Trial
-from rovid.ground.errors import LogError
+from rovid.core.errors import LogError
 from rovid.readers import read_log
 from rovid.readers.tlog_reader import Log
+from rovid.trial.trial import Trial
 from tests.readers.logs import campaign, kinds, toml
 from tests.readers.recordings import HEADING, TIME, Sent, attitude_sent, servos_sent, tlog
 

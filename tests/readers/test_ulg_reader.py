@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.campaign.trial import Trial
-from rovid.ground.errors import LogError
-from rovid.inspect.first_config import survey
+from rovid.core.errors import LogError
+from rovid.preflight.log_survey import survey
 from rovid.readers import read_log
+from rovid.trial.trial import Trial
 from tests.readers.logs import campaign, kinds, toml
 from tests.readers.recordings import HEADING, TIME, Row, attitude, ulog
 

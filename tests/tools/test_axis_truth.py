@@ -16,8 +16,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from rovid.campaign.axis import AXES
-from rovid.campaign.config import load_config
+from rovid.trial.axis import AXES
+from rovid.trial.config import load_config
 from tests.conftest import SAMPLES
 from tools.axis_day import course, main, measured, meter_of, with_hidden, write_axis_day
 from tools.axis_programme import axis_campaign, commanded

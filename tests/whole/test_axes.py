@@ -13,10 +13,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rovid.campaign.axis import AXES
-from rovid.campaign.trial import Trial
-from rovid.model.integration import initial_rate
 from rovid.model.model import Model
+from rovid.model.ode import initial_rate
+from rovid.trial.axis import AXES
+from rovid.trial.trial import Trial
 from tests.conftest import SAMPLES, Rovid, slow
 from tools.axis_day import write_axis_day
 from tools.axis_truth import Vehicle

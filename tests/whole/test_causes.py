@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 from scipy.optimize import least_squares
 
-from rovid.ground.arrays import FloatArray
+from rovid.core.array_types import FloatArray
 from tests.conftest import SAMPLES, Rovid, slow
 from tools.cases import Case, all_cases, groups, truth_of
 from tools.channels import EXTRA

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from rovid.parameters.reading import read_parameters
+from rovid.store.load import read_parameters
 from tests.conftest import ROOT, run_rovid
-from tests.ground.test_files import AS_NOBODY, NOBODY, POSIX, leavings, public_folder, run_code
+from tests.core.test_files import AS_NOBODY, NOBODY, POSIX, leavings, public_folder, run_code
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -132,7 +132,7 @@ def test_a_foreign_file_is_kept_unless_forced(mine: Path, monkeypatch: pytest.Mo
 
 
 def test_what_another_wrote_during_a_fit_is_kept(day: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from rovid.study import Study
+    from rovid.store.study import Study
 
     path = tmp_path / "parameters.toml"
     real = Study.drag
@@ -172,7 +172,7 @@ def test_a_report_takes_its_stale_plots_away_and_leaves_the_rest(day: Path, tmp_
 
 WITHOUT_WORK = """
     import json, sys
-    from rovid.study import Study
+    from rovid.store.study import Study
     from tests.conftest import run_rovid
 
     def work(*_, **__):
@@ -226,10 +226,10 @@ UPDATE = """
     import sys
     from dataclasses import replace
     from pathlib import Path
-    from rovid.ground.files import Claim
-    from rovid.parameters.parameters import Entry, Parameters
-    from rovid.parameters.reading import read_parameters
-    from rovid.parameters.update import update
+    from rovid.core.atomic_write import Claim
+    from rovid.store.parameter_file import Entry, Parameters
+    from rovid.store.load import read_parameters
+    from rovid.store.update import update
 
     path, name = Path(sys.argv[1]), sys.argv[2]
     before = read_parameters(path) if path.exists() else Parameters(path=path)
@@ -258,7 +258,7 @@ def test_no_result_of_two_processes_is_lost(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_hundred_pairs_of_fits_lose_nothing(day: Path, tmp_path: Path) -> None:
-    code = "import sys; from rovid.commands.cli import main; sys.argv[0] = 'rovid'; main()"
+    code = "import sys; from rovid.cli.cli import main; sys.argv[0] = 'rovid'; main()"
     for pair in range(100):
         path = tmp_path / f"{pair}.toml"
         both = [started(code, command, day / "L", "-p", path) for command in ("fit-drag", "fit-inertia")]
@@ -272,7 +272,7 @@ def test_a_hundred_pairs_of_fits_lose_nothing(day: Path, tmp_path: Path) -> None
 COMMAND = """
     import os, signal, sys
     from pathlib import Path
-    from rovid.commands.cli import main
+    from rovid.cli.cli import main
 
     at, calls, real = int(sys.argv[1]), 0, os.replace
 

@@ -19,18 +19,18 @@ import yaml
 from matplotlib.figure import Figure
 from scipy.io import loadmat
 
-from rovid.campaign.vehicle import ThrustCurve, Thruster, Vehicle
-from rovid.commands import cli
+from rovid.cli import cli
 from rovid.effects import effect_named
 from rovid.export import FORMATS
-from rovid.export.exporting import export, exporter_of
-from rovid.export.subject import Subject
-from rovid.export.target import Target
+from rovid.export.export_input import Subject
+from rovid.export.export_result import Target
+from rovid.export.run_export import export, exporter_of
 from rovid.export.uuv import export_yaml
 from rovid.model.model import Model
-from rovid.parameters.parameters import Entry
-from rovid.report.plots import canvas
-from rovid.report.templating import environment_of
+from rovid.present.page.templating import environment_of
+from rovid.present.plots import canvas
+from rovid.store.parameter_file import Entry
+from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.conftest import Rovid
 from tests.hostile import NAMES, STEERING
 from tests.whole.test_bad_input import assert_one_message, folder  # noqa: F401 - a fixture

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from rovid.parameters.reading import read_parameters
+from rovid.store.load import read_parameters
 from tests.conftest import Done, Rovid, blank_plots, diagnosed_once, run_rovid
 from tools.hidden import Hidden
 from tools.programme import CAMPAIGN
@@ -195,7 +195,7 @@ def test_a_browser_shows_guesses_in_red_and_none_once_they_are_put_right(
     placeholder: Played, put_right: Played, tmp_path: Path
 ) -> None:
     pytest.importorskip("fcntl", reason="Chromium is driven over a POSIX pipe")
-    from tests.report.chromium import NAMES, chromium, find_chromium
+    from tests.present.chromium import NAMES, chromium, find_chromium
 
     if find_chromium() is None:
         pytest.skip(f"no browser: none of {', '.join(NAMES)} on the PATH")

@@ -1,11 +1,11 @@
 """Compiled loops over samples. Nothing here knows of files, units or effects' names."""
 
-from rovid.model.kernels.filter import innovations
-from rovid.model.kernels.first_use import begin, compile_now, is_compiled
-from rovid.model.kernels.free_run import advance, simulate, simulate_effects
-from rovid.model.kernels.prediction import effects_along, predict
-from rovid.model.kernels.torque import ROOM
-from rovid.model.kernels.wide_filter import innovations_wide
+from rovid.model.kernels.effect_terms import ROOM
+from rovid.model.kernels.ekf3 import innovations
+from rovid.model.kernels.ekf5 import innovations_wide
+from rovid.model.kernels.multi_step import effects_along, predict
+from rovid.model.kernels.rk4 import advance, simulate, simulate_effects
+from rovid.model.kernels.warmup import begin, compile_now, is_compiled
 
 __all__ = [
     "ROOM",

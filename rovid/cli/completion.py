@@ -1,0 +1,70 @@
+"""The values that the shell completes; each Tab imports this, so that nothing here may be slow to import."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import typer
+
+from rovid.core.errors import RovidError
+from rovid.core.toml import read_toml
+from rovid.export import FORMATS
+from rovid.trial.axis import AXES, YAW
+
+# In the order of `rovid.estimate.thrust_curve.THRUST_UNITS`; a test compares.
+THRUST_UNITS = ("N", "kN", "kgf", "gf", "lbf")
+# What every model has; of its effects only the parameter file knows.
+BASE = ("inertia", "quadratic_drag", "linear_drag")
+_CATALOGUE = Path(__file__).parents[1] / "effects" / "__init__.py"
+
+
+def axes() -> list[str]:
+    """Names for --axis."""
+    return list(AXES)
+
+
+def formats() -> list[str]:
+    """Formats of `rovid export`."""
+    return list(FORMATS)
+
+
+def vehicles() -> list[str]:
+    """Types for --vehicle."""
+    from rovid.trial.vehicle_presets import profile_names
+
+    return profile_names()
+
+
+def topics() -> list[str]:
+    """Pages of `rovid help`."""
+    from rovid.present.terminal.topics import names
+
+    return names()
+
+
+def thrust_units() -> list[str]:
+    """Units for --unit."""
+    return list(THRUST_UNITS)
+
+
+def effects() -> list[str]:
+    """Ids of the effects, read from the catalogue's own lines: to import them takes a second; a test compares."""
+    lines = ast.parse(_CATALOGUE.read_text(encoding="utf-8")).body
+    listed = next(line for line in lines if isinstance(line, ast.Assign) and ast.unparse(line.targets[0]) == "EFFECTS")
+    return sorted(ast.literal_eval(listed.value))
+
+
+def parameters(context: typer.Context) -> list[str]:
+    """Names for --narrow: those in the parameter file of the command line, or of the plain model."""
+    axis = context.params.get("axis") or YAW.name
+    path = Path(context.params.get("parameters") or parameter_file(axis))
+    try:
+        return list(read_toml(path)["parameters"])
+    except (RovidError, LookupError, TypeError):
+        return list(BASE)
+
+
+def parameter_file(axis: str) -> str:
+    """Name of the parameter file where the command line gives none."""
+    return "parameters.toml" if axis == YAW.name else f"parameters_{axis}.toml"

@@ -1,0 +1,133 @@
+"""What a controller is asked to do, and where it works."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovid.core.errors import ConfigError
+from rovid.model.model import Model
+
+WAVE_PERIOD = 8.0  # s
+# Of the paper's instrument, and of a vehicle that is known by its parameters alone.
+_HEADING_NOISE, _MIDDLING_RATE = math.radians(0.01), 0.15
+# Of the torque in use: of a current or waves, where a run is about them.
+_FROM_OUTSIDE = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What the user asks for; see `rovid control --help`.
+
+    Raises
+    ------
+    ConfigError
+        A number is not what it has to be.
+    """
+
+    kp: float | None = None
+    kd: float | None = None
+    damping: float = 0.7
+    bandwidth: float | None = None
+    period: float = 0.1
+    delay: float = 0.0
+    rate_filter: float | None = None
+    steps: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        positive = {"--kp": self.kp, "--damping": self.damping, "--bandwidth": self.bandwidth, "--period": self.period}
+        for name, value in positive.items():
+            if value is not None and not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"is {value:g}; a number above zero was expected.", where=name)
+        for name, value in {"--kd": self.kd, "--delay": self.delay, "--rate-filter": self.rate_filter}.items():
+            if value is not None and not (math.isfinite(value) and value >= 0.0):
+                raise ConfigError(f"is {value:g}; zero or a number above it was expected.", where=name)
+        if (self.kp is None) != (self.kd is None):
+            raise ConfigError("needs the other gain too.", where="--kp" if self.kd is None else "--kd")
+        if self.kp is not None and self.bandwidth is not None:
+            raise ConfigError("says what --kp and --kd say already.", where="--bandwidth", mend="Leave one out.")
+        self.parsed_steps()
+
+    def parsed_steps(self) -> list[tuple[float, float]]:
+        """(from, to) in deg of each of ``steps``; to the nearest turn, as the controller takes the shorter way."""
+        found = []
+        for text in self.steps:
+            first, _, last = text.partition(":")
+            try:
+                start, end = float(first), float(last)
+                found.append((start, start + math.remainder(end - start, 360.0)))
+            except ValueError as error:
+                raise ConfigError(
+                    f"is {text!r}; two headings in deg were expected, as in 20:120.", where="--step"
+                ) from error
+        return found
+
+
+def setting_of(options: Options, model: Model, heading_noise: float | None, torque_in_use: float | None) -> Setting:
+    """The loop's setting; a heading noise of 0.01 deg and the drag of a middling rate where no log says."""
+    if heading_noise is None:
+        heading_noise = _HEADING_NOISE
+    if torque_in_use is None:
+        torque_in_use = model.drag(np.array(_MIDDLING_RATE)).item()
+    return Setting(
+        period=options.period,
+        delay=options.delay,
+        rate_filter=options.rate_filter,
+        heading_noise=heading_noise,
+        torque_in_use=torque_in_use,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """What the user and the logs say of the loop.
+
+    Attributes
+    ----------
+    period, delay
+        s; of the controller, and from a heading to the command that it leads to.
+    rate_filter
+        s, time constant of the low pass of the rate; None: chosen with the bandwidth.
+    heading_noise, torque_in_use
+        rad and N m.
+    """
+
+    period: float = 0.1
+    delay: float = 0.0
+    rate_filter: float | None = None
+    heading_noise: float = 0.0
+    torque_in_use: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Manoeuvre:
+    """One run: from rest at ``start`` to ``wanted``, in deg; ``current`` and ``waves`` in N m."""
+
+    name: str
+    start: float
+    wanted: float
+    current: float = 0.0
+    waves: float = 0.0
+
+
+def paper_runs() -> tuple[Manoeuvre, ...]:
+    """The three closed-loop runs of Ramesh et al. 2013."""
+    return (
+        Manoeuvre(name="90 to 200 deg", start=90.0, wanted=200.0),
+        Manoeuvre(name="20 to 120 deg", start=20.0, wanted=120.0),
+        Manoeuvre(name="hold 120 deg, pushed to 100", start=100.0, wanted=120.0),
+    )
+
+
+def manoeuvres(steps: Sequence[tuple[float, float]], torque_in_use: float) -> tuple[Manoeuvre, ...]:
+    """The paper's runs, the user's ``steps`` in deg, and a hold against current and waves."""
+    torque = _FROM_OUTSIDE * torque_in_use
+    return (
+        *paper_runs(),
+        *(Manoeuvre(name=f"{a:g} to {b % 360.0:g} deg", start=a, wanted=b) for a, b in steps),
+        Manoeuvre(name="hold 120 deg, current sets in", start=120.0, wanted=120.0, current=torque),
+        Manoeuvre(name="hold 120 deg, waves", start=120.0, wanted=120.0, waves=torque),
+    )

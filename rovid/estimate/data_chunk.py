@@ -1,0 +1,162 @@
+"""Some runs, which a filter goes through in one pass."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.lru_cache import Recent
+from rovid.estimate.input_cache import Driving
+from rovid.model.filter_batch import Logged
+from rovid.model.heading_sensor import Instrument
+from rovid.model.model import Model
+from rovid.model.torque_input import Drive
+from rovid.signals.preprocessing import Run
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RunReadings:
+    """What is looked at in one run.
+
+    Attributes
+    ----------
+    at
+        Where the filter steps to, (n,) of the log's instants or all of them.
+    time
+        (n,) s, there.
+    angle
+        (n,) measured position along the body's axis, rad or m. Where the rate alone was measured, no more than the
+        first.
+    gyro_rate
+        (n,) measured rate less the gyro's offset from the position's rate; NaN where none is looked at.
+    known, known_rates
+        Which of the n have a position, but for the first, where the filter starts; and which have a rate.
+    """
+
+    run: Run
+    at: IntArray | slice
+    time: FloatArray
+    angle: FloatArray
+    gyro_rate: FloatArray
+    known: IntArray
+    known_rates: IntArray
+
+    @classmethod
+    def of(cls, run: Run, at: IntArray | slice, *, gyro: bool) -> Self:
+        """Of the instants ``at`` of a run; logged rates too where ``gyro`` says so, or nothing else was measured."""
+        time, angle = run.trial.time[at], run.trial.body_position[at]
+        if run.trial.integrated:
+            angle = np.where(np.arange(len(time)) == 0, angle, np.nan)
+        gyro_rate = np.broadcast_to(np.nan, len(time))
+        if run.trial.rate is not None and (gyro or run.trial.integrated):
+            offset = np.nan_to_num(run.rates.gyro_offset)
+            gyro_rate = run.trial.rate[at] - offset
+        return cls(
+            run=run,
+            at=at,
+            time=time,
+            angle=angle,
+            gyro_rate=gyro_rate,
+            known=np.flatnonzero(np.isfinite(angle))[1:],
+            known_rates=np.flatnonzero(np.isfinite(gyro_rate)),
+        )
+
+    @property
+    def told_at(self) -> FloatArray:
+        """(m,) s, of each innovation: of the positions, then of the rates."""
+        return np.concatenate((self.time[self.known], self.time[self.known_rates]))
+
+
+class Seen(NamedTuple):
+    """(n,) the angle without the deviation of the heading, and d(measured)/d(true) where there is one."""
+
+    angle: FloatArray
+    gain: FloatArray | None
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes."""
+        return self.angle.nbytes + (0 if self.gain is None else self.gain.nbytes)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Portion:
+    """Runs that are gone through together.
+
+    Attributes
+    ----------
+    of_runs
+        What is looked at in each.
+    first
+        (m, 2) rate of each at its first instant, and its standard deviation.
+    driving
+        What drives them.
+    rows
+        Which of the innovations of all runs are those of these.
+    recent
+        Where what was `seen` is kept, for all portions together.
+    """
+
+    of_runs: Sequence[RunReadings]
+    first: FloatArray
+    driving: Driving
+    rows: slice
+    recent: Recent
+
+    @cached_property
+    def logged(self) -> Logged:
+        """All of it, the runs one after the other."""
+        return Logged(
+            begins=self._begins,
+            time=np.concatenate([run.time for run in self.of_runs]),
+            rate=np.concatenate([run.gyro_rate for run in self.of_runs]),
+            start=np.array([run.run.trial.start for run in self.of_runs]),
+            first=self.first,
+            row=self._rows,
+        )
+
+    def drives(self, model: Model) -> Drive:
+        """What drives the runs from each instant that is looked at to the next."""
+        return self.driving.between_steps(model)
+
+    def seen(self, model: Model) -> Seen:
+        """What a filter goes by, with the heading as the instrument of ``model`` shows it; worked out once."""
+        instrument = model.instrument
+        if not instrument.deviates:
+            return Seen(self._angle, None)
+        return self.recent.of((self.rows.start, instrument.made_of), lambda: self._corrected(instrument))
+
+    def _corrected(self, instrument: Instrument) -> Seen:
+        position = np.concatenate([run.run.trial.position[run.at] for run in self.of_runs])
+        true, gain = instrument.as_true(position)
+        return Seen(self._angle - (position - true), gain)
+
+    @cached_property
+    def _angle(self) -> FloatArray:
+        """(n,) measured position along the body's axis at each instant, the runs one after the other."""
+        return np.concatenate([run.angle for run in self.of_runs])
+
+    @cached_property
+    def _begins(self) -> IntArray:
+        """(m + 1,) the instant with which each run begins, and how many there are in all."""
+        return np.cumsum([0, *(len(run.time) for run in self.of_runs)])
+
+    @property
+    def _rows(self) -> IntArray:
+        """(n, 2) as in `Logged`."""
+        rows = np.full(2 * len(self._angle), -1)
+        told = self.told
+        rows[told] = np.arange(len(told))
+        return rows.reshape(-1, 2)
+
+    @property
+    def told(self) -> IntArray:
+        """(N,) of each innovation, twice the instant that it is of, and one more if it is of the rate."""
+        pairs = zip(self.of_runs, self._begins[:-1], strict=True)
+        of_runs = [(2 * (begin + run.known), 2 * (begin + run.known_rates) + 1) for run, begin in pairs]
+        return np.concatenate([series for both in of_runs for series in both])

@@ -1,0 +1,288 @@
+"""Regression of torque on acceleration, |r| r, r and position over all excited data, by instrumental variables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovid.core.array_types import BoolArray, FloatArray, IntArray
+from rovid.core.errors import DataError
+from rovid.core.formatting import plus_minus
+from rovid.core.spmd import shared
+from rovid.effects import restoring_of
+from rovid.effects.restoring import columns, from_columns
+from rovid.estimate.estimate import Estimate, explained, varies
+from rovid.model.model import Model
+from rovid.model.parameter_names import base_names
+from rovid.model.torque_input import Drive
+from rovid.signals.preprocessing import Run
+from rovid.trial.axis import Axis
+
+_DRAGS = slice(1, 3)  # of the unknowns: inertia, quadratic and linear drag, and those of the restoring torque
+# A block has to be long beside the memory of waves and eddies, and there have to be enough of them.
+_BLOCK_SECONDS = 40.0
+_BLOCKS = 12
+_PASSES = 8
+_CONVERGED = 1e-4
+# Of changes of the rate that are so many times those of its noise, half the power is motion.
+_MOTION = 2.0**0.5
+
+_HELD = "{} would come out negative in the regression; it is held at zero, its lower bound."
+ADVICE = "Run sines, steps or a pseudo-random command that change the rate."
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Regression:
+    """The instrumental-variable estimate, and the plain least-squares one to show what the errors cost.
+
+    ``r_squared`` is NaN where the torque never changes.
+    """
+
+    estimate: Estimate
+    least_squares: FloatArray
+    r_squared: float
+
+
+def fit_regression(runs: Sequence[Run], *, certainty: float = 3.0) -> Regression:
+    """Fit T = I rdot + DQ |r| r + DL r + g, all signals through the same filter; g is of weight and buoyancy.
+
+    Sensor noise and the disturbance torque are in the regressors, which biases least squares. The
+    instruments are the same regressors from a noise-free simulation under the measured torque, renewed with
+    each estimate (the refined instrumental variable method, Young 2011; Ljung 1999, section 7.6): they know
+    the torque but not the noise. Drag is kept from turning negative. The covariance is a jackknife
+    over blocks of 40 s (shorter where the logs are), within which the residuals may be correlated.
+
+    Parameters
+    ----------
+    certainty
+        Standard errors by which the inertia has to differ from zero.
+
+    Raises
+    ------
+    DataError
+        The vehicle was not excited enough to see its inertia.
+    """
+    torque, blocks = _torque(runs)
+    axis = runs[0].trial.axis
+    raw = np.concatenate([_regressors(axis, _motion(run))[run.valid] for run in runs])
+    _require_motion(runs, raw, torque)
+    plain = _solve(raw, raw, torque, np.ones(raw.shape[1], dtype=bool))
+    values = _physical_start(plain, raw, torque)
+    for _ in range(_PASSES):
+        instruments, correction = _simulated(runs, _model(axis, values))
+        measured = raw + correction
+        free, new = _bounded(instruments, measured, torque, axis)
+        done = bool(np.all(np.abs(new - values) <= _CONVERGED * np.abs(new).clip(1e-12)))
+        values = new
+        if done:
+            break
+    residuals = torque - measured @ values
+    # That of the free fit even where a drag is at its bound: it would take the zero for certain, and the rest with it.
+    covariance = _jackknife_covariance(instruments, measured, torque, blocks)
+    names = base_names(axis)
+    slopes = _parameter_slopes(axis, values)
+    held = [name for name, kept in zip(names, free, strict=True) if not kept]
+    estimate = Estimate(
+        names=names,
+        values=_model(axis, values).values,
+        covariance=slopes @ covariance @ slopes.T,
+        method="regression on all excited data, instrumental variables",
+        samples=len(torque),
+        degrees_of_freedom=float(len(np.unique(blocks)) - len(names)),
+        warnings=tuple(map(_HELD.format, held)),
+        axis=axis,
+    )
+    require_inertia(estimate, certainty)
+    return Regression(estimate=estimate, least_squares=plain, r_squared=explained(torque, residuals))
+
+
+def fit_released(runs: Sequence[Run]) -> Model:
+    """Least squares of the acceleration of vehicles that were let go of, tilted; all is that of 1 kg m^2.
+
+    Raises
+    ------
+    DataError
+        They do not swing.
+    """
+    from scipy.optimize import lsq_linear
+
+    axis = runs[0].trial.axis
+    known = [np.isfinite(run.rates.rate) & np.isfinite(run.rates.acceleration) for run in runs]
+    moved = [_regressors(axis, _motion(run))[at] for run, at in zip(runs, known, strict=True)]
+    acceleration, *others = np.concatenate(moved).T
+    columns_of = np.column_stack(others)
+    _require_motion(runs, np.column_stack((acceleration, columns_of)), np.ones(len(acceleration)))
+    scale = np.linalg.norm(columns_of, axis=0)
+    low = np.array([0.0, 0.0, *np.full(len(scale) - 2, -np.inf)])
+    values = lsq_linear(columns_of / scale, -acceleration, bounds=(low, np.inf)).x / scale
+    if not values[2] > 0.0:
+        raise DataError(
+            f"nothing brings the vehicle back in {axis.name}: what is let go of does not swing.",
+            mend=f"Give logs of releases, or map what drives the vehicle: [[thrusters]] with {axis.arm}.",
+        )
+    return _model(axis, np.array([1.0, *values]))
+
+
+def require_inertia(estimate: Estimate, certainty: float) -> None:
+    """Refuse an inertia that is less than ``certainty`` standard errors away from nothing.
+
+    Raises
+    ------
+    DataError
+        It is.
+    """
+    value, error = estimate.value("inertia"), estimate.standard_error("inertia")
+    if not value >= certainty * error:  # nor one of which nothing is known
+        raise _not_excited(f"the inertia is {plus_minus(value, error)} {estimate.unit('inertia')}")
+
+
+def _torque(runs: Sequence[Run]) -> tuple[FloatArray, IntArray]:
+    """(n,) torque and block number at every valid instant of all runs."""
+    seconds = sum(run.valid.sum() * run.rates.kernel.period for run in runs)
+    length = min(_BLOCK_SECONDS, seconds / _BLOCKS)
+    torque, blocks, first = [], [], 0
+    for run in runs:
+        torque.append(run.drive[run.valid])
+        blocks.append(first + (run.rates.time[run.valid] // length).astype(np.intp))
+        first = int(np.max(blocks[-1], initial=first)) + 1
+    return np.concatenate(torque), np.concatenate(blocks)
+
+
+def _motion(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(n,) rate, acceleration and position behind the filter."""
+    return run.rates.rate, run.rates.acceleration, run.rates.position
+
+
+def _regressors(axis: Axis, motion: tuple[FloatArray, FloatArray, FloatArray]) -> FloatArray:
+    """(n, p) what inertia, quadratic drag, linear drag and each restoring unknown are multiplied by."""
+    rate, acceleration, position = motion
+    return np.column_stack((acceleration, np.abs(rate) * rate, rate, columns(restoring_of(axis), position)))
+
+
+def _model(axis: Axis, unknowns: FloatArray) -> Model:
+    inertia, quadratic, linear = (float(value) for value in unknowns[:3])
+    restoring = from_columns(restoring_of(axis), unknowns[3:])
+    return Model(
+        inertia=inertia,
+        quadratic_drag=quadratic,
+        linear_drag=linear,
+        axis=axis,
+        restoring_values=tuple(float(value) for value in restoring),
+    )
+
+
+def _parameter_slopes(axis: Axis, unknowns: FloatArray) -> FloatArray:
+    """(p, p) change of each parameter with each unknown."""
+    steps = np.diag(1e-6 * np.maximum(np.abs(unknowns), 1e-9))
+    here = _model(axis, unknowns).values
+    slopes = [(_model(axis, unknowns + step).values - here) / step.sum() for step in steps]
+    return np.column_stack(slopes)
+
+
+def _simulated(runs: Sequence[Run], model: Model) -> tuple[FloatArray, FloatArray]:
+    """(n, p) regressors of the noise-free simulation, and what filtering does to its square.
+
+    The low pass of |r| r is not |r| r of the low pass; the difference, small but in step with the
+    acceleration, is taken from the simulation and added to the measured regressors.
+    """
+    pairs = shared(lambda run: _simulated_of(run, model), runs)
+    # The simulation's filter has no answer where the measurement's has none either, but for the gyro's gaps.
+    instruments, corrections = (np.nan_to_num(np.concatenate(each)) for each in zip(*pairs, strict=True))
+    return instruments, corrections
+
+
+def _simulated_of(run: Run, model: Model) -> tuple[FloatArray, FloatArray]:
+    """Those of one run."""
+    kernel = run.rates.kernel
+    rate, position = model.simulate(run.trial, Drive.held(run.torque))
+    rate = np.interp(run.rates.time, run.trial.time, rate)
+    position = np.interp(run.rates.time, run.trial.time, position)
+    clean = _regressors(model.axis, (kernel.smooth(rate), kernel.rate(rate), kernel.smooth(position)))
+    correction = np.zeros_like(clean)
+    correction[:, 1] = kernel.smooth(np.abs(rate) * rate) - clean[:, 1]
+    return (clean + correction)[run.valid], correction[run.valid]
+
+
+def _bounded(
+    instruments: FloatArray, measured: FloatArray, torque: FloatArray, axis: Axis
+) -> tuple[BoolArray, FloatArray]:
+    """Which unknowns are free, and all their values; a drag that would turn negative is held at zero."""
+    free = np.ones(measured.shape[1], dtype=bool)
+    values = _solve(instruments, measured, torque, free)
+    while (values[_DRAGS] < 0.0).any():
+        # The one that pushes most against the drag.
+        torques = values[_DRAGS] * np.linalg.norm(measured[:, _DRAGS], axis=0)
+        free[1 + int(np.argmin(torques))] = False
+        values = _solve(instruments, measured, torque, free)
+    if not values[0] > 0.0:
+        raise DataError(
+            f"the inertia comes out negative: the vehicle moves against its {axis.push}, or hardly at all.",
+            mend=f"Check in rovid.toml the signs of {axis.arm}, command and {axis.measures}. {ADVICE}",
+        )
+    return free, values
+
+
+def _solve(instruments: FloatArray, measured: FloatArray, torque: FloatArray, free: BoolArray) -> FloatArray:
+    """(p,) values of the unknowns; those that are not ``free`` are zero."""
+    values = np.zeros(len(free))
+    values[free] = _of_free(instruments[:, free], measured[:, free], torque)
+    return values
+
+
+def _of_free(z: FloatArray, x: FloatArray, torque: FloatArray) -> FloatArray:
+    """(p,) values of what is free, at which nothing that is left follows the instruments ``z``."""
+    scale = np.linalg.norm(x, axis=0)
+    moments = z.T @ (x / scale)
+    scaled, *_ = np.linalg.lstsq(moments, z.T @ torque, rcond=1e-12)
+    return np.asarray(scaled / scale)
+
+
+def _physical_start(plain: FloatArray, measured: FloatArray, torque: FloatArray) -> FloatArray:
+    """Least squares where it is physical; else an inertia and a drag that are."""
+    if (plain[:3] > 0.0).all():
+        return plain
+    from scipy.optimize import lsq_linear
+
+    scale = np.linalg.norm(measured, axis=0)
+    low = np.where(np.arange(len(plain)) < 3, 0.0, -np.inf)
+    values = lsq_linear(measured / scale, torque, bounds=(low, np.inf)).x / scale
+    floor = 1e-3 * np.linalg.norm(torque) / scale[:3]
+    values[:3] = np.maximum(values[:3], floor * np.array([1.0, 0.0, 1.0]))
+    return np.asarray(values)
+
+
+def _jackknife_covariance(
+    instruments: FloatArray,
+    measured: FloatArray,
+    torque: FloatArray,
+    blocks: IntArray,
+) -> FloatArray:
+    """Covariance from leaving out one block at a time, which allows for residuals correlated within blocks."""
+    scale = np.linalg.norm(measured, axis=0)
+    z, x = instruments, measured / scale
+    edges = np.flatnonzero(np.diff(blocks, prepend=-1))
+    moments = np.add.reduceat(z[:, :, None] * x[:, None, :], edges)
+    work = np.add.reduceat(z * torque[:, None], edges)
+    # All blocks less one: sums do not have to be taken anew.
+    other_moments = np.linalg.pinv(moments.sum(axis=0) - moments)
+    other_work = work.sum(axis=0) - work
+    without = (other_moments @ other_work[:, :, None])[:, :, 0] / scale
+    count = len(edges)
+    deviations = without - without.mean(axis=0)
+    return np.asarray((count - 1) / count * deviations.T @ deviations)
+
+
+def _require_motion(runs: Sequence[Run], measured: FloatArray, torque: FloatArray) -> None:
+    if not len(torque):
+        raise _not_excited("no stretch is long enough for the filter")
+    if not np.any(torque):
+        raise _not_excited("the thrusters never push")
+    noise = float(np.linalg.norm([run.rates.rate_noise for run in runs])) / len(runs) ** 0.5
+    if not varies(measured[:, 2], noise=_MOTION * noise):
+        raise _not_excited("the rate hardly changes by more than its noise")
+
+
+def _not_excited(why: str) -> DataError:
+    return DataError(f"inertia cannot be determined from these logs: {why}.", mend=ADVICE)

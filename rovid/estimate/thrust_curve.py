@@ -1,0 +1,193 @@
+"""Raw bench readings of a thruster -> a thrust curve that only rises, dead zone kept."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.core.errors import DataError, LogError
+from rovid.trial.tables import Table, offered
+from rovid.trial.vehicle import ThrustCurve
+
+STANDARD_GRAVITY = 9.80665
+THRUST_UNITS = {
+    "N": 1.0,
+    "kN": 1000.0,
+    "kgf": STANDARD_GRAVITY,
+    "gf": STANDARD_GRAVITY / 1000.0,
+    "lbf": 4.4482216152605,
+}
+
+# In order of preference: a sheet that has a PWM column has the battery's voltage too.
+_COMMAND_NAMES = ("command|cmd", "pwm", "throttle|signal|input", "volt")
+_THRUST_NAMES = ("thrust|force",)
+# A reading below this share of the largest thrust, or below the bench's own noise, is no thrust. A bench that
+# never contradicts itself is believed to a thousandth, another to half a percent.
+_ZERO_SHARE_EXACT, _ZERO_SHARE_NOISY = 0.001, 0.005
+# Between two readings that are farther apart than so many usual ones anything may happen.
+_LONG = 2.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BenchFit:
+    """A thrust curve and how it misses the readings.
+
+    Attributes
+    ----------
+    command, thrust
+        (n,) the readings in order of command, thrust in N.
+    residuals
+        (n,) reading minus curve in N.
+    dead_zone
+        Commands between which there is no thrust, or None.
+    noise
+        N; by how much readings contradict a rising curve.
+    """
+
+    curve: ThrustCurve
+    command: FloatArray
+    thrust: FloatArray
+    residuals: FloatArray
+    dead_zone: tuple[float, float] | None
+    noise: float
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residuals in N."""
+        return float(np.sqrt(np.mean(self.residuals**2)))
+
+
+def bench_readings(
+    table: Table, *, command: str | None, thrust: str | None, unit: str | None
+) -> tuple[FloatArray, FloatArray]:
+    """Command and thrust in N from a bench table, by name or by what the header says.
+
+    Raises
+    ------
+    LogError
+        The columns or the unit are not clear, or a cell is not a number.
+    """
+    command = command or _column(table, _COMMAND_NAMES, "--command")
+    thrust = thrust or _column(table, _THRUST_NAMES, "--thrust")
+    factor = THRUST_UNITS[unit or _unit(table, thrust)]
+    return table.numbers(command), factor * table.numbers(thrust)
+
+
+def _column(table: Table, patterns: tuple[str, ...], option: str) -> str:
+    for pattern in patterns:
+        matches = [name for name in table.header if re.search(pattern, name, re.IGNORECASE)]
+        if len(matches) == 1:
+            return matches[0]
+    raise LogError(
+        f"it is not clear which column is meant. {offered('', table.header, table.rows)}",
+        where=table.path,
+        mend=f"Name the column with {option}.",
+    )
+
+
+def _unit(table: Table, column: str) -> str:
+    packed = re.sub(r"[\W_]+", "", column).lower()
+    for unit in sorted(THRUST_UNITS, key=len, reverse=True):
+        if packed.endswith(unit.lower()) and packed != unit.lower():
+            return unit
+    raise LogError(
+        f"column {column!r} does not say its unit.",
+        where=table.path,
+        mend=f"Give it with --unit, one of {', '.join(THRUST_UNITS)}.",
+    )
+
+
+def fit_bench(command: FloatArray, thrust: FloatArray) -> BenchFit:
+    """Fit a monotone curve to bench readings in any order, repeats included.
+
+    Isotonic least squares on each side of the dead zone, which stays exactly zero. The curve may fall with
+    the command instead of rising, as the readings do.
+
+    Raises
+    ------
+    DataError
+        Fewer than three different commands, or no thrust at all.
+    """
+    order = np.argsort(command, kind="stable")
+    command, thrust = command[order], thrust[order]
+    levels, inverse, counts = np.unique(command, return_inverse=True, return_counts=True)
+    if len(levels) < 3 or not np.any(thrust):
+        raise DataError(
+            f"{len(levels)} different commands and a largest thrust of {np.max(np.abs(thrust), initial=0.0):g} N: "
+            "a curve needs three commands or more and some thrust."
+        )
+    mean = np.bincount(inverse, weights=thrust) / counts
+    direction = 1.0 if np.polyfit(levels, mean, 1)[0] >= 0.0 else -1.0
+    rising = direction * mean
+    monotone = _isotonic(rising, counts)
+    noise = _noise(levels, rising, monotone)
+    share = _ZERO_SHARE_NOISY if noise > 0.0 else _ZERO_SHARE_EXACT
+    least = share * float(np.max(np.abs(mean)))
+    idle = _idle(rising, max(noise, least))
+    values = monotone.copy()
+    if idle is not None:
+        low, high = idle
+        values[low : high + 1] = 0.0
+        values[:low] = _isotonic(np.minimum(rising[:low], 0.0), counts[:low])
+        values[high + 1 :] = _isotonic(np.maximum(rising[high + 1 :], 0.0), counts[high + 1 :])
+    dead_zone = None
+    if idle is not None and idle[0] != idle[1]:
+        low, high = idle
+        ends = [_edge(levels[low::-1], values[low::-1], levels), _edge(levels[high:], values[high:], levels)]
+        dead_zone = (ends[0], ends[1])
+        more = [end for end in ends if end not in levels]
+        levels, values = np.append(levels, more), np.append(values, np.zeros(len(more)))
+        order = np.argsort(levels)
+        levels, values = levels[order], values[order]
+    curve = ThrustCurve(command=levels, thrust=direction * values)
+    return BenchFit(
+        curve=curve,
+        command=command,
+        thrust=thrust,
+        residuals=thrust - curve(command),
+        dead_zone=dead_zone,
+        noise=noise,
+    )
+
+
+def _edge(outwards: FloatArray, values: FloatArray, levels: FloatArray) -> float:
+    """Where the dead zone ends on one side: at the last command within it, the first of those ``outwards``.
+
+    Where nothing was read for long behind that, the next two readings' line is followed to where it meets no thrust.
+    """
+    spacing = float(np.median(np.diff(levels)))
+    if len(outwards) < 3 or abs(outwards[1] - outwards[0]) <= _LONG * spacing or values[2] == values[1]:
+        return float(outwards[0])
+    slope = (values[2] - values[1]) / (outwards[2] - outwards[1])
+    return float(np.clip(outwards[1] - values[1] / slope, *sorted(outwards[:2])))
+
+
+def _isotonic(values: FloatArray, counts: np.ndarray[tuple[int], np.dtype[np.intp]]) -> FloatArray:
+    if not len(values):
+        return values
+    from scipy.optimize import isotonic_regression
+
+    return np.asarray(isotonic_regression(values, weights=counts).x, dtype=np.float64)
+
+
+def _noise(levels: FloatArray, rising: FloatArray, monotone: FloatArray) -> float:
+    """Largest contradiction to a rising curve near neutral, in N."""
+    neutral = levels[int(np.argmin(np.abs(monotone)))]
+    near = np.abs(levels - neutral) <= 0.3 * (levels[-1] - levels[0])
+    return float(np.max(np.abs(rising - monotone)[near], initial=0.0))
+
+
+def _idle(rising: FloatArray, tolerance: float) -> tuple[int, int] | None:
+    """First and last index of the unbroken stretch around neutral without thrust."""
+    centre = int(np.argmin(np.abs(rising)))
+    if abs(rising[centre]) > tolerance:
+        return None
+    low = high = centre
+    while low > 0 and abs(rising[low - 1]) <= tolerance:
+        low -= 1
+    while high < len(rising) - 1 and abs(rising[high + 1]) <= tolerance:
+        high += 1
+    return low, high

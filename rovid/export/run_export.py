@@ -1,0 +1,118 @@
+"""Makes an export: the subject in a target's format, held against rovid's own motion."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import cast
+
+from rovid.core.array_types import FloatArray
+from rovid.core.atomic_write import Output
+from rovid.core.errors import ConfigError, nearest
+from rovid.core.signatures import export_form, export_mark
+from rovid.effects import Effect
+from rovid.export import ALSO, FORMATS, uuv
+from rovid.export.export_input import Subject
+from rovid.export.export_result import Target
+from rovid.export.resimulation import PERIOD, Mismatch, compare, manoeuvre, rovid_rate
+from rovid.trial.assumptions import Guesswork
+
+_VISIBLE = 0.1  # % of range; the promise for what a target holds
+
+Exporter = Callable[[Subject], Target]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loss:
+    """Something that the target does not hold; percent of the range of the yaw rate that it makes on the manoeuvre."""
+
+    what: str
+    why: str
+    percent_of_range: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Exported:
+    """A file's content and how far the target is from rovid's model.
+
+    Attributes
+    ----------
+    mismatch, held
+        Against the whole model, and against what of it the target holds.
+    """
+
+    content: str | bytes
+    mismatch: Mismatch
+    held: Mismatch
+    losses: tuple[Loss, ...]
+    warnings: tuple[str, ...]
+
+
+# Module of a format whose own name belongs to the standard library.
+_MODULES = {"json": "json_format"}
+
+
+def exporter_of(name: str) -> Exporter:
+    """The exporter of one of `rovid.export.FORMATS`."""
+    module = import_module(f"rovid.export.{_MODULES.get(name, name.replace('-', '_'))}")
+    return cast("Exporter", module.export)
+
+
+def exporter(name: str, path: Path | None) -> tuple[Exporter, Output]:
+    """The exporter of this format and the file to write.
+
+    Raises
+    ------
+    ConfigError
+        There is no such format.
+    """
+    if name not in FORMATS:
+        raise ConfigError(f"is {name!r}. {nearest(name, FORMATS, ALSO)}", where="FORMAT")
+    target = path or Path(FORMATS[name])
+    if name == "uuv" and target.suffix in {".yaml", ".yml"}:
+        return uuv.export_yaml, Output(target, export_form("uuv as yaml"))
+    return exporter_of(name), Output(target, export_form(name))
+
+
+def export(function: Exporter, subject: Subject) -> Exported:
+    """Write the subject in a target's format and simulate the target's own equation against rovid's."""
+    target = function(subject)
+    commands = manoeuvre(subject)
+    whole = rovid_rate(subject, subject.model, commands)
+    held = rovid_rate(subject, subject.holding(target.holds), commands)
+    theirs = target.plant(commands, PERIOD)
+    of_base = compare(held, theirs)
+    missed = [Loss(what=what, why=why, percent_of_range=of_base.percent_of_range) for what, why in target.misses]
+    lost = [effect for effect in subject.model.effects if effect.key not in target.holds]
+    notes = [*subject.notes, *target.notes]
+    if not target.misses and of_base.percent_of_range > _VISIBLE:
+        notes.append("What the target holds differs by its coarse integration step: a smaller one brings it nearer.")
+    return Exported(
+        content=_marked(target.content, subject.guess),
+        mismatch=compare(whole, theirs),
+        held=of_base,
+        losses=(*missed, *(_loss(subject, effect, commands, whole) for effect in lost)),
+        warnings=tuple(notes),
+    )
+
+
+def _marked(content: str | bytes, guess: Guesswork) -> str | bytes:
+    """``content`` with a word on what is guessed where it says who wrote it; JSON and MATLAB have their own."""
+    if not guess or isinstance(content, bytes):
+        return content
+    return re.sub(rf"{export_mark('')}[^.\n]*\.", rf"\g<0> {guess.stamp}", content, count=1)
+
+
+def _loss(subject: Subject, effect: Effect, commands: FloatArray, whole: FloatArray) -> Loss:
+    rest = subject.holding(frozenset(subject.effects) - {effect.key})
+    percent = compare(whole, rovid_rate(subject, rest, commands)).percent_of_range
+    why = f"the format has nothing for {effect.title} ({effect.equation})"
+    if effect.wave or effect.needs:
+        percent = math.nan
+        cause = " and ".join(effect.needs) or "a random phase"
+        why += f"; the manoeuvre does not show it, for it depends on {cause}"
+    return Loss(what=effect.key, why=why, percent_of_range=percent)

@@ -1,0 +1,101 @@
+"""What was commanded in trials, and all that follows from it whichever effects there are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+from weakref import WeakValueDictionary, ref
+
+import numpy as np
+
+from rovid.core.array_types import BoolArray, FloatArray, IntArray
+from rovid.core.lru_cache import Made, Recent
+from rovid.effects.actuator_inputs import Actuation, actuation
+from rovid.model.torque_input import Intervals
+from rovid.trial.trial import Trial
+from rovid.trial.vehicle import Vehicle
+
+# What effects made of commands, of any trials: models that are compared share most of it.
+_MADE = Recent(32_000_000)
+
+
+@dataclass(frozen=True, eq=False)
+class Commanded:
+    """Commands of one trial, or of several one after the other.
+
+    Attributes
+    ----------
+    where
+        What effects are told of the trials, with each interval between two of the log's instants cut into parts.
+    held
+        (n, k) commands at the log's instants, those that were chosen.
+    """
+
+    vehicle: Vehicle
+    where: Actuation
+    held: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        vehicle: Vehicle,
+        trials: Sequence[Trial],
+        parts: int = 1,
+        at: Sequence[IntArray] | None = None,
+        cut: Sequence[BoolArray] | None = None,
+    ) -> Self:
+        """In ``trials``, with each interval cut into ``parts``; one for all who ask, as long as anybody has it.
+
+        Of each trial the instants ``at``, all where that is None: no command changes at any other. Of the intervals
+        from these on those ``cut``, all where that is None.
+        """
+        told = (series.tobytes() for series in (*(at or ()), *(cut or ())))
+        key = (vehicle, parts, at is None, *trials, *told)
+        found = _SHARED.get(key)
+        if not isinstance(found, cls):
+            none = [None] * len(trials)
+            every = list(zip(trials, at or none, cut or none, strict=True))
+            where = Actuation.joined([actuation(vehicle, trial, parts, here, some) for trial, here, some in every])
+            held = [trial.commands if here is None else trial.commands[here] for trial, here, _ in every]
+            found = cls(vehicle, where, np.concatenate(held))
+            _SHARED[key] = found
+        return found
+
+    def made(self, of: Hashable, make: Callable[[], Made]) -> Made:
+        """What effects ``make`` of it, by what it is made ``of``: them and their parameters."""
+        return _MADE.of((ref(self), of), make)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes, about, with commands and thrust, and when they are given."""
+        finer = 2 * self.held[:1].nbytes + (2 + len(self.where.extras)) * self.where.time.itemsize
+        return 2 * self.held.nbytes + finer * len(self.where.time)
+
+    @cached_property
+    def commands(self) -> FloatArray:
+        """(m, k) at the instants of ``where``."""
+        return self.where.finer(self.held)
+
+    @cached_property
+    def thrust(self) -> FloatArray:
+        """(m, k) N by the bench curves, at the instants of ``where``."""
+        return self.where.finer(self.vehicle.thrust(self.held))
+
+    @cached_property
+    def intervals(self) -> Intervals | None:
+        """Between the log's instants; None where these are all that there are."""
+        if self.where.parts == 1:
+            return None
+        return self.between([np.arange(len(counts)) for counts in self.where.counts])
+
+    def between(self, at: Sequence[IntArray]) -> Intervals:
+        """Of each trial from each of the chosen instants ``at`` to the next of them."""
+        times = [self.where.time[one.rows] for one in self.where.trials]
+        pairs = zip(self.where.counts, at, strict=True)
+        return Intervals.of(times, [(np.cumsum(counts) - counts)[here] for counts, here in pairs])
+
+
+# By the vehicle, the parts and the trials, which nobody else may be as long as it lasts.
+_SHARED: WeakValueDictionary[tuple[object, ...], Commanded] = WeakValueDictionary()

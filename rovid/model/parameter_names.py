@@ -1,0 +1,48 @@
+"""The names of a model's parameters, and their units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from rovid.effects import effect_named, restoring_of
+from rovid.trial.axis import YAW, Axis
+
+# Names of the base model's parameters, and the unit of each in yaw.
+UNITS = {
+    "inertia": "kg m^2",
+    "quadratic_drag": "N m s^2/rad^2",
+    "linear_drag": "N m s/rad",
+}
+
+
+def base_names(axis: Axis) -> tuple[str, ...]:
+    """Names of the base model's parameters along ``axis``, as they stand in the parameter file and in JSON."""
+    restoring = restoring_of(axis)
+    return (*UNITS, *(parameter.name for parameter in (restoring.parameters if restoring else ())))
+
+
+def unit_of(name: str, axis: Axis = YAW) -> str:
+    """Unit of a parameter, ``inertia`` or ``thruster_lag.time_constant``, along ``axis``.
+
+    Raises
+    ------
+    ConfigError
+        There is no such effect.
+    """
+    key, _, parameter = name.rpartition(".")
+    if name in UNITS:
+        return axis.unit(UNITS[name])
+    effect = effect_named(key) if key else restoring_of(axis)
+    unit = next((p.unit for p in (effect.parameters if effect else ()) if p.name == parameter), "")
+    return unit if parameter.endswith("frequency") else axis.unit(unit)
+
+
+def effect_ids(names: Iterable[str]) -> list[str]:
+    """Keys of the effects among parameter names, each once."""
+    return list(dict.fromkeys(name.rpartition(".")[0] for name in names if "." in name))
+
+
+def without_form(name: str) -> str:
+    """A parameter's name without the form of its effect."""
+    key, dot, parameter = name.rpartition(".")
+    return key.partition(":")[0] + dot + parameter

@@ -1,0 +1,99 @@
+"""What each log holds, and what is wrong with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from rovid.core.errors import RovidError
+from rovid.preflight.advice import Advice, advise
+from rovid.preflight.clock_offsets import find_clocks
+from rovid.preflight.clock_report import Clocks
+from rovid.preflight.feedback_detection import Feedback, find_feedback
+from rovid.preflight.thruster_check import Push, pushes
+from rovid.readers import find_logs, trials_of
+from rovid.readers.duplicates import without_twins
+from rovid.signals.rates import white_noise
+from rovid.signals.segments import find_holds, find_sines
+from rovid.trial.config import Config
+from rovid.trial.trial import Remark, Trial
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """A row of facts for each readable log, a problem for each other one, and what holds for the folder.
+
+    ``advice`` is what to mind before a fit, the gravest first; ``feedback`` what it says of feedback rests on,
+    ``clocks`` what it says of the clocks of files that were joined, ``pushes`` of each thruster.
+    """
+
+    rows: tuple[tuple[Trial, dict[str, Any]], ...]
+    problems: dict[str, str]
+    remarks: tuple[Remark, ...]
+    advice: tuple[Advice, ...]
+    feedback: tuple[Feedback, ...] = ()
+    clocks: Clocks = field(default_factory=Clocks)
+    pushes: tuple[Push, ...] = ()
+
+    @property
+    def verdict(self) -> Literal["go", "care", "no_go"]:
+        """Whether these logs are ready for a fit."""
+        weights = {one.weight for one in self.advice}
+        if self.problems or not self.rows or "grave" in weights:
+            return "no_go"
+        return "care" if "care" in weights else "go"
+
+
+def check_logs(paths: Sequence[Path], config: Config) -> Check:
+    """Read every log on its own, so that one bad log does not hide the others."""
+    found, remarks = find_logs(paths, config)
+    rows: list[tuple[Trial, dict[str, Any]]] = []
+    problems = {}
+    for name, path in found:
+        try:
+            rows += [(trial, _facts(trial, config)) for trial in trials_of(path, config, name, remarks)]
+        except RovidError as error:
+            problems[name] = str(error)
+    # One recording in two formats is one run.
+    trials = without_twins([trial for trial, _ in rows], remarks)
+    feedback = find_feedback(trials, config.vehicle)
+    clocks = find_clocks(trials, config)
+    pushing = pushes(trials, config.vehicle)
+    return Check(
+        rows=tuple(rows),
+        problems=problems,
+        remarks=tuple(remarks),
+        advice=tuple(advise(trials, config.vehicle, feedback, clocks, pushing, whole=not problems)),
+        feedback=tuple(feedback),
+        clocks=clocks,
+        pushes=tuple(pushing),
+    )
+
+
+def _facts(trial: Trial, config: Config) -> dict[str, Any]:
+    torque = config.vehicle.torque(trial)
+    position = trial.position[trial.measured]
+    measured = position
+    if trial.integrated and trial.rate is not None:
+        measured = trial.rate[trial.measured]
+    return {
+        "duration": trial.duration,
+        "samples": int(trial.measured.sum()),
+        "sample_rate": 1.0 / trial.period,
+        "measured": config.measured,
+        "noise": white_noise(measured),
+        "travel": float(np.sum(np.abs(np.diff(position)))),
+        f"{trial.axis.push}_range": [float(torque.min()), float(torque.max())],
+        "held_commands": len(find_holds(trial, config.vehicle, torque)),
+        "sine_runs": len(find_sines(trial, torque)),
+        "remarks": [remark_document(remark) for remark in trial.remarks],
+    }
+
+
+def remark_document(remark: Remark) -> dict[str, Any]:
+    """One remark of a reader."""
+    return {"kind": remark.kind, "count": remark.count, "text": remark.text}

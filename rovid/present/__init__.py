@@ -1,0 +1,1 @@
+"""Results for people and programs: JSON documents, terminal text, tables, plots and the page."""

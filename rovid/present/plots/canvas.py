@@ -1,0 +1,254 @@
+"""What all figures share: palette, style, sheets of panels, decimation, and rendering without dates."""
+
+from __future__ import annotations
+
+import functools
+import io
+import re
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib import style
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.errors import visible
+from rovid.core.signatures import plot_mark
+from rovid.trial.assumptions import Guesswork
+
+# Okabe and Ito's palette: told apart by every kind of colour vision; markers and dashes say the same again.
+BLACK, BLUE, ORANGE, GREEN, GREY, PALE = "#111111", "#0072B2", "#D55E00", "#009E73", "#767676", "#8CBFE6"
+RED = "#B3001B"
+STYLE: dict[str, Any] = {
+    "axes.edgecolor": "#444444",
+    "axes.formatter.limits": (-4, 5),
+    "axes.grid": True,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 10,
+    "date.converter": "concise",
+    "figure.dpi": 130,
+    "figure.facecolor": "white",
+    "font.size": 10,
+    "grid.color": "#e2e2e2",
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 9,
+    "legend.frameon": False,
+    "legend.handlelength": 2.4,
+    "lines.linewidth": 1.4,
+    "svg.hashsalt": "rovid",
+    "text.parse_math": False,  # a log may be called run$1$.csv
+}
+WIDTH = 9.0  # in
+_COLOURS, _NEARLY_WHITE = 192, 251
+# What stands for each colour in the page's style.
+_VARIABLES = {
+    BLACK: "simulated",
+    ORANGE: "without",
+    PALE: "measured",
+    RED: "alarm",
+    "#000000": "soft",
+    "#444444": "soft",
+    "#e2e2e2": "line",
+}
+_POINTS = 1200
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def styled(draw: Callable[P, R]) -> Callable[P, R]:
+    """Let ``draw`` run under the report's style, whatever the user's matplotlibrc says."""
+
+    @functools.wraps(draw)
+    def under_style(*args: P.args, **kwargs: P.kwargs) -> R:
+        with style.context(["default", STYLE]):
+            return draw(*args, **kwargs)
+
+    return under_style
+
+
+def sheet(
+    rows: Sequence[tuple[float, int]],
+    *,
+    left: float = 0.9,
+    right: float = 0.15,
+    top: float = 0.35,
+    bottom: float = 0.55,
+    across: float = 0.85,
+    down: float = 0.75,
+    share_x: bool = False,
+    width: float = WIDTH,
+) -> tuple[Figure, list[list[Axes]]]:
+    """A figure with rows of panels.
+
+    Margins are fixed: the axes of one figure stand exactly under those of another, and no layout has to be
+    searched for.
+
+    Parameters
+    ----------
+    rows
+        Height in inches and number of panels of each row.
+    left, right, top, bottom
+        Margins in inches.
+    across, down
+        Gaps between panels in inches.
+    share_x
+        One horizontal axis for all rows, labelled in the last.
+    width
+        Of the figure in inches.
+    """
+    height = top + sum(tall for tall, _ in rows) + down * (len(rows) - 1) + bottom
+    figure = Figure(figsize=(width, height))
+    panels: list[list[Axes]] = []
+    floor = height - top
+    for tall, count in rows:
+        floor -= tall
+        wide = (width - left - right - across * (count - 1)) / count
+        first = panels[0][0] if share_x and panels else None
+        lefts = [left + k * (wide + across) for k in range(count)]
+        boxes = [(x / width, floor / height, wide / width, tall / height) for x in lefts]
+        panels.append([figure.add_axes(box, sharex=first) for box in boxes])
+        floor -= down
+    if share_x:
+        for row in panels[:-1]:
+            row[0].tick_params(labelbottom=False)
+    return figure, panels
+
+
+@styled
+def with_guess(figure: Figure, guess: Guesswork) -> Figure:
+    """``figure``, with what is guessed along its edge, where the label of an axis names a unit that hangs on it."""
+    labels = [text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel())]
+    units = [label.rpartition(",")[2].strip() for label in labels]
+    if any(map(guess.marks, units)):
+        # The margin there is narrow, and no figure has anything else in it.
+        figure.text(0.999, 0.5, f"by guessed {guess.kinds}", color=RED, size=8, rotation=90, ha="right", va="center")
+    return figure
+
+
+@styled
+def png(figure: Figure, of: str = "report") -> bytes:
+    """The figure as PNG with a palette, a third of the size of one in full colour; ``of`` is what it belongs to."""
+    canvas: Any = FigureCanvasAgg(figure)  # its methods carry no annotations
+    with warnings.catch_warnings():
+        _accept_any_name(figure)
+        canvas.draw()
+    pixels = np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
+    image = Image.fromarray(pixels).quantize(_COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    # The octree rounds white down by a shade, which shows beside the page's own white.
+    image.putpalette([255 if level > _NEARLY_WHITE else level for level in image.getpalette() or ()])
+    buffer = io.BytesIO()
+    text = PngInfo()
+    text.add_text("Software", plot_mark(of))
+    image.save(buffer, format="png", pnginfo=text)
+    return buffer.getvalue()
+
+
+@styled
+def svg(figure: Figure) -> bytes:
+    """The figure as SVG, text as outlines, without date: the same evidence gives the same bytes."""
+    buffer = io.BytesIO()
+    canvas: Any = FigureCanvasSVG(figure)  # its methods carry no annotations
+    with warnings.catch_warnings():
+        _accept_any_name(figure)
+        canvas.print_svg(buffer, metadata={"Date": None, "Creator": plot_mark("report")})
+    return buffer.getvalue()
+
+
+@styled
+def inline(figure: Figure, name: str) -> Markup:
+    """The figure as SVG to stand in a page: text as text, colours those of the page's style, light or dark.
+
+    ``name`` tells its parts from those of the page's other pictures.
+    """
+    buffer = io.BytesIO()
+    figure.set_facecolor("none")
+    for panel in figure.axes:
+        panel.set_facecolor("none")
+    canvas: Any = FigureCanvasSVG(figure)  # its methods carry no annotations
+    with warnings.catch_warnings(), style.context({"svg.fonttype": "none", "svg.hashsalt": name}):
+        _accept_any_name(figure)
+        canvas.print_svg(buffer, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
+    text = buffer.getvalue().decode()
+    text = text[text.index("<svg") :]
+    # Its style would be the whole page's; lines end within their panels; and of the names only those of ticks are used.
+    text = re.sub(r"<style.*?</style>", "", text, flags=re.DOTALL)
+    text = re.sub(r' clip-path="[^"]*"', "", text)
+    used = set(re.findall(r'href="#([^"]*)"', text))
+    text = re.sub(r' id="([^"]*)"', lambda found: f' id="{name}-{found[1]}"' if found[1] in used else "", text)
+    text = text.replace('href="#', f'href="#{name}-')
+    for colour, variable in _VARIABLES.items():
+        text = re.sub(colour, f"var(--{variable})", text, flags=re.IGNORECASE)
+    text = re.sub(r"font: ([\w. ]+px) [^;\"]*", r"font: \1 system-ui, sans-serif", text)
+    # Black text has no colour of its own.
+    text = text.replace("<text ", '<text fill="currentColor" ')
+    return Markup(text)  # noqa: S704 - matplotlib escapes what a log may hold
+
+
+def _accept_any_name(figure: Figure) -> None:
+    """A log or thruster may be called anything: what is not seen becomes an escape, in which SVG is none the worse."""
+    for text in _texts(figure):
+        lines = text.get_text().split("\n")
+        text.set_text("\n".join(map(visible, lines)))
+    # A box stands for each sign of a script that the font lacks.
+    warnings.filterwarnings("ignore", message=r"Glyph \d+")
+
+
+def _texts(artist: Artist) -> Iterator[Text]:
+    """All texts in ``artist`` but those of ticks, which are made and said anew whenever it is drawn."""
+    if isinstance(artist, Text):
+        yield artist
+    elif isinstance(artist, Axis):
+        yield artist.label
+    else:
+        for child in artist.get_children():
+            yield from _texts(child)
+
+
+def overlay(panel: Axes, time: FloatArray, measured: FloatArray, simulated: FloatArray, count: int = _POINTS) -> None:
+    """A thin dark simulation over a broad pale measurement: both show where they agree, with or without colour."""
+    panel.plot(*extremes(time, measured, count), color=PALE, linewidth=3.6, label="measured")
+    panel.plot(*extremes(time, simulated, count), color=BLACK, linewidth=1.1, label="simulated")
+
+
+def extremes(time: FloatArray, values: FloatArray, count: int = _POINTS) -> tuple[FloatArray, FloatArray]:
+    """At most about ``count`` points of a long series, with the lowest and highest of each stretch kept.
+
+    A stretch without any value gives NaN, so that a gap stays a gap.
+    """
+    size = -(-2 * len(values) // count)
+    if size <= 2:
+        return time, values
+    rows = extreme_rows(values, size)
+    return time[rows], values[rows]
+
+
+def extreme_rows(values: FloatArray, size: int) -> IntArray:
+    """Where the lowest and highest of each stretch of ``size`` stand, in order; its first where it has no value."""
+    padding = -len(values) % size
+    blocks = np.pad(values, (0, padding), constant_values=np.nan).reshape(-1, size)
+    missing = np.isnan(blocks)
+    lowest = np.where(missing, np.inf, blocks).argmin(axis=1)
+    highest = np.where(missing, -np.inf, blocks).argmax(axis=1)
+    pick = np.sort(np.stack((lowest, highest), axis=1), axis=1)
+    return np.asarray((pick + size * np.arange(len(blocks))[:, None]).ravel())
+
+
+def shortened(name: str, length: int) -> str:
+    """The end of a long name, which tells logs in one folder apart."""
+    if len(name) <= length:
+        return name
+    return f"…{name[1 - length :]}"

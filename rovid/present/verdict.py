@@ -1,0 +1,89 @@
+"""What a diagnosis comes to, in words: the same at a terminal and on the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from rovid.diagnose.posterior import ESTABLISHED
+from rovid.diagnose.result import Diagnosis, Finding
+from rovid.trial.assumptions import Guesswork
+
+# Surer than not.
+_EVEN = 0.5
+
+
+def verdict(diagnosis: Diagnosis, guess: Guesswork) -> str:
+    """The whole diagnosis in one plain sentence."""
+    # Simulations on the page, and of the parameter file, have what was found.
+    model = f"The plain model{guess.with_curve}"
+    if diagnosis.verdict == "found":
+        return f"{model} misses {listed([cause(finding) for finding in diagnosis.findings])}."
+    if diagnosis.verdict == "suspected":
+        return f"{model} may miss {cause(diagnosis.suspects[0])}."
+    if diagnosis.verdict == "nothing_found":
+        return "Nothing was found: the model explains these data."
+    if diagnosis.verdict == "unexplained":
+        return f"{model} misses something that no effect of the catalogue explains."
+    return "There is too little data for a diagnosis."
+
+
+def cause(finding: Finding) -> str:
+    """A cause by name, and what it cannot be told from."""
+    effects = (finding.effect, *finding.undecided)
+    return listed([finding.estimate.axis.words(effect.title) for effect in effects], "or")
+
+
+def sureness(finding: Finding) -> str:
+    """How sure a cause is, in a word and as odds."""
+    sure = finding.confidence
+    if sure >= ESTABLISHED:
+        word = "established"
+    elif sure >= _EVEN:
+        word = "likely, not established"
+    else:
+        word = "possible, not established"
+    return f"{word}: {odds_of(sure)}"
+
+
+def odds_of(sure: float) -> str:
+    """A probability as odds, "odds 19 to 1"."""
+    return f"odds {_odds(sure)}"
+
+
+def _odds(sure: float) -> str:
+    odds = sure / max(1.0 - sure, 1e-9)
+    if odds >= 1.0:
+        return f"{_plain(odds)} to 1"
+    return f"1 to {_plain(1.0 / odds)}"
+
+
+def _plain(value: float) -> str:
+    return f"{value:.0f}" if value >= 10.0 else f"{value:.2g}"
+
+
+def gained(errors: Mapping[str, tuple[float, float]]) -> str:
+    """What share of each error, without and with what was found, is gone.
+
+    Where a restart forgets what the water remembers one may have grown.
+    """
+    gone, grown = [], []
+    for what, (without, with_it) in errors.items():
+        share = 100.0 * (1.0 - with_it / without) if without else 0.0
+        if share >= 0.0:
+            gone.append(f"{share:.0f} % of the {what}")
+        else:
+            grown.append(f"the {what} {-share:.0f} % larger")
+    parts = [f"{listed(gone)} gone"] if gone else []
+    return f"{', '.join([*parts, *grown])}, on data that the fit never saw."
+
+
+def listed(texts: Sequence[str], last: str = "and") -> str:
+    """As in "a, b and c", with ``last`` before the last."""
+    return f" {last} ".join(_joined(texts))
+
+
+def _joined(texts: Sequence[str]) -> Iterator[str]:
+    """All but the last in one text, and the last."""
+    if len(texts) > 1:
+        yield ", ".join(texts[:-1])
+    yield from texts[-1:]

@@ -1,1 +1,0 @@
-"""Results as JSON, as tables, and a diagnosis in words."""

@@ -1,0 +1,218 @@
+"""The vehicle: from thruster commands to the torque, or the force, along one axis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rovid.core.array_types import FloatArray
+from rovid.core.errors import ConfigError
+from rovid.trial.assumptions import Guesswork
+from rovid.trial.axis import YAW, Axis
+from rovid.trial.trial import Trial, read_only
+
+# A bench curve ends at the last command tried on the bench; rounding of the log may step just outside.
+_ROUNDING = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ThrustCurve:
+    """Thrust against command, linear between the bench points.
+
+    Attributes
+    ----------
+    command
+        (m,) strictly increasing, in the unit of the log's command.
+    thrust
+        (m,) N.
+    """
+
+    command: FloatArray
+    thrust: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "command", read_only(self.command))
+        object.__setattr__(self, "thrust", read_only(self.thrust))
+
+    def __call__(self, command: ArrayLike) -> FloatArray:
+        """Thrust in N at ``command``; the end values outside the curve."""
+        return np.interp(np.asarray(command, dtype=np.float64), self.command, self.thrust)
+
+    @property
+    def span(self) -> float:
+        """Width of the tested commands."""
+        return float(self.command[-1] - self.command[0])
+
+    def outside(self, command: FloatArray) -> float:
+        """How far the farthest of ``command`` lies outside the curve; 0 when all are inside or missing."""
+        finite = command[np.isfinite(command)]
+        if not finite.size:
+            return 0.0
+        beyond = max(self.command[0] - finite.min(), finite.max() - self.command[-1])
+        if beyond > _ROUNDING * self.span:
+            return float(beyond)
+        return 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Thruster:
+    """One actuator: ``torque = arm * curve(command)``; positive torque turns the position up.
+
+    Along an axis that is no angle the arm is the share of the thrust, and a torque is a force.
+
+    A logged torque is an actuator whose ``curve`` is None: its command is the torque in N m, its arm 1.
+    ``ahead`` is the share of its thrust that drives the vehicle ahead, 0 where that is not told.
+
+    ``clamp`` allows commands outside the curve, at the curve's end values; ``most`` is the largest size of a logged
+    torque; ``arm_guessed`` and ``curve_guessed`` say what of it `rovid init` made up, and nobody put right since.
+    """
+
+    name: str
+    arm: float
+    curve: ThrustCurve | None
+    clamp: bool = False
+    most: float = 1.0
+    ahead: float = 0.0
+    arm_guessed: bool = False
+    curve_guessed: bool = False
+
+    @property
+    def full_thrust(self) -> float:
+        """N; the largest that the curve gives, or N m that a log of the torque holds."""
+        if self.curve is None:
+            return self.most
+        return float(np.max(np.abs(self.curve.thrust)))
+
+    def torque(self, command: FloatArray) -> FloatArray:
+        """(n,) N m for (n,) commands."""
+        return self.arm * (command if self.curve is None else self.curve(command))
+
+    def command_range(self) -> float:
+        """Width of the commands that the curve knows; NaN for a logged torque."""
+        return float("nan") if self.curve is None else self.curve.span
+
+    def used(self, most: float) -> Self:
+        """With the largest torque that was logged, where that stands in the place of a curve."""
+        return self if self.curve is not None else replace(self, most=most or 1.0)
+
+
+# Total over rigid-body yaw inertia; published vehicles lie between 1.1 and 2.5, a closed hull full of water at 4.
+PLAUSIBLE_RATIO = (0.9, 8.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Vehicle:
+    """What rovid.toml says of the vehicle.
+
+    Attributes
+    ----------
+    rigid_body_inertia
+        kg m^2 about the axis, or kg along it; None where neither it nor mass and size are given. What is given is
+        about the vertical axis.
+    thrusters
+        In the order of the columns of ``Trial.commands``.
+    axis
+        The degree of freedom that all this is about.
+    """
+
+    name: str
+    thrusters: tuple[Thruster, ...]
+    mass: float | None = None
+    length: float | None = None
+    width: float | None = None
+    height: float | None = None
+    rigid_body_inertia: float | None = None
+    axis: Axis = YAW
+
+    def __post_init__(self) -> None:
+        if self.axis is not YAW or self.rigid_body_inertia is None:
+            object.__setattr__(self, "rigid_body_inertia", self._inertia())
+
+    @property
+    def ahead(self) -> FloatArray:
+        """(k,) share of each thrust that drives the vehicle ahead; zeros where that is not known.
+
+        Where it is not told, thrusters of a yaw on both sides of the middle are taken to push ahead, as twin screws do.
+        """
+        told = np.array([thruster.ahead for thruster in self.thrusters])
+        arms = np.array([thruster.arm for thruster in self.thrusters])
+        both_sides = self.axis is YAW and bool(np.any(arms > 0.0) and np.any(arms < 0.0))
+        if both_sides and not told.any():
+            return np.ones(len(told))
+        return told
+
+    @property
+    def guess(self) -> Guesswork:
+        """What of its thrusters is no measurement."""
+        items: list[str] = []
+        for thruster in self.thrusters:
+            items += [f"{self.axis.arm} of {thruster.name}"] * thruster.arm_guessed
+            items += [f"curve of {thruster.name}"] * thruster.curve_guessed
+        return Guesswork(items=tuple(items), thrusters=len(self.thrusters))
+
+    def _inertia(self) -> float | None:
+        """Of the body alone, if it were a uniform box."""
+        if not self.axis.angular or self.mass is None:
+            return self.mass
+        across = {"yaw": (self.length, self.width), "pitch": (self.length, self.height)}
+        first, second = across.get(self.axis.name, (self.width, self.height))
+        if first is None or second is None:
+            return None
+        return box_inertia(self.mass, first, second)
+
+    @property
+    def measured_inertia(self) -> float | None:
+        """The rigid body's inertia where a fitted inertia may be held against it; None beside guessed arms."""
+        return None if self.guess else self.rigid_body_inertia
+
+    def used(self, trials: Sequence[Trial]) -> Self:
+        """With what a logged torque comes to in ``trials``."""
+        most = np.max([np.max(np.abs(trial.commands), axis=0) for trial in trials], axis=0).tolist()
+        thrusters = tuple(thruster.used(size) for thruster, size in zip(self.thrusters, most, strict=True))
+        return replace(self, thrusters=thrusters)
+
+    def thrust(self, commands: FloatArray) -> FloatArray:
+        """(n, k) thrust in N for (n, k) commands; the torque itself for a logged torque."""
+        thrust = np.empty_like(commands)
+        for at, (thruster, command) in enumerate(zip(self.thrusters, commands.T, strict=True)):
+            thrust[:, at] = command if thruster.curve is None else thruster.curve(command)
+        return thrust
+
+    def torque(self, trial: Trial) -> FloatArray:
+        """(n,) torque in N m, held until the next instant of ``trial.time``.
+
+        Raises
+        ------
+        ConfigError
+            A command lies outside its thruster's bench curve.
+        """
+        total = np.zeros(len(trial.time))
+        for thruster, command in zip(self.thrusters, trial.commands.T, strict=True):
+            if thruster.curve is not None and not thruster.clamp and thruster.curve.outside(command):
+                raise _outside(trial, thruster, thruster.curve, command)
+            total += thruster.torque(command)
+        return total
+
+
+def box_inertia(mass: float, length: float, width: float) -> float:
+    """Inertia in kg m^2 of a uniform box of ``mass`` kg, ``length`` and ``width`` m across the axis."""
+    return mass * (length**2 + width**2) / 12.0
+
+
+def _outside(trial: Trial, thruster: Thruster, curve: ThrustCurve, command: FloatArray) -> ConfigError:
+    low, high = curve.command[[0, -1]]
+    excess = np.maximum(low - command, command - high)
+    at = int(np.nanargmax(excess))
+    count = int(np.nansum(excess > _ROUNDING * curve.span))
+    return ConfigError(
+        f"thruster {thruster.name!r} is commanded {command[at]:g} at {trial.time[at]:.2f} s "
+        f"({count} samples in all), outside its bench curve, which ends at {low:g} and {high:g}; "
+        "the thrust there is not known.",
+        where=trial.name,
+        mend=f'Extend the curve, or set outside = "clamp" in [[thrusters]] {thruster.name!r} '
+        "to hold the curve's end value.",
+    )

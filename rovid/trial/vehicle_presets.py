@@ -1,0 +1,183 @@
+"""Vehicles of known types: what is published of them, for a first rovid.toml. One file a type, in vehicles/."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rovid.core.errors import ConfigError, nearest
+from rovid.core.toml import read_toml
+
+_FOLDER = Path(__file__).parent / "vehicles"
+_NUMBERS = ("mass", "length", "width", "supply")
+_KEYS = ("name", *_NUMBERS, "curve", "sources", "arms", "senses_alone")
+# What the thrusters of a vehicle are called -> the words for that side in the columns of logs.
+SIDES: Mapping[str, frozenset[str]] = {
+    "port": frozenset(
+        {"port", "left", "links", "bb", "backbord", "babord", "bâbord", "gauche", "babor", "sinistra", "sinistro"}
+    ),
+    "starboard": frozenset(
+        {
+            "starboard",
+            "stbd",
+            "right",
+            "rechts",
+            "stb",
+            "steuerbord",
+            "tribord",
+            "droite",
+            "estribor",
+            "styrbord",
+            "dritta",
+            "destra",
+            "destro",
+        }
+    ),
+    "bow": frozenset(
+        {
+            "bow",
+            "fore",
+            "fwd",
+            "forward",
+            "front",
+            "bug",
+            "vorn",
+            "avant",
+            "proue",
+            "proa",
+            "baug",
+            "etrave",
+            "étrave",
+            "bugstrahl",
+            "bugstrahler",
+            "bugstrahlruder",
+            "baugthruster",
+            "forre",
+        }
+    ),
+    "stern": frozenset(
+        {
+            "stern",
+            "aft",
+            "rear",
+            "heck",
+            "achtern",
+            "arriere",
+            "arrière",
+            "poupe",
+            "popa",
+            "poppa",
+            "heckstrahl",
+            "heckstrahler",
+            "heckstrahlruder",
+            "hekkthruster",
+            "hekk",
+            "akter",
+            "aktre",
+        }
+    ),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Profile:
+    """What is published of a type of vehicle.
+
+    Attributes
+    ----------
+    id
+        By which it is asked for.
+    mass, length, width
+        kg, m, m; None where nothing is published.
+    arms
+        Thruster -> yaw arm in m; the thruster is the number of the motor, or the side that it stands on.
+    senses_alone
+        Whether of the arms nothing is known but their signs.
+    curve
+        A thrust curve, command in us; None where there is none.
+    supply
+        V at which the curve was measured.
+    sources
+        Where the figures come from.
+    """
+
+    id: str
+    name: str
+    arms: Mapping[str, float]
+    senses_alone: bool = False
+    mass: float | None = None
+    length: float | None = None
+    width: float | None = None
+    curve: Path | None = None
+    supply: float | None = None
+    sources: tuple[str, ...] = field(default=())
+
+    def label(self, words: set[str]) -> str:
+        """The thruster that a column with these words in its name commands; empty if none."""
+        for label in self.arms:
+            if label in words or words & SIDES.get(label, frozenset()):
+                return label
+        return ""
+
+
+def profile_names() -> list[str]:
+    """Types that rovid brings with it."""
+    return sorted(path.stem for path in _FOLDER.glob("*.toml"))
+
+
+def profile(name: str) -> Profile:
+    """The type that is called ``name``, or that the file of that name describes.
+
+    Raises
+    ------
+    ConfigError
+        There is no such type or file, or the file is none of a vehicle.
+    """
+    own = Path(name)
+    if own.suffix == ".toml":
+        return _read(own, own.stem)
+    known = {re.sub(r"[\W_]", "", each): each for each in profile_names()}
+    found = known.get(re.sub(r"[\W_]", "", name.lower()))
+    if found is None:
+        raise ConfigError(
+            f"there is no vehicle {name!r}. {nearest(name, profile_names())}",
+            mend=f"Known are {', '.join(profile_names())}; or give a file of your own, as my_rov.toml.",
+        )
+    return _read(_FOLDER / f"{found}.toml", found)
+
+
+def _read(path: Path, name: str) -> Profile:
+    document = read_toml(path)
+    for key in document:
+        if key not in _KEYS:
+            raise ConfigError(f"has the key {key!r}, which no vehicle has. {nearest(key, _KEYS)}", where=path)
+    arms = document.get("arms")
+    if not isinstance(arms, dict) or not arms or not all(map(_is_number, arms.values())):
+        raise ConfigError(
+            "has no [arms]: a yaw arm in m for each thruster was expected.", where=path, mend="Add port = 0.3, say."
+        )
+    for key in _NUMBERS:
+        if key in document and not (_is_number(document[key]) and document[key] > 0.0):
+            raise ConfigError(f"{key} is {document[key]!r}; a positive number was expected.", where=path)
+    curve = document.get("curve")
+    if curve is not None and not (isinstance(curve, str) and (path.parent / curve).is_file()):
+        raise ConfigError(f"curve is {curve!r}; the name of a file beside it was expected.", where=path)
+    sources = document.get("sources", [])
+    if not isinstance(sources, list) or not all(isinstance(one, str) for one in sources):
+        raise ConfigError("sources are to be a list of texts.", where=path)
+    return Profile(
+        id=name,
+        name=str(document.get("name", name)),
+        arms={label: float(arm) for label, arm in arms.items()},
+        senses_alone=document.get("senses_alone") is True,
+        curve=None if curve is None else path.parent / curve,
+        sources=tuple(sources),
+        **{key: float(document[key]) for key in _NUMBERS if key in document},
+    )
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)

@@ -1,0 +1,69 @@
+"""What the page sends is checked; what was chosen is read back from rovid.toml as long as nobody changed that."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from rovid.app.form_state import choice_of, is_same, sealed, unsealed
+from rovid.core.errors import ConfigError
+
+WHOLE: dict[str, Any] = {
+    "logs": ["day"],
+    "vehicle": "otter",
+    "name": "mine",
+    "size": {"mass": 55.0},
+    "signals": {"csv": {"heading": {"source": "a", "unit": "deg", "sign": -1}}},
+    "commands": {"csv": [{"source": "b", "name": "port", "arm": 0.3}, {"source": "c", "name": "stbd", "arm": None}]},
+    "leave_out": [{"log": "a.csv", "from": 3.0, "to": None, "reason": "tether"}],
+}
+
+
+def test_it_is_read_as_it_was_meant() -> None:
+    hand = choice_of(WHOLE).hand
+    assert hand.signals is not None
+    heading = hand.signals["csv"]["heading"]
+    assert (heading.source, heading.unit, heading.sign) == ("a", "deg", -1)
+    assert hand.arms == {"b": 0.3}
+    assert hand.commands == frozenset({"b", "c"})
+    assert hand.names == {"b": "port", "c": "stbd"}
+    assert [str(one) for one in hand.left_out] == ["all from 3 s on"]
+    assert math.isinf(hand.left_out[0].end)
+    assert hand.size == {"mass": 55.0}
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        None,
+        [],
+        {},
+        {"logs": 3},
+        WHOLE | {"size": {"mass": -1}},
+        WHOLE | {"size": {"mass": "heavy"}},
+        WHOLE | {"vehicle": "/etc/passwd.toml"},
+        WHOLE | {"vehicle": 7},
+        WHOLE | {"signals": {"csv": {"heading": "a"}}},
+        WHOLE | {"commands": {"csv": [{"source": "b", "arm": math.nan}]}},
+        WHOLE | {"commands": [1]},
+        WHOLE | {"leave_out": [{"log": "a"}, {"from": 3}]},
+        WHOLE | {"name": "x" * 10_000},
+    ],
+)
+def test_what_no_page_sends_is_refused(wrong: object) -> None:
+    with pytest.raises(ConfigError, match="the page sent"):
+        choice_of(wrong)
+
+
+def test_a_file_is_known_again_until_somebody_changes_it() -> None:
+    choice = choice_of(WHOLE)
+    text = sealed("[vehicle]\n", choice, {"thrust_guess.csv": b"1"})
+    known = unsealed(text)
+    assert known is not None
+    assert known[0] == {key: value for key, value in WHOLE.items() if key != "logs"}
+    assert is_same(b"1", known[1]["thrust_guess.csv"])
+    assert not is_same(b"2", known[1]["thrust_guess.csv"])
+    for other in (f"# mine\n{text}", text.replace("[vehicle]", "[vehicles]"), "[vehicle]\n", "", text[:-5]):
+        assert unsealed(other) is None

@@ -1,0 +1,112 @@
+"""What the parameter file remembers for the commands that follow."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from rovid.store.load import read_parameters
+from tests.conftest import Rovid
+
+
+def test_later_commands_remember_the_logs_wherever_they_run(
+    day: Path, rovid: Rovid, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert rovid("fit-drag", day, "-p", "süb dir/p.toml").code == 0
+    inertia = rovid("fit-inertia", "-p", "süb dir/p.toml", "--json").document
+    monkeypatch.chdir(tmp_path / "süb dir")
+    assert rovid("simulate", "-p", "p.toml", "--json").document["overall"]["yaw_rate_r2"] > 0.99
+    assert inertia["chosen"] == "orbit_integral"
+
+
+def test_a_folder_moved_with_its_parameter_file_still_works(day: Path, rovid: Rovid, tmp_path: Path) -> None:
+    shutil.copytree(day, tmp_path / "here" / "logs")
+    assert rovid("fit-drag", "here/logs", "-p", "here/p.toml").code == 0
+    (tmp_path / "here").rename(tmp_path / "there")
+    assert rovid("fit-inertia", "-p", "there/p.toml").code == 0
+
+
+@pytest.mark.usefixtures("blank")
+def test_options_are_remembered_and_asked_for_anew(day: Path, rovid: Rovid, tmp_path: Path) -> None:
+    quick = ("--no-diagnosis", "--no-control", "--no-export")
+    assert rovid("fit-drag", day).code == 0
+    assert rovid("fit-inertia", "--cutoff", "1").code == 0
+    entries = read_parameters(tmp_path / "parameters.toml").entries
+    assert {name: entry.options for name, entry in entries.items()} == {
+        "inertia": "--cutoff=1",
+        "quadratic_drag": "",
+        "linear_drag": "",
+    }
+    # What was chosen for a fit is not undone by a report that says nothing of it.
+    assert rovid("report", *quick, "--json").document["warnings"] == []
+    (note,) = rovid("report", *quick, "--cutoff", "0.5", "--json").document["warnings"]
+    assert note.endswith("was fitted again: it was fitted without --cutoff=0.5.")
+    entries = read_parameters(tmp_path / "parameters.toml").entries
+    assert {entry.options for entry in entries.values()} == {"--cutoff=0.5"}
+
+
+@pytest.mark.usefixtures("blank")
+def test_a_report_on_other_logs_is_of_those(day: Path, rovid: Rovid, tmp_path: Path) -> None:
+    quick = ("--no-diagnosis", "--no-control", "--no-export")
+    more = shutil.copytree(day, tmp_path / "more")
+    (more / "holds dówn.csv").unlink()
+    assert rovid("report", more, *quick).code == 0
+    before = read_parameters(tmp_path / "parameters.toml")
+    assert [source.name for source in before.sources] == ["holds up.csv", "sine.csv"]
+    # Some of its logs are no others, and nor are those logs elsewhere.
+    assert rovid("report", day / "sine.csv", *quick, "--json").document["warnings"] == []
+    assert read_parameters(tmp_path / "parameters.toml").entries == before.entries
+    # One that comes later is named, and fitted too by the next report.
+    shutil.copy(day / "holds dówn.csv", more)
+    (said,) = [text for text in rovid("simulate", "--json").document["warnings"] if "came after" in text]
+    assert said.startswith("holds dówn.csv")
+    (note,) = rovid("report", *quick, "--json").document["warnings"]
+    assert "these are other logs" in note
+    now = read_parameters(tmp_path / "parameters.toml")
+    assert now.entries["quadratic_drag"].value != before.entries["quadratic_drag"].value
+    assert len(now.sources) == 3
+
+
+@pytest.mark.usefixtures("blank")
+def test_a_model_that_was_fitted_as_a_whole_is_fitted_so_again(day: Path, rovid: Rovid, tmp_path: Path) -> None:
+    folder = shutil.copytree(day, tmp_path / "day")
+    assert rovid("fit", folder, "--effect", "bias_torque").code == 0
+    toml = (folder / "rovid.toml").read_text()
+    (folder / "rovid.toml").write_text(toml.replace("yaw_arm = 0.43", "yaw_arm = 0.86"))
+    assert rovid("report", "--no-diagnosis", "--no-control", "--no-export").code == 0
+    found = read_parameters(tmp_path / "parameters.toml")
+    assert found.effects == ["bias_torque"]
+    assert found.entries["inertia"].value == pytest.approx(2.0 * 5057.0, rel=0.02)
+
+
+def test_drag_of_other_arms_is_not_kept_beside_a_new_inertia(day: Path, rovid: Rovid, tmp_path: Path) -> None:
+    folder = shutil.copytree(day, tmp_path / "day")
+    assert rovid("fit-drag", folder).code == 0
+    toml = (folder / "rovid.toml").read_text()
+    assert "yaw_arm = 0.43" in toml
+    (folder / "rovid.toml").write_text(toml.replace("yaw_arm = 0.43", "yaw_arm = 0.86"))
+    (note,) = [text for text in rovid("fit-inertia", "--json").document["warnings"] if "begun anew" in text]
+    assert "without quadratic_drag, linear_drag: yaw_arm of" in note
+    assert "was 0.43 and is 0.86" in note
+    found = read_parameters(tmp_path / "parameters.toml")
+    # None of the steady turns' drag is left, which is half of what it has to be now.
+    assert found.entries["quadratic_drag"].value == pytest.approx(2.0 * 3532.0, rel=0.05)
+    assert found.entries["quadratic_drag"].method == found.entries["inertia"].method
+
+
+def test_logs_may_be_given_one_by_one_and_twice(day: Path, rovid: Rovid) -> None:
+    whole = rovid("fit-drag", day, "--json").document["parameters"]
+    single = rovid("fit-drag", day / "holds up.csv", day / "holds dówn.csv", day / "sine.csv", "--json").document
+    assert single["parameters"] == whole
+    twice = rovid("fit-drag", day, day / "holds up.csv", "--json").document
+    assert twice["parameters"] == whole
+    assert any("same file" in text for text in twice["warnings"])
+
+
+def test_what_opens_logs_has_a_second_process_compile(day: Path, rovid: Rovid, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[str] = []
+    monkeypatch.setattr("rovid.model.kernels.begin", lambda: begun.append("begun"))
+    assert rovid("fit-inertia", day).code == 0
+    assert begun == ["begun"]

@@ -1,0 +1,117 @@
+"""The closed loop, simulated."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import signal
+from scipy.integrate import solve_ivp
+
+from rovid.control.allocation import allocate
+from rovid.control.closed_loop import ClosedLoop, Plant, run_closed
+from rovid.control.design import unaided
+from rovid.core.array_types import FloatArray
+from rovid.effects import Effect, forms_for
+from rovid.model.model import Model
+from tests.control.loops import PAPER, SCALES, VEHICLE, closed, law, run_one, with_effect
+from tests.synthetic import LOGGED
+
+
+def test_the_aided_loop_is_of_second_order() -> None:
+    """With the drag cancelled and a fast clock the step is that of eq. 13: known in closed form."""
+    controller = law(period=0.01, rate_filter=0.0)
+    plant = Plant(model=PAPER, vehicle=LOGGED)
+    course = run_one(controller, allocate(LOGGED, PAPER), plant, np.full(4000, math.radians(200.0)), math.radians(90.0))
+    _, known = signal.step(([100.0], [5057.0, 710.0, 100.0]), T=course.time)
+    found = (np.degrees(course.heading) - 90.0) / 110.0
+    assert found == pytest.approx(known, abs=2e-3)  # the clock's lag of 0.01 s at 0.14 rad/s
+
+
+def test_the_closed_loop_is_that_of_an_independent_integration() -> None:
+    controller = law()
+    course = run_one(
+        controller,
+        allocate(LOGGED, PAPER),
+        Plant(model=PAPER, vehicle=LOGGED),
+        np.full(600, math.radians(200.0)),
+        math.radians(90.0),
+    )
+    heading, rate, read, filtered = math.radians(90.0), 0.0, math.radians(90.0), 0.0
+    blend = 1.0 - math.exp(-0.1 / 0.3)
+    expected = [heading]
+    for _ in range(600):
+        filtered += blend * ((heading - read) / 0.1 - filtered)
+        read = heading
+        torque = 3532.0 * abs(filtered) * filtered + 132.37 * filtered
+        torque += 100.0 * (math.radians(200.0) - heading) - 710.0 * filtered
+
+        def motion(_: float, y: FloatArray, torque: float = torque) -> list[float]:
+            return [y[1], (torque - 3532.0 * abs(y[1]) * y[1] - 132.37 * y[1]) / 5057.0]
+
+        heading, rate = solve_ivp(motion, (0.0, 0.1), [heading, rate], rtol=1e-10, atol=1e-12).y[:, -1]
+        expected.append(heading)
+    assert course.heading == pytest.approx(np.array(expected), abs=1e-8)
+
+
+def example(effect: Effect) -> Model:
+    values = [p.starts[0] * SCALES.of(p) for p in effect.parameters]
+    return replace(PAPER, effects=(effect,), effect_values=tuple(values))
+
+
+@pytest.mark.parametrize("effect", forms_for(VEHICLE), ids=lambda effect: effect.key)
+def test_recorded_commands_drive_the_open_loop_to_the_same_heading(effect: Effect) -> None:
+    """Whatever the loop made of its commands step by step, the model makes of all of them together."""
+    model = example(effect)
+    course = closed(model, law(900.0, 3000.0), seconds=90.0)
+    drive = model.drive(VEHICLE, course.trial())
+    differs = float(np.max(np.abs(drive.torque - course.drive.torque)[:-1]))
+    # What an effect remembers from before the window of 20 s.
+    assert differs <= 1e-4 * np.max(np.abs(drive.torque))
+    # It starts at the rate that is logged first.
+    rate, heading = model.simulate(replace(course.trial(), rate=np.zeros(len(course.time))), drive)
+    # Steps of the integration, what is forgotten, and a true heading that is found from the instrument's by turns.
+    reach = 1e-3 if model.instrument.deviates else 6e-6 + 0.01 * differs
+    if not model.instrument.deviates:
+        assert rate == pytest.approx(course.rate, abs=reach)
+    assert heading - heading[0] == pytest.approx(course.heading - course.heading[0], abs=reach)
+    assert np.ptp(course.heading) > 1.0
+
+
+SWIRLED = with_effect("heading_deviation", 0.05, 0.3, model=with_effect("entrained_swirl", 0.3, 20.0))
+
+
+@pytest.mark.parametrize("period", [0.1, 0.35])
+@pytest.mark.parametrize("model", [PAPER, with_effect("thruster_lag", 1.0), SWIRLED], ids=["plain", "lag", "swirl"])
+def test_loops_side_by_side_go_as_each_by_itself(model: Model, period: float) -> None:
+    """With other gains, starts, noise, delays and inverses of the thrusters; and as what is commanded drives them."""
+    plant = Plant(model=model, vehicle=VEHICLE, heading_noise=1e-3, disturbance=2.0)
+    known, bench = allocate(VEHICLE, model), allocate(VEHICLE, PAPER)
+    loops = [
+        ClosedLoop(law=controller, allocation=inverse, plant=each, wanted=np.full(200, 2.0), start=start, seed=7)
+        for controller, inverse, each, start in (
+            (law(900.0, 3000.0, period=period), known, plant, 1.0),
+            (law(500.0, 2000.0, period=period, lowest=-40.0, highest=40.0), bench, replace(plant, delay=0.5), 1.5),
+            (unaided(law(900.0, 3000.0, period=period)), known, plant.quiet(), 2.5),
+        )
+    ]
+    for together, loop in zip(run_closed(loops), loops, strict=True):
+        (alone,) = run_closed([loop])
+        for name in ("heading", "rate", "torque", "commands", "outside"):
+            assert getattr(together, name) == pytest.approx(getattr(alone, name), rel=1e-9, abs=1e-9), name
+        drive = model.drive(VEHICLE, together.trial())
+        for name in ("torque", "moment", "beside"):
+            found, by_itself, whole = (getattr(one, name) for one in (together.drive, alone.drive, drive))
+            assert found == pytest.approx(by_itself, rel=1e-9, abs=1e-9), name
+            # What an effect remembers from before the window.
+            reach = 1e-4 * float(np.max(np.abs(whole))) + 1e-9
+            assert found[:-1] == pytest.approx(whole[:-1], abs=reach), name
+
+
+def test_an_effect_that_remembers_more_than_the_window_is_given_all_of_it() -> None:
+    model = with_effect("supply_sag", 3.0, 60.0)
+    course = closed(model, law(900.0, 3000.0), seconds=200.0)
+    whole = model.drive(VEHICLE, course.trial()).torque
+    assert np.max(np.abs(whole - course.drive.torque)[:-1]) <= 1e-4 * np.max(np.abs(whole))

@@ -1,0 +1,49 @@
+"""What a controller may be asked to do."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from rovid.control.specs import Options, manoeuvres, setting_of
+from rovid.core.errors import ConfigError
+from tests.control.loops import PAPER
+
+
+@pytest.mark.parametrize(
+    ("wish", "words"),
+    [
+        ({"kp": 0.0, "kd": 1.0}, "--kp: is 0; a number above zero"),
+        ({"period": math.inf}, "--period: is inf"),
+        ({"delay": -1.0}, "--delay: is -1; zero or a number above"),
+        ({"kp": 1.0}, "--kp: needs the other gain"),
+        ({"kd": 1.0}, "--kd: needs the other gain"),
+        ({"kp": 1.0, "kd": 1.0, "bandwidth": 0.1}, "--bandwidth: says what"),
+        ({"steps": ("20-120",)}, "--step: is '20-120'; two headings"),
+    ],
+)
+def test_what_no_controller_can_be_asked_is_refused(wish: dict[str, object], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        Options(**wish)  # type: ignore[arg-type]
+
+
+def test_a_step_goes_the_shorter_way() -> None:
+    steps = Options(steps=("350:10", "10:350", "0:90")).parsed_steps()
+    assert steps == [(350.0, 370.0), (10.0, -10.0), (0.0, 90.0)]
+    names = [run.name for run in manoeuvres(steps, 100.0)]
+    assert "350 to 10 deg" in names
+    assert "10 to 350 deg" in names
+
+
+def test_waves_and_current_are_a_tenth_of_the_torque_in_use() -> None:
+    runs = {run.name: run for run in manoeuvres([], 120.0)}
+    assert runs["hold 120 deg, current sets in"].current == pytest.approx(12.0)
+    assert runs["hold 120 deg, waves"].waves == pytest.approx(12.0)
+
+
+def test_without_logs_a_middling_rate_says_what_torque_is_in_use() -> None:
+    setting = setting_of(Options(), PAPER, None, None)
+    assert setting.torque_in_use == pytest.approx(3532.0 * 0.15**2 + 132.37 * 0.15)
+    assert setting.heading_noise == pytest.approx(math.radians(0.01))
+    assert setting_of(Options(), PAPER, 0.002, 50.0).torque_in_use == 50.0

@@ -1,0 +1,88 @@
+"""Work spread over the cores."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from rovid.core.threads import SHARE, cores, spread
+
+
+@pytest.fixture(autouse=True)
+def all_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not what is this worker's share of them."""
+    monkeypatch.delenv(SHARE, raising=False)
+
+
+def test_results_stand_in_the_order_of_what_they_are_of() -> None:
+    def late(number: int) -> int:
+        # The first is done last.
+        time.sleep(0.01 * (5 - number))
+        return number**2
+
+    assert spread(late, range(5)) == [0, 1, 4, 9, 16]
+
+
+def slow_name(_: int) -> str:
+    time.sleep(0.002)
+    return threading.current_thread().name
+
+
+def test_no_more_are_at_work_than_there_are_cores() -> None:
+    at_work, most, lock = 0, 0, threading.Lock()
+
+    def leaf(_: int) -> None:
+        nonlocal at_work, most
+        with lock:
+            at_work += 1
+            most = max(most, at_work)
+        time.sleep(0.002)
+        with lock:
+            at_work -= 1
+
+    spread(lambda _: spread(leaf, range(5)), range(10))
+    assert most == cores()
+
+
+def test_who_has_nothing_left_to_do_helps() -> None:
+    if cores() < 2:
+        pytest.skip("one core alone")
+
+    def threads(number: int) -> int:
+        # The others are done at once; whether they are free already is known to nobody here.
+        for _ in range(500 if number == 0 else 0):
+            names = spread(slow_name, range(4))
+            if len(set(names)) > 1:
+                return len(set(names))
+        return 0
+
+    assert spread(threads, range(2))[0] > 1
+
+
+def test_a_failure_comes_back() -> None:
+    with pytest.raises(ZeroDivisionError):
+        spread(lambda number: 1 // number, [1, 0])
+
+
+def test_after_a_failure_nothing_more_is_begun() -> None:
+    begun = []
+
+    def failing(number: int) -> None:
+        begun.append(number)
+        if number == 0:
+            raise ZeroDivisionError
+        time.sleep(0.01)
+
+    with pytest.raises(ZeroDivisionError):
+        spread(failing, range(100))
+    assert len(begun) <= 2 * cores()
+
+
+def test_however_deep_it_is_spread_it_ends() -> None:
+    def deep(depth: int) -> int:
+        time.sleep(0.001)
+        return 1 + sum(spread(deep, [depth - 1] * 3)) if depth else 1
+
+    assert deep(6) == sum(3**k for k in range(7))

@@ -1,0 +1,51 @@
+"""What a suspect adds to the errors of what is stated."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rovid.diagnose.bic import Rival
+from rovid.diagnose.build_result import across_suspects
+from rovid.diagnose.validation import Suspected
+from rovid.estimate.estimate import Estimate
+from rovid.estimate.filter_data import Readings
+from rovid.estimate.fit_result import Fitted
+from rovid.estimate.innovation_likelihood import InnovationMisfit
+from tests import synthetic
+from tests.predictions import BIAS, NOISE, TIME, TORQUE
+
+FEW = 200
+NAMES = ("inertia", "quadratic_drag", "linear_drag")
+VALUES = np.array([3000.0, 900.0, 40.0])
+
+
+def estimate() -> Estimate:
+    return Estimate(
+        names=NAMES, axis=synthetic.ROSUB.axis, values=VALUES, covariance=np.eye(3), method="", samples=FEW, warnings=()
+    )
+
+
+@pytest.fixture(scope="module")
+def rival() -> Rival:
+    runs = [synthetic.run(TIME[:FEW], TORQUE[:FEW], noise=NOISE[:FEW])]
+    misfit = InnovationMisfit(Readings(runs, synthetic.LOGGED, synthetic.ROSUB), 0.05, (BIAS,))
+    return Rival(BIAS, 10.0, Fitted.at(misfit, misfit.coordinates.first()))
+
+
+def test_a_suspect_adds_by_its_odds_what_it_would_change(rival: Rival) -> None:
+    suspected = Suspected(rival, 0.5, 10.0, ())
+    off = rival.fitted.model.values[:3] - VALUES
+    told = across_suspects(estimate(), [suspected])
+    assert told.covariance == pytest.approx(np.eye(3) + 0.5 * np.outer(off, off))
+    assert told.values.tolist() == VALUES.tolist()
+    assert told.warnings == ("The standard errors include what constant torque would change, if it acts.",)
+
+
+def test_suspects_share_no_more_than_all_odds(rival: Rival) -> None:
+    one, two = across_suspects(estimate(), [Suspected(rival, 1.0, 10.0, ())]), [Suspected(rival, 0.8, 10.0, ())] * 2
+    assert across_suspects(estimate(), two).covariance == pytest.approx(one.covariance)
+
+
+def test_without_a_suspect_nothing_is_added() -> None:
+    assert across_suspects(estimate(), []).covariance.tolist() == np.eye(3).tolist()

@@ -1,0 +1,179 @@
+"""Which promises are worth a fit, and what is kept of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rovid.core.array_types import FloatArray
+from rovid.diagnose import candidate_fits
+from rovid.diagnose.bic import cost_of, worth
+from rovid.diagnose.candidate_fits import fit_all, shortlist
+from rovid.diagnose.score_test import Promise, Tried
+from rovid.effects import Effect, effect_named
+from rovid.estimate.fisher_information import NormalEquations
+from rovid.estimate.fit_result import Fitted, climbed
+from rovid.estimate.multi_step_likelihood import HorizonMisfit
+from rovid.estimate.objective import Misfit
+from tests.predictions import biased
+
+
+@dataclass(frozen=True)
+class Keeping:
+    """Stands for a misfit of which each effect gains what it ``keeps``, wherever its fit would start."""
+
+    keeps: Mapping[str, float]
+    count: float
+    effects: tuple[Effect, ...] = ()
+
+    def like(self, effects: tuple[Effect, ...]) -> Keeping:
+        return replace(self, effects=effects)
+
+    def costs_of(self, points: Sequence[FloatArray]) -> list[float]:
+        count = 1 + sum(len(effect.parameters) for effect in self.effects)
+        assert all(len(x) == count for x in points)
+        return [1000.0 - sum(self.keeps[effect.key] for effect in self.effects)] * len(points)
+
+
+def promise(key: str, gain: float) -> Promise:
+    """Of so much, by no slopes."""
+    effect, none, square = effect_named(key), np.zeros(0), np.zeros((0, 0))
+    tried = Tried(np.zeros((0, len(effect.parameters))), none, square, np.zeros((0, 0)), none)
+    return Promise(effect, gain, effect.starts[0], effect.starts[0], 1.0, tried, NormalEquations(none, square))
+
+
+def listed(
+    promised: Mapping[str, float],
+    keeps: Mapping[str, float] | None = None,
+    *,
+    threshold: float = 0.0,
+    price: float = 0.0,
+    share: float = 1.0,
+) -> list[str]:
+    """Keys of what is fitted; everything is kept that is promised, but for ``keeps``. A parameter has its ``price``."""
+    promises = [promise(key, gain) for key, gain in promised.items()]
+    misfit: Any = Keeping({**promised, **(keeps or {})}, count=math.exp(2.0 * price))  # stands in for a Misfit
+    current = Fitted(misfit, np.zeros(1), 1000.0)
+    return [promise.effect.key for promise in shortlist(current, promises, threshold, share)]
+
+
+def test_the_best_comes_first_and_what_promises_a_tenth_of_it_comes_too() -> None:
+    assert listed({"bias_torque": 11.0, "thruster_lag": 100.0, "tether_torsion": 9.0}) == [
+        "thruster_lag",
+        "bias_torque",
+    ]
+
+
+@pytest.mark.parametrize(("kept", "others"), [(57_000.0, []), (8_000.0, ["thruster_lag"])])
+def test_a_promise_that_is_not_kept_keeps_no_other_cause_out(kept: float, others: list[str]) -> None:
+    found = listed({"command_delay": 57_000.0, "thruster_lag": 3_000.0}, {"command_delay": kept})
+    assert found == ["command_delay", *others]
+
+
+def test_small_promises_are_kept_to_the_letter() -> None:
+    assert listed({"bias_torque": 3.0, "thruster_lag": 5.0}, threshold=4.0) == ["thruster_lag"]
+    assert listed({"bias_torque": 3.0}, threshold=4.0) == []
+
+
+def test_who_promises_too_little_for_the_price_of_its_parameters_is_not_fitted() -> None:
+    # A bias has one parameter, a dependence on the heading two.
+    promised = {"bias_torque": 10.0, "heading_dependent_torque": 10.0}
+    assert listed(promised, threshold=4.0, price=4.0) == ["bias_torque"]
+    assert listed(promised, threshold=4.0, price=4.0, share=0.5) == [*promised]
+
+
+def test_a_simpler_form_is_fitted_though_it_promises_little() -> None:
+    # A lag with load has two parameters, a drift with time has one.
+    promised = {"supply_sag": 100.0, "supply_sag:drift": 2.0}
+    assert listed(promised) == ["supply_sag", "supply_sag:drift"]
+    assert listed({"supply_sag:drift": 100.0, "supply_sag": 2.0}) == ["supply_sag:drift"]
+
+
+def test_the_simplest_form_is_fitted_behind_however_many_others() -> None:
+    others = ["tether_torsion:wound", "tether_torsion:rest", "tether_torsion:stiffening"]
+    promised = {key: 100.0 - place for place, key in enumerate(others)}
+    assert listed({**promised, "tether_torsion": 90.0}) == [*others, "tether_torsion"]
+    assert listed({**promised, "tether_torsion": 0.0}) == others
+
+
+def test_no_more_than_seven_causes_are_fitted() -> None:
+    causes = ["bias_torque", "thruster_lag", "tether_torsion", "command_delay", "drag_curvature", "slew_limit"]
+    causes += ["thruster_deadband", "thrust_asymmetry", "drag_asymmetry"]
+    assert listed(dict.fromkeys(causes, 10.0)) == causes[:7]
+
+
+def test_what_is_known_to_gain_more_keeps_small_promises_out() -> None:
+    promises = [promise("bias_torque", 11.0), promise("thruster_lag", 100.0)]
+    misfit: Any = Keeping({"bias_torque": 11.0, "thruster_lag": 100.0}, count=1.0)  # stands in for a Misfit
+    current = Fitted(misfit, np.zeros(1), 1000.0)
+    assert len(shortlist(current, promises, 0.0, 1.0)) == 2
+    assert [one.effect.id for one in shortlist(current, promises, 0.0, 1.0, gained=200.0)] == ["thruster_lag"]
+
+
+@pytest.fixture(scope="module")
+def base() -> Fitted:
+    plain = HorizonMisfit(biased())
+    return climbed(plain, plain.coordinates.first())
+
+
+@pytest.fixture
+def begun(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
+    """What each form is worth beyond the model that it is added to; those that are fitted are taken out."""
+    worths: dict[str, float] = {}
+
+    def begin(current: Fitted, misfit: Misfit, promised: Promise, _: float) -> Fitted:
+        x = np.concatenate((current.x, promised.start))
+        return Fitted(misfit, x, cost_of(worth(current) + worths.pop(promised.effect.key), misfit))
+
+    monkeypatch.setattr(candidate_fits, "_begun", begin)
+    monkeypatch.setattr(candidate_fits, "climbed_on", lambda fit, *_: fit)
+    return worths
+
+
+def keys_of(fits: Sequence[Fitted]) -> list[str]:
+    return [fit.effects[-1].key for fit in fits]
+
+
+RING = ("tank_seiche", "tank_seiche:following", "tank_seiche:thrust")
+
+
+@pytest.mark.parametrize(("promised", "fitted"), [(90.0, False), (300.0, True)])
+def test_of_a_cause_whose_first_form_fell_behind_no_others_are_fitted_that_promise_no_more_than_that(
+    base: Fitted, begun: dict[str, float], promised: float, *, fitted: bool
+) -> None:
+    begun.update(dict.fromkeys(RING, 5.0) | {"bias_torque": 1000.0})
+    promises = [promise("bias_torque", 900.0), promise(RING[0], 400.0), *(promise(key, promised) for key in RING[1:])]
+    ahead, behind = fit_all(base, promises, lambda _: True, {})
+    assert keys_of(ahead) == ["bias_torque"]
+    assert keys_of(behind) == [*(RING if fitted else RING[:1])]
+    assert [*begun] == [*(() if fitted else RING[1:])]
+
+
+def test_of_a_cause_that_keeps_up_every_form_is_fitted(base: Fitted, begun: dict[str, float]) -> None:
+    begun.update(dict.fromkeys(RING, 5.0) | {"bias_torque": 20.0})
+    promises = [promise("bias_torque", 900.0), *(promise(key, 1.0) for key in RING)]
+    ahead, behind = fit_all(base, promises, lambda _: True, {})
+    assert {*keys_of(ahead), *keys_of(behind)} == {"bias_torque", *RING}
+
+
+def test_the_plainest_form_is_fitted_though_the_first_falls_behind(base: Fitted, begun: dict[str, float]) -> None:
+    begun.update({"command_delay:scattered": -1.0, "command_delay": 700.0, "bias_torque": 1000.0})
+    promises = [promise("bias_torque", 900.0), promise("command_delay:scattered", 50.0), promise("command_delay", 1.0)]
+    assert len(effect_named("command_delay").parameters) < len(effect_named("command_delay:scattered").parameters)
+    ahead, _ = fit_all(base, promises, lambda _: True, {})
+    assert keys_of(ahead) == ["bias_torque", "command_delay"]
+
+
+def test_what_is_known_to_its_end_is_not_fitted_again(base: Fitted, begun: dict[str, float]) -> None:
+    begun["bias_torque"] = 10.0
+    (known,), _ = fit_all(base, [promise("bias_torque", 10.0)], lambda _: True, {})
+    begun["thruster_lag"] = 9.0
+    promises = [promise("thruster_lag", 9.0), promise("bias_torque", 10.0)]
+    ahead, _ = fit_all(base, promises, lambda _: True, {"bias_torque": known})
+    assert keys_of(ahead) == ["bias_torque", "thruster_lag"]
+    assert ahead[0].cost == known.cost

@@ -1,0 +1,50 @@
+"""A fitted model: what is its own, and how sure it is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rovid.effects import effect_named
+from rovid.estimate.filter_data import Readings
+from rovid.estimate.fit_result import Fitted, climbed
+from rovid.estimate.innovation_likelihood import InnovationMisfit
+from tests import synthetic
+from tests.predictions import BIAS, NOISE, TIME, TORQUE
+
+LAG = effect_named("thruster_lag")
+
+
+@pytest.fixture(scope="module")
+def plain() -> Fitted:
+    runs = [synthetic.run(TIME[:1500], TORQUE[:1500], noise=NOISE[:1500])]
+    misfit = InnovationMisfit(Readings(runs, synthetic.LOGGED, synthetic.ROSUB), 0.05)
+    return climbed(misfit, misfit.coordinates.first())
+
+
+def test_what_is_an_effects_own_and_what_is_left_without_it(plain: Fitted) -> None:
+    x = np.concatenate((plain.x, [0.25, 0.5]))
+    both = Fitted.at(plain.misfit.like((BIAS, LAG)), x)
+    assert both.own(BIAS).tolist() == [0.25]
+    assert both.own(LAG).tolist() == [0.5]
+    assert (both.shared == plain.x).all()
+    effects, rest = both.without(BIAS)
+    assert effects == (LAG,)
+    assert rest.tolist() == [*plain.x, 0.5]
+
+
+def test_the_best_is_physical_white_and_near_the_truth(plain: Fitted) -> None:
+    assert plain.is_physical
+    assert plain.is_white
+    assert plain.simulated_r2 > 0.999
+    error = np.sqrt(plain.covariance(sandwich=False)[0, 0])
+    # Four standard errors, of a fixed seed.
+    assert abs(plain.model.inertia - synthetic.ROSUB.inertia) < 4.0 * error
+
+
+def test_a_model_beside_which_others_run_away_is_not_known(plain: Fitted, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, *others = plain.misfit.slopes(plain.x)
+    first.matrix[7, 1] = np.nan
+    monkeypatch.setattr(InnovationMisfit, "flatter_slopes", lambda *_: [first, *others])
+    for sandwich in (False, True):
+        assert np.isinf(np.diag(plain.covariance(sandwich=sandwich))).all()

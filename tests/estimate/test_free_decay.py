@@ -1,0 +1,168 @@
+"""Free decays: simulated by scipy, and three real ones; what is known of them, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.integrate import solve_ivp
+
+from rovid.core.array_types import FloatArray
+from rovid.core.errors import DataError
+from rovid.signals.preprocessing import prepare
+from rovid.signals.segments import releases
+from rovid.trial.axis import AXES
+from rovid.trial.trial import Campaign, Trial
+from rovid.trial.vehicle import Vehicle
+from tests.conftest import SAMPLES, Rovid
+
+SHIP = SAMPLES / "kvlcc2_roll_decay"
+# Of 1 kg m^2: damping, stiffness, its bend, and where the ship is level.
+LINEAR, QUADRATIC, STIFFNESS, BEND, LEVEL = 0.03, 0.25, 4.0, 1.5, 0.02
+PERIOD = 2.0 * math.pi / math.sqrt(STIFFNESS)
+TOML = """
+[signals]
+time = { csv = "time_s" }
+roll = { csv = "roll_rad", unit = "rad" }
+"""
+UNITS = {
+    "quadratic_drag": "N m s^2/rad^2 per kg m^2",
+    "linear_drag": "N m s/rad per kg m^2",
+    "restoring_stiffness": "N m/rad per kg m^2",
+    "trim": "rad",
+}
+
+
+def swings(start: float, seconds: float, *, bend: float = 0.0) -> FloatArray:
+    """Tilt in rad at 20 Hz of a ship that is let go of at ``start`` rad from its level."""
+
+    def slope(_: float, y: FloatArray) -> list[float]:
+        restoring = STIFFNESS * (1.0 + bend * y[0] ** 2) * math.sin(y[0])
+        return [y[1], -restoring - (QUADRATIC * abs(y[1]) + LINEAR) * y[1]]
+
+    time = np.arange(0.0, seconds, 0.05)
+    solved = solve_ivp(slope, (0.0, seconds), [start, 0.0], t_eval=time, rtol=1e-9, atol=1e-12)
+    return np.asarray(solved.y[0] + LEVEL)
+
+
+def pushed(start: float) -> FloatArray:
+    """At rest, then over to ``start`` by hand within two seconds."""
+    return np.concatenate((np.full(200, LEVEL), LEVEL + start * np.linspace(0.0, 1.0, 40) ** 2))
+
+
+def log_of(tilt: FloatArray) -> Trial:
+    time = 0.05 * np.arange(len(tilt), dtype=np.float64)
+    nothing = np.zeros((len(tilt), 0))
+    return Trial(name="log", path=Path("log"), time=time, position=tilt, commands=nothing, axis=AXES["roll"])
+
+
+def write(folder: Path, logs: dict[str, FloatArray], toml: str = TOML) -> None:
+    folder.mkdir()
+    (folder / "rovid.toml").write_text(toml)
+    rng = np.random.default_rng(7)
+    for name, tilt in logs.items():
+        noisy = np.round(tilt + rng.normal(0.0, 2e-4, len(tilt)), 5)
+        pd.DataFrame({"time_s": 0.05 * np.arange(len(tilt)), "roll_rad": noisy}).to_csv(folder / name, index=False)
+
+
+def within(reading: dict[str, Any], truth: float, share: float) -> bool:
+    off = abs(reading["value"] - truth)
+    return bool(off < 4.0 * reading["standard_error"] and reading["standard_error"] < share * abs(truth))
+
+
+def test_a_log_is_taken_from_each_release_on() -> None:
+    first, second = swings(0.3, 40.0), swings(-0.2, 30.0)
+    tilt = np.concatenate((pushed(0.3), first, pushed(-0.2), second))
+    begins = [240, 240 + 800 + 240]
+    found = releases(log_of(tilt))
+    assert [abs(part.start - begin) <= 1 for part, begin in zip(found, begins, strict=True)] == [True, True]
+    assert found[0].stop <= 240 + 800
+    assert tilt[found[1]].size > 300
+
+
+def test_swings_that_are_held_up_end_a_release() -> None:
+    tilt = swings(0.3, 60.0)
+    held = np.where(np.arange(len(tilt)) < 600, tilt, LEVEL + 0.2 * (tilt - LEVEL))
+    (part,) = releases(log_of(held))
+    assert 500 < part.stop <= 600
+    (whole,) = releases(log_of(tilt))
+    assert whole.stop > 1000
+
+
+def test_a_motion_that_does_not_die_out_is_no_release() -> None:
+    time = np.arange(0.0, 60.0, 0.05)
+    beats = 0.2 * np.sin(2.0 * time) * np.sin(0.9 * time)
+    assert releases(log_of(beats)) == []
+    with pytest.raises(DataError, match="they hold no swings that die out"):
+        prepare(Campaign(trials=(log_of(beats),), sources=()), Vehicle(name="ship", thrusters=(), axis=AXES["roll"]))
+
+
+def test_period_damping_and_ratios_come_back(tmp_path: Path, rovid: Rovid) -> None:
+    both = np.concatenate((pushed(0.3), swings(0.3, 60.0), pushed(-0.15), swings(-0.15, 40.0)))
+    write(tmp_path / "day", {"both.csv": both, "one.csv": swings(-0.25, 60.0)})
+    fit = rovid("fit", "day", "--axis", "roll", "--json").document
+    assert {name: entry["unit"] for name, entry in fit["parameters"].items()} == UNITS
+    assert "inertia" in fit["not_identifiable"]
+    (used,) = (text for text in fit["warnings"] if text.startswith("Free swings, all that is used"))
+    assert "both.csv (" in used
+    assert "one.csv (" in used
+    decay = fit["decay"]
+    for name, truth in (("restoring_stiffness", STIFFNESS), ("linear_drag", LINEAR), ("quadratic_drag", QUADRATIC)):
+        assert within(decay["over_inertia"][name], truth, 0.1), name
+        assert decay["over_inertia"][name]["value"] == fit["parameters"][name]["value"]
+    assert decay["natural_period"]["value"] == pytest.approx(
+        PERIOD * (1.0 + decay["amplitude"]["value"] ** 2 / 16), 2e-3
+    )
+    assert within(decay["damping_terms"]["linear"], LINEAR / (2.0 * math.sqrt(STIFFNESS)), 0.1)
+    # Energy: 8/(3 pi) of frequency and amplitude is the linear drag of the quadratic one, in the middle of the swing.
+    largest = decay["swings"][0]
+    assert [swing["name"].partition(",")[0] for swing in decay["swings"]] == ["both.csv", "both.csv", "one.csv"]
+    usual = LINEAR / 4.0 + 4.0 / (3.0 * math.pi) * QUADRATIC * largest["amplitude"]
+    assert 0.7 * usual < largest["damping_ratio"]["value"] < usual
+    simulated = rovid("simulate", "--axis", "roll", "--json").document
+    assert simulated["overall"]["roll_rate_r2"] > 0.999
+    assert "inertia" not in simulated["parameters"]
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("fit-inertia", "so that the inertia cannot be known. Run `rovid fit`"),
+        ("fit-drag", "so that the inertia cannot be known. Run `rovid fit`"),
+        ("plan", "there are no commands to plan"),
+    ],
+)
+def test_what_cannot_be_had_is_refused(command: str, said: str, rovid: Rovid) -> None:
+    done = rovid(command, SHIP, "--axis", "roll", "-p", "p.toml")
+    assert done.code == 2
+    assert said in done.err
+
+
+def test_a_vehicle_that_does_not_right_itself_needs_a_drive(tmp_path: Path, rovid: Rovid) -> None:
+    write(tmp_path / "day", {"one.csv": swings(0.2, 30.0)}, TOML.replace("roll =", "heading ="))
+    done = rovid("fit", "day", "--json")
+    assert done.code == 2
+    assert "there are none, and no torque is mapped" in done.err
+
+
+def test_the_real_ship_has_its_natural_period(rovid: Rovid) -> None:
+    fit = rovid("fit", SHIP, "--axis", "roll", "-p", "p.toml", "--json").document
+    assert fit["decay"]["natural_period"]["value"] == pytest.approx(2.54, rel=0.005)
+    assert [swing["name"] for swing in fit["decay"]["swings"]] == [f"decay_{n}.csv" for n in (21337, 21338, 21340)]
+
+
+@pytest.mark.slow
+def test_the_real_ship_is_damped_by_its_speed_and_bends(rovid: Rovid) -> None:
+    effects = ("--effect", "speed_dependent_damping", "--effect", "restoring_curve")
+    fit = rovid("fit", SHIP, "--axis", "roll", *effects, "-p", "p.toml", "--json").document
+    assert fit["decay"]["natural_period"]["value"] == pytest.approx(2.54, rel=0.005)
+    damping, bend = (fit["parameters"][n] for n in ("speed_dependent_damping.linear", "restoring_curve.cubic"))
+    assert damping["value"] > 10.0 * damping["standard_error"]
+    assert bend["value"] > 5.0 * bend["standard_error"]
+    still, _, sailing = (swing["damping_ratio"]["value"] for swing in fit["decay"]["swings"])
+    assert sailing > 1.7 * still
+    assert fit["free_run_r2"]["this_fit"] > 0.99

@@ -1,0 +1,68 @@
+"""Predictions some time ahead, and what counts of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.estimate.filter_data import Readings
+from rovid.estimate.multi_step_data import HorizonRecords, predictions, time_constant
+from rovid.estimate.restart_grid import HORIZONS
+from rovid.model.model import Model
+from rovid.signals.rates import rates_of
+from tests import synthetic
+from tests.predictions import NOISE, TIME, TORQUE, biased, records
+
+
+def rms(ahead: HorizonRecords, model: Model) -> FloatArray:
+    errors = predictions(ahead, model, ahead.drives_between(model))
+    return np.array([np.sqrt(np.mean(errors[ahead.horizon == number] ** 2)) for number in range(len(HORIZONS))])
+
+
+def test_the_true_model_predicts_and_a_wrong_one_does_not() -> None:
+    ahead = records()
+    right = rms(ahead, synthetic.ROSUB)
+    wrong = rms(ahead, replace(synthetic.ROSUB, quadratic_drag=1.3 * synthetic.ROSUB.quadratic_drag))
+    assert (right[2:] < 0.25 * wrong[2:]).all()
+    assert (np.diff(wrong) > 0.0).all()
+
+
+def test_restarts_take_away_what_drifts() -> None:
+    """A constant torque turns a free run away without end, and a prediction only for as long as its horizon."""
+    ahead = records(disturbance=np.full(len(TIME), 5.0))
+    constant = time_constant(synthetic.ROSUB, ahead.rate)
+    most = 5.0 / synthetic.ROSUB.inertia * (HORIZONS[-1] * constant) ** 2 / 2.0
+    assert rms(ahead, synthetic.ROSUB)[-1] < most
+
+
+def test_nothing_is_predicted_across_a_gap() -> None:
+    run = synthetic.run(TIME, TORQUE, noise=NOISE)
+    position = run.trial.position.copy()
+    gap = (TIME > 700.0) & (TIME < 760.0)
+    position[gap] = np.nan
+    trial = replace(run.trial, position=position)
+    cut = replace(run, trial=trial, rates=rates_of(trial, cutoff=1.0))
+    ahead = HorizonRecords.of(Readings([cut], synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    ((begin, end),) = ahead.spans
+    assert not ((begin < 701.0) & (end > 759.0)).any()
+    assert (end < 700.0).any()
+    assert (begin > 760.0).any()
+
+
+def test_errors_that_are_alike_count_as_few() -> None:
+    """White errors count for themselves; what lasts makes one of many."""
+    slow = synthetic.gauss_markov(len(TIME), 0.2, 20.0, 200.0, np.random.default_rng(1))
+    assert records(disturbance=slow).readings < 0.5 * records().readings
+
+
+def test_a_long_log_costs_no_more_predictions() -> None:
+    few, many = records(), records(runs=6)
+    assert sum(len(course.grid.restarts) for course in many.courses.each) <= 700
+    assert len(many.horizon) < 3 * len(few.horizon)
+
+
+def test_what_is_missing_makes_all_errors_alike() -> None:
+    unknown = records(disturbance=np.full(len(TIME), 12.0))
+    assert unknown.readings < 0.2 * biased().readings

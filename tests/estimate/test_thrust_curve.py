@@ -1,0 +1,100 @@
+"""Bench curves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rovid.core.errors import DataError, LogError
+from rovid.estimate.thrust_curve import bench_readings, fit_bench
+from rovid.trial.tables import read_table
+from tests.conftest import SAMPLES
+from tests.tables import table
+
+
+def true_thrust(command: np.ndarray) -> np.ndarray:
+    excess = np.clip(np.abs(command) - 0.4, 0.0, None)
+    return np.asarray(np.where(command > 0, 9.0, -5.0) * excess**2)
+
+
+def test_noisy_bench_readings_give_a_rising_curve_with_its_dead_zone() -> None:
+    rng = np.random.default_rng()
+    command = np.tile(np.linspace(-5.0, 5.0, 101), 3)
+    fit = fit_bench(command, true_thrust(command) + rng.normal(0.0, 0.3, len(command)))
+    assert (np.diff(fit.curve.thrust) >= 0.0).all()
+    assert fit.dead_zone is not None
+    # Noise of 0.17 N (three repeats) hides thrust of up to 1.2 N, and the curve starts flat: 0.5 V at 5 N/V^2.
+    assert fit.dead_zone[0] == pytest.approx(-0.4, abs=0.5)
+    assert fit.dead_zone[1] == pytest.approx(0.4, abs=0.5)
+    inside = (fit.curve.command >= fit.dead_zone[0]) & (fit.curve.command <= fit.dead_zone[1])
+    assert (fit.curve.thrust[inside] == 0.0).all()
+    assert np.abs(fit.curve(command) - true_thrust(command)).max() < 1.5  # what the noise can hide
+    assert fit.rms == pytest.approx(0.3, rel=0.25)
+
+
+def test_exact_readings_stay_as_they_are() -> None:
+    command = np.arange(1100.0, 1901.0, 4.0)
+    thrust = true_thrust((command - 1500.0) / 80.0)
+    fit = fit_bench(command[::-1], thrust[::-1])
+    assert fit.curve.thrust == pytest.approx(thrust, abs=0.001 * np.abs(thrust).max())
+    assert fit.dead_zone is not None
+    # Thrust below a thousandth of the largest counts as none: 0.2 V beyond the true dead zone of 0.4 V.
+    assert fit.dead_zone[0] == pytest.approx(1500 - 0.4 * 80, abs=0.2 * 80)
+    assert fit.dead_zone[1] == pytest.approx(1500 + 0.4 * 80, abs=0.2 * 80)
+
+
+def test_readings_that_fall_with_the_command_give_a_falling_curve() -> None:
+    command = np.linspace(-5.0, 5.0, 41)
+    fit = fit_bench(command, -true_thrust(command))
+    assert (np.diff(fit.curve.thrust) <= 0.0).all()
+    assert fit.curve(np.array([5.0]))[0] < 0.0
+
+
+@pytest.mark.parametrize("name", ["kaxan_520.csv", "kaxan_540.csv"])
+def test_real_headerless_bench(name: str) -> None:
+    readings = read_table(SAMPLES / "thruster_bench" / name, headerless=("command", "thrust_N"))
+    fit = fit_bench(*bench_readings(readings, command=None, thrust=None, unit=None))
+    assert (np.diff(fit.curve.thrust) >= 0.0).all()
+    assert fit.dead_zone is not None
+    assert -1.3 < fit.dead_zone[0] < fit.dead_zone[1] < 1.3
+    assert np.abs(fit.residuals).max() < 0.7  # N, of 100
+
+
+def test_vendor_sheet_with_units_in_its_header() -> None:
+    readings = read_table(SAMPLES / "bluerov2_pier59" / "t200_16V_bench.csv")
+    fit = fit_bench(*bench_readings(readings, command=None, thrust=None, unit=None))
+    assert fit.dead_zone == (1472.0, 1528.0)
+    assert fit.curve.thrust.max() == pytest.approx(5.245 * 9.80665, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a,b\n1,2\n2,3\n3,4\n", "not clear which column"),
+        ("command,thrust\n1,2\n2,3\n3,4\n", "does not say its unit"),
+        ("command,thrust_N\n1,2\n2,x\n3,4\n", "table.csv:3: thrust_N is 'x'"),
+        ("command,thrust_N\n", "no rows"),
+    ],
+)
+def test_bad_bench_is_told(text: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=message):
+        bench_readings(table(text, tmp_path), command=None, thrust=None, unit=None)
+
+
+def test_two_commands_make_no_curve() -> None:
+    with pytest.raises(DataError, match="three commands"):
+        fit_bench(np.array([0.0, 1.0]), np.array([0.0, 1.0]))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_dead_zone_that_was_not_read_to_its_end_ends_where_the_curve_begins(side: float) -> None:
+    command = side * np.array([-3.0, -2.5, -2.0, -1.5, -1.0, -0.5, 0.0, 2.0, 2.5, 3.0])
+    thrust = np.where(np.abs(command) > 1.2, side * np.sign(command) * 4.0 * (np.abs(command) - 1.2), 0.0) * side
+    fit = fit_bench(command, thrust)
+    assert fit.dead_zone is not None
+    far = fit.dead_zone[1] if side > 0.0 else fit.dead_zone[0]
+    assert far == pytest.approx(side * 1.2)
+    assert fit.curve(np.array([side * 1.1])) == pytest.approx([0.0])
+    assert fit.curve(np.array([side * 1.6])) == pytest.approx([side * 1.6])

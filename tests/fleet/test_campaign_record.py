@@ -1,0 +1,61 @@
+"""What is kept of a campaign, and until when it holds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rovid.fleet import campaign_record as module
+from rovid.fleet.campaign_record import Record, Task, digest_of, read_record
+
+TASK = Task(name="a", folder="/a", axis="yaw", cutoff=None, digest="0123")
+RECORD = Record(campaign="a", folder="/a", digest="0123", seconds=1.5, diagnosis={"verdict": "found"})
+
+
+def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_text(RECORD.text, encoding="utf-8")
+    assert read_record(path) == RECORD
+    for cut in range(0, len(RECORD.text) - 2, 7):
+        path.write_text(RECORD.text[:cut], encoding="utf-8")
+        assert read_record(path) is None
+    for other in ("[]", "3", '{"schema": "rovid-campaign/1"}', RECORD.text.replace("campaign/1", "campaign/2")):
+        path.write_text(other, encoding="utf-8")
+        assert read_record(path) is None
+
+
+@pytest.mark.parametrize(
+    ("record", "holds"),
+    [
+        (RECORD, True),
+        (replace(RECORD, digest="4567"), False),
+        (replace(RECORD, failure="input", error="no logs"), True),
+        (replace(RECORD, failure="crash", error="ended"), False),
+        (replace(RECORD, failure="timeout", error="late", patience=60.0), True),
+        (replace(RECORD, failure="timeout", error="late", patience=59.0), False),
+    ],
+)
+def test_until_when_it_holds(record: Record, holds: bool) -> None:
+    assert record.holds_for(TASK, 60.0) is holds
+    assert not record.holds_for(replace(TASK, digest=""), 60.0)
+
+
+def test_the_digest_changes_with_all_that_a_diagnosis_comes_of(
+    sea: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import shutil
+
+    folder = tmp_path / "copy"
+    shutil.copytree(sea / "alpha/spring", folder)
+    begun = digest_of(sea / "alpha/spring", "yaw", None)
+    assert digest_of(folder, "yaw", None) == begun  # wherever it lies
+    found = {begun, digest_of(folder, "surge", None), digest_of(folder, "yaw", 0.3)}
+    for name in ("down.csv", "thrust_curve.csv", "rovid.toml"):
+        with (folder / name).open("a") as stream:
+            stream.write("\n")
+        found.add(digest_of(folder, "yaw", None))
+    monkeypatch.setattr(module, "__version__", "99.0")
+    found.add(digest_of(folder, "yaw", None))
+    assert len(found) == 7

@@ -1,0 +1,69 @@
+"""Sister vehicles: the hierarchical mean against what made the numbers up."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rovid.fleet.shrinkage import shrunk
+from tests.fleet.conftest import Made, fleet_of
+
+
+def test_what_shrinks_is_nearer_to_the_truth_and_its_errors_hold(made: Made) -> None:
+    rng = np.random.default_rng(4)
+    before, after, inside, mean_inside = [], [], [], []
+    for _ in range(25):
+        # Ten sisters with two campaigns each, which scatter by 2 % and 1 %; each is known to 4 %.
+        own = np.repeat(rng.normal(0.0, 0.02, 10), 2) + rng.normal(0.0, 0.01, 20)
+        truth = 5000.0 * np.exp(own)
+        measured = truth * np.exp(0.04 * rng.normal(size=20))
+        records = [
+            made(f"{k:02}", {"inertia": (float(value), 0.04 * float(value))}, vehicle=f"{k // 2}")
+            for k, value in enumerate(measured)
+        ]
+        (found,) = shrunk(fleet_of(*records))
+        assert found.logarithmic
+        values = np.array([found.values[f"{k:02}"].value for k in range(20)])
+        errors = np.array([found.values[f"{k:02}"].error for k in range(20)])
+        before.append(np.mean((measured - truth) ** 2))
+        after.append(np.mean((values - truth) ** 2))
+        inside.append(np.mean(np.abs(values - truth) < 1.96 * errors))
+        mean_inside.append(abs(np.log(found.mean.value / 5000.0)) < 1.96 * found.mean.error / found.mean.value)
+    assert np.mean(after) < 0.5 * np.mean(before)
+    assert 0.92 < np.mean(inside) < 0.99
+    assert np.mean(mean_inside) > 0.8
+
+
+def test_vehicles_that_differ_by_far_are_left_as_they_are(made: Made) -> None:
+    values = [100.0, 101.0, 1000.0, 1010.0, 10000.0, 10100.0]
+    records = [made(f"{k}", {"inertia": (v, 0.01 * v)}, vehicle=f"{k // 2}") for k, v in enumerate(values)]
+    (found,) = shrunk(fleet_of(*records))
+    for k, value in enumerate(values):
+        assert found.values[f"{k}"].value == pytest.approx(value, rel=0.01)
+        assert found.values[f"{k}"].error <= 0.0105 * value
+
+
+def test_the_scatter_is_told_from_that_of_the_estimates(made: Made) -> None:
+    rng = np.random.default_rng(8)
+    truth = np.repeat(rng.normal(10.0, 3.0, 40), 3) + rng.normal(0.0, 1.0, 120)
+    measured = truth + 0.5 * rng.normal(size=120)
+    # Some are negative or vague: no logarithms.
+    records = [
+        made(f"{k:03}", {"bias_torque.torque": (float(v), 0.5)}, vehicle=f"{k // 3}") for k, v in enumerate(measured)
+    ]
+    (found,) = shrunk(fleet_of(*records))
+    assert not found.logarithmic
+    assert found.between == pytest.approx(3.0, rel=0.3)
+    assert found.within == pytest.approx(1.0, rel=0.3)
+
+
+def test_few_campaigns_or_unknown_errors_are_not_shrunk(made: Made) -> None:
+    few = [made(f"{k}", {"inertia": (5.0 + k, 1.0)}, vehicle=f"{k}") for k in range(3)]
+    assert shrunk(fleet_of(*few)) == ()
+    assert shrunk(fleet_of(*few, made("3", {"inertia": (5.0, float("nan"))}))) == ()
+
+
+def test_equal_values_come_to_themselves(made: Made) -> None:
+    records = [made(f"{k}", {"inertia": (5.0, 1.0)}, vehicle=f"{k}") for k in range(6)]
+    (found,) = shrunk(fleet_of(*records))
+    assert all(one.value == pytest.approx(5.0) and one.error < 1.0 for one in found.values.values())

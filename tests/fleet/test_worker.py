@@ -1,0 +1,69 @@
+"""A process for a campaign: what it is given, and that it ends when whoever began it does."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from rovid.core.threads import SHARE
+from rovid.fleet import worker
+from rovid.fleet.campaign_record import Task
+from rovid.fleet.worker import diagnosed
+from tests.conftest import ROOT
+
+TASK = Task(name="a", folder="/nowhere/a", axis="yaw", cutoff=None, digest="0123")
+
+
+def test_it_gets_its_share_of_the_cores_and_says_what_went_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    code = f"import os, sys; sys.exit(os.environ[{SHARE!r}] + os.environ['OPENBLAS_NUM_THREADS'])"
+    monkeypatch.setattr(worker, "_CODE", code)
+    record = diagnosed(TASK, 60.0, 3)
+    assert (record.error, record.failure) == ("its process ended with status 1: 31", "crash")
+    assert (record.campaign, record.digest, record.patience) == ("a", "0123", 60.0)
+
+
+def test_what_it_prints_besides_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    noise = "import rovid.fleet.worker as a; was = a.record_of; a.record_of = lambda t: (print('noise'), was(t))[1]; "
+    monkeypatch.setattr(worker, "_CODE", noise + worker._CODE)  # noqa: SLF001 - what the process runs
+    record = diagnosed(TASK, 60.0, 1)
+    assert record.failure == "input"
+    assert record.error == "a: there is no such file or folder. Give a log or the folder that holds the logs."
+
+
+def test_it_does_not_outlive_whoever_began_it(tmp_path: Path) -> None:
+    told = tmp_path / "pid"
+    task = json.dumps({"name": "a", "folder": str(tmp_path), "axis": "yaw", "cutoff": None, "digest": ""})
+    slow = f"import os, time, rovid.fleet.worker as a; open({str(told)!r}, 'w').write(str(os.getpid())); "
+    slow += "a.record_of = lambda task: time.sleep(600); a.main()"
+    code = f"import json, sys, rovid.fleet.worker as a; a._CODE = {slow!r}\n"
+    code += f"a.diagnosed(a.Task(**json.loads({task!r})), 600.0, 1)"
+    with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT) as first:
+        until(lambda: told.exists() and bool(told.read_text()))
+        first.send_signal(signal.SIGKILL)
+    number = int(told.read_text())
+    until(lambda: not runs(number))
+
+
+def until(condition: object, patience: float = 30.0) -> None:
+    assert callable(condition)
+    deadline = time.monotonic() + patience
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def runs(number: int) -> bool:
+    try:
+        os.kill(number, 0)
+    except ProcessLookupError:
+        return False
+    # What has ended is there until somebody asks how.
+    state = Path(f"/proc/{number}/stat")
+    return not (state.exists() and state.read_text().rpartition(")")[2].split()[0] == "Z")

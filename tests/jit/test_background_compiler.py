@@ -1,0 +1,99 @@
+"""A second process does its work, fails harmlessly, and is never left behind."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+
+from rovid.jit.background_compiler import Second
+from tests.conftest import ROOT
+
+# s; more than a loaded machine takes to start Python.
+PATIENCE = 60.0
+
+
+SLOW = """
+import os, time
+from rovid.jit.background_compiler import say
+def parts():
+    print("no part of it")
+    yield "one"
+    while not os.path.exists({go!r}):
+        time.sleep(0.01)
+    yield "two"
+say(parts())
+"""
+
+
+def waited(second: Second, part: str) -> float:
+    """How long, in s."""
+    start = time.perf_counter()
+    second.wait_for(part, PATIENCE)
+    return time.perf_counter() - start
+
+
+def ended(pid: int) -> bool:
+    """Whether it is gone, soon."""
+    for _ in range(int(10.0 * PATIENCE)):
+        found = subprocess.run(["ps", "-o", "stat=", "-p", str(pid)], check=False, capture_output=True, text=True)
+        # Z: it has ended, and nobody has asked how.
+        if found.stdout.strip()[:1] in ("", "Z"):
+            return True
+        time.sleep(0.1)
+    return False
+
+
+def test_each_part_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # It imports what this process would, wherever it stands.
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rovid.py").write_text("raise SystemExit\n")
+    go = tmp_path / "go"
+    second = Second(f"exec({SLOW.format(go=str(go))!r})", ("one", "two"))
+    try:
+        assert waited(second, "one") < PATIENCE
+        start = time.perf_counter()
+        second.wait_for("two", 0.2)
+        assert time.perf_counter() - start > 0.15
+        go.touch()
+        assert waited(second, "two") < PATIENCE
+    finally:
+        second.stop()
+
+
+@pytest.mark.parametrize("code", ["raise SystemExit(3)", "import os; os.abort()", "print('nonsense')"])
+def test_nobody_waits_for_one_that_fails(code: str) -> None:
+    second = Second(code, ("one",))
+    assert waited(second, "one") < PATIENCE
+    second.stop()
+    assert ended(second.pid)
+
+
+def test_one_that_is_stopped_is_waited_for_no_longer() -> None:
+    second = Second("import time; time.sleep(1000)", ("one",))
+    second.stop()
+    assert waited(second, "one") < PATIENCE
+    assert ended(second.pid)
+
+
+FIRST = """
+    import os, sys, time
+    from rovid.jit.background_compiler import Second
+    code = "import time; from rovid.jit.background_compiler import say; say(time.sleep(1000) for _ in range(2))"
+    second = Second(code, ("one",))
+    print(second.pid, flush=True)
+    {then}
+"""
+
+
+@pytest.mark.parametrize("then", ["pass", "raise SystemExit(2)", "1 / 0", "os.abort()", "os._exit(1)"])
+def test_it_ends_with_the_first_however_that_ends(then: str) -> None:
+    code = textwrap.dedent(FIRST.format(then=then))
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", code], check=False, env=environment, capture_output=True, text=True)
+    assert ended(int(done.stdout))

@@ -1,0 +1,200 @@
+"""What goes straight on does in compiled loops what it does where nothing is compiled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+import pytest
+
+from rovid.jit.decorators import compiled
+from rovid.jit.simd import LANES, alike, exponential, larger, read, where_positive, with_lane, write
+from rovid.jit.tracing import goes_straight, one_of, straight
+
+RNG = np.random.default_rng(4)
+ROWS = RNG.uniform(0.2, 2.0, (6, LANES))
+FACTOR = 1.7
+
+
+class Pair(NamedTuple):
+    left: Any
+    right: Any
+
+
+@compiled
+def _helper(x: float) -> float:
+    return math.exp(-x) + FACTOR * x
+
+
+@compiled
+def _branching(x: float) -> float:
+    return 2.0 * x if x > 1.0 else -x
+
+
+@compiled
+def _summed(rows: Any) -> Any:
+    total = 0.0
+    for number in rows[0]:
+        total += number
+    return total
+
+
+@straight
+def _operators(rows: Any) -> Any:
+    x, y = read(rows, 0), read(rows, 1)
+    return (2.0 - x) / y + x * y - abs(-x) / 3.0 + 1.0 / x + (x - 1)
+
+
+@straight
+def _calling(rows: Any) -> Any:
+    x = read(rows, 0)
+    return larger(_operators(rows), 0.1) + exponential(-x) * math.pi + _summed(rows) + math.sin(FACTOR)
+
+
+@straight
+def _unrolled(rows: Any) -> Any:
+    sums = [alike(0.0), alike(1.0)]
+    for j in range(len(ROWS)):
+        if j % 2 == 0:
+            sums[j % 2] = sums[j % 2] + float(j) * read(rows, j)
+    x = sums[0]
+    for i in range(LANES):
+        x = with_lane(x, i, rows[i, 0] * rows[0, 1])
+    return x + sums[1]
+
+
+@straight
+def _tuples(rows: Any) -> Any:
+    def swapped(pair: Pair) -> Pair:
+        return Pair(pair.right, pair.left)
+
+    inside = swapped(Pair(read(rows, 0), (read(rows, 1), FACTOR)))
+    return inside.left[0] * inside.left[1] + inside.right
+
+
+@straight
+def _writing(rows: Any) -> Any:
+    write(rows, 2, read(rows, 0) + 1.0)
+    write(rows, 3, 5.0)
+    return read(rows, 2) * read(rows, 3)
+
+
+@straight
+def _constant(rows: Any) -> Any:
+    return alike(2.5)
+
+
+@pytest.mark.parametrize("function", [_operators, _calling, _unrolled, _tuples, _writing, _constant])
+def test_compiled_and_not_it_says_the_same(function: Callable[..., Any]) -> None:
+    @numba.njit(error_model="numpy")
+    def run(rows: Any, out: Any) -> None:
+        write(out, 0, function(rows))
+
+    here, there, out = ROWS.copy(), ROWS.copy(), np.empty((1, LANES))
+    run(here, out)
+    np.testing.assert_allclose(out[0], function(there), rtol=1e-14)
+    np.testing.assert_allclose(here, there, rtol=1e-15)
+
+
+@straight
+def _helped(x: Any) -> Any:
+    return _helper(x) * 2.0
+
+
+def test_what_is_compiled_by_itself_takes_lanes_too() -> None:
+    @numba.njit(error_model="numpy")
+    def run(rows: Any, out: Any) -> None:
+        write(out, 0, _helped(read(rows, 0)))
+
+    out = np.empty((1, LANES))
+    run(ROWS, out)
+    np.testing.assert_allclose(out[0], 2.0 * (np.exp(-ROWS[0]) + FACTOR * ROWS[0]), rtol=1e-14)
+
+
+@straight
+def _of_numbers(x: float, pair: Pair) -> tuple[float, Pair, float]:
+    return x * pair.left, Pair(pair.right, where_positive(x, 1.0, pair.left)), _branching(x)
+
+
+def test_it_takes_and_gives_numbers_and_tuples() -> None:
+    @numba.njit
+    def run(x: float, pair: Pair) -> Any:
+        return _of_numbers(x, pair)
+
+    for x in (3.0, -2.0):
+        assert run(x, Pair(2.0, 7)) == _of_numbers(x, Pair(2.0, 7))
+        assert isinstance(run(x, Pair(2.0, 7))[1], Pair)
+
+
+@straight
+def _asking(x: float) -> float:
+    return x if x else 1.0
+
+
+@straight
+def _comparing(x: float) -> float:
+    return x if x == 2.0 else 1.0
+
+
+@straight
+def _ordering(x: float) -> float:
+    return max(x, 1.0)
+
+
+@pytest.mark.parametrize("function", [_asking, _comparing, _ordering])
+def test_it_cannot_ask_how_large_a_number_is(function: Callable[..., Any]) -> None:
+    """Nor is it compiled to something else."""
+
+    def run(x: float) -> None:
+        function(x)
+
+    loop: Any = numba.njit(run)
+    with pytest.raises(TypeError):
+        loop(2.0)
+
+
+def test_what_branches_or_calls_what_does_is_told_apart() -> None:
+    @compiled
+    def calls(x: float) -> float:
+        return _branching(x)
+
+    assert goes_straight(_operators)
+    assert goes_straight(_helper)
+    assert not goes_straight(_branching)
+    assert not goes_straight(calls)
+    assert not goes_straight(math.exp)
+
+
+def _double(x: Any, y: Any) -> Any:
+    return x + x, y
+
+
+def _product(x: Any, y: Any) -> Any:
+    return x * y, y / x
+
+
+def _other(x: Any, y: Any) -> Any:
+    return alike(0.0), y
+
+
+CHOSEN = one_of({0: _double, 3: _product}, _other)
+
+
+def test_one_of_several_is_chosen_by_its_number() -> None:
+    @numba.njit
+    def run(kinds: Any, rows: Any, out: Any) -> None:
+        for j in range(len(kinds)):
+            first, second = CHOSEN(kinds[j], read(rows, 0), read(rows, 1))
+            write(out, 2 * j, first)
+            write(out, 2 * j + 1, second)
+
+    kinds, wanted = np.array([3, 0, 1, -1, 3]), np.empty((10, LANES))
+    out = np.empty_like(wanted)
+    run(kinds, ROWS, out)
+    run.py_func(kinds, ROWS, wanted)
+    np.testing.assert_array_equal(out, wanted)
+    np.testing.assert_array_equal(wanted[0], ROWS[0] * ROWS[1])
+    np.testing.assert_array_equal(wanted[4:8:2], np.zeros((2, LANES)))

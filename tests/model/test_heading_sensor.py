@@ -1,0 +1,50 @@
+"""What a compass that is off shows, and back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rovid.effects import effect_named
+from rovid.model.bound_effects import Acting
+from rovid.model.heading_sensor import Instrument
+from tests.synthetic import clock
+
+OFF = Instrument((Acting(effect_named("heading_deviation"), np.array([0.08, 0.5])),))
+PLAIN = Instrument((Acting(effect_named("bias_torque"), np.array([20.0])),))
+
+
+def test_the_rate_that_is_shown_is_that_of_the_heading_that_is_shown() -> None:
+    time = clock(60.0, 5.0)
+    true, rate = 0.15 * time, np.full(len(time), 0.15)
+    measured, shown = OFF.as_measured(true, rate)
+    assert shown == pytest.approx(np.gradient(measured, time), abs=1e-3 * 0.15)
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("heading_deviation", (0.08, 0.5)),
+        ("heading_deviation:two_cycles", (0.3, -2.0)),
+        ("heading_deviation:mixed", (0.4, 1.0, 0.25, 2.0)),
+    ],
+)
+def test_what_is_measured_tells_the_true_heading(key: str, values: tuple[float, ...]) -> None:
+    off = Instrument((Acting(effect_named(key), np.array(values)),))
+    true = np.linspace(-20.0, 30.0, 5000)
+    measured, gain = off.as_measured(true, np.ones(5000))
+    measured[7] = np.nan
+    found, told = off.as_true(measured)
+    assert np.isnan(found[7])
+    known = np.arange(5000) != 7
+    assert found[known] == pytest.approx(true[known], abs=1e-8)
+    assert told[known] == pytest.approx(gain[known], rel=1e-6)
+
+
+def test_an_instrument_that_shows_the_true_heading_leaves_it() -> None:
+    heading, rate = np.linspace(0.0, 9.0, 50), np.linspace(-0.1, 0.2, 50)
+    assert not PLAIN.deviates
+    assert OFF.deviates
+    assert np.array_equal(PLAIN.as_measured(heading, rate), (heading, rate))
+    assert np.array_equal(PLAIN.as_true(heading), (heading, np.ones(50)))
+    assert not PLAIN.deviation(heading).any()

@@ -1,0 +1,93 @@
+"""Two clocks that saw the same are brought together, with an error that is honest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rovid.core.array_types import FloatArray
+from rovid.preflight.clock_alignment import Alignment, aligned
+from rovid.preflight.raw_columns import Seen
+
+LASTS, STEP = 200.0, 0.1
+
+
+def turn(seed: int) -> tuple[FloatArray, FloatArray]:
+    """Fine (n,) instants, and a heading in rad that wanders through several turns."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(-10.0, LASTS + 10.0, 0.02)
+    rate = np.zeros(len(time))
+    pushes = np.repeat(rng.uniform(-0.6, 0.6, len(time) // 150 + 1), 150)[: len(time)]
+    for k in range(1, len(time)):
+        rate[k] = rate[k - 1] + 0.02 * (pushes[k] - rate[k - 1]) / 1.5
+    return time, np.cumsum(rate) * 0.02
+
+
+def columns(seed: int, *, ahead: float, drift: float = 0.0, noise: float = 0.05) -> tuple[dict[str, Seen], ...]:
+    """Headings of two loggers, the second of which has a clock that is ``ahead``; its sense and unit are others."""
+    rng = np.random.default_rng(100 + seed)
+    fine, angle = turn(seed)
+    one, two = np.arange(0.0, LASTS, STEP), np.arange(0.05, LASTS, 2.0 * STEP)
+    heading = np.degrees(np.interp(one, fine, angle)) + noise * rng.normal(size=len(one))
+    other = -np.interp(two, fine, angle) + np.radians(noise) * rng.normal(size=len(two))
+    stamps = two + ahead + drift * two
+    return (
+        {"heading_deg": Seen(source="heading_deg", time=one, values=heading % 360.0)},
+        {"yaw_rad": Seen(source="yaw_rad", time=stamps, values=(other + np.pi) % (2.0 * np.pi) - np.pi)},
+    )
+
+
+def found(seed: int, *, ahead: float, drift: float = 0.0, noise: float = 0.05) -> Alignment:
+    alignment = aligned(*columns(seed, ahead=ahead, drift=drift, noise=noise))
+    assert alignment is not None
+    return alignment
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.3])
+@pytest.mark.parametrize("ahead", [-1.7, 0.0, 0.5])
+def test_an_offset_is_found_within_its_error(ahead: float, noise: float) -> None:
+    alignments = [found(seed, ahead=ahead, noise=noise) for seed in range(6)]
+    off = np.array([one.offset + ahead for one in alignments])
+    errors = np.array([one.error for one in alignments])
+    assert np.all(np.abs(off) < 4.0 * errors)
+    assert np.mean(np.abs(off) < 2.0 * errors) >= 0.5
+    assert errors.max() < 0.05
+
+
+def test_a_drift_is_found_within_its_error() -> None:
+    one = found(3, ahead=0.3, drift=400e-6, noise=0.02)
+    assert one.drift == pytest.approx(-400e-6, abs=3.0 * one.drift_error)
+    assert abs(one.drift) > 3.0 * one.drift_error
+
+
+def test_a_yaw_rate_goes_with_a_heading() -> None:
+    home, _ = columns(5, ahead=0.0)
+    fine, angle = turn(5)
+    time = np.arange(0.0, LASTS, STEP)
+    rate = np.degrees(np.gradient(np.interp(time, fine, angle), time))
+    gyro = {"yaw_rate_dps": Seen(source="yaw_rate_dps", time=time + 0.8, values=rate)}
+    alignment = aligned(home, gyro)
+    assert alignment is not None
+    assert alignment.offset == pytest.approx(-0.8, abs=3.0 * alignment.error)
+    assert alignment.by == "yaw_rate_dps against heading_deg"
+
+
+def test_a_copy_of_a_command_tells_and_what_follows_it_does_not() -> None:
+    time = np.arange(0.0, LASTS, STEP)
+    command = np.repeat(np.random.default_rng(1).uniform(-1.0, 1.0, len(time) // 20 + 1), 20)[: len(time)]
+    late = np.convolve(command, np.exp(-np.arange(30) / 8.0) / 8.0)[: len(time)]
+
+    def log(name: str, values: FloatArray, ahead: float = 0.0) -> dict[str, Seen]:
+        return {name: Seen(source=name, time=time + ahead, values=values)}
+
+    copy = aligned(log("port_cmd", command), log("thr_port", command, -0.4))
+    assert copy is not None
+    assert copy.offset == pytest.approx(0.4, abs=max(3.0 * copy.error, 0.01))
+    assert aligned(log("port_cmd", command), log("motor_port", late)) is None
+
+
+def test_what_is_not_alike_tells_nothing() -> None:
+    one, _ = columns(7, ahead=0.0)
+    _, two = columns(8, ahead=0.0)
+    assert aligned(one, two) is None
+    assert aligned(one, {}) is None

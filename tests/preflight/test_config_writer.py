@@ -1,0 +1,87 @@
+"""The text of a first rovid.toml: what is guessed is marked, what is open is said, and all of it can be read."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from rovid.preflight.config_writer import files_of, guess_of
+from rovid.preflight.log_survey import Asked, survey
+from rovid.trial.config import load_config
+
+TIME = np.arange(0.0, 200.0, 0.2)
+
+
+def written(folder: Path, asked: Asked | None = None, **columns: np.ndarray) -> tuple[str, list[str]]:
+    """rovid.toml of a log with these columns, and what it guesses."""
+    pd.DataFrame({"time_s": TIME, **columns}).to_csv(folder / "log.csv", index=False)
+    surveyed = survey([folder], asked)
+    for output, text in files_of(surveyed).items():
+        output.path.write_text(text, encoding="utf-8")
+    return (folder / "rovid.toml").read_text(encoding="utf-8"), list(guess_of(surveyed).items)
+
+
+def heading() -> np.ndarray:
+    return np.asarray((90.0 + 80.0 * np.sin(0.05 * TIME)) % 360.0)
+
+
+def test_what_no_log_tells_is_marked(tmp_path: Path) -> None:
+    text, guessed = written(tmp_path, heading_deg=heading(), port_cmd=np.sin(TIME), stbd_cmd=np.cos(TIME))
+    assert guessed == ["yaw_arm of port", "curve of port", "yaw_arm of stbd", "curve of stbd"]
+    assert load_config(tmp_path / "rovid.toml").vehicle.guess.items == tuple(guessed)
+    assert text.count("\nyaw_arm_guessed = ") == 2
+
+
+def test_what_is_published_of_a_type_is_not(tmp_path: Path) -> None:
+    asked = Asked(vehicle="otter")
+    text, guessed = written(tmp_path, asked, heading_deg=heading(), port_rpm=np.sin(TIME), stbd_rpm=np.cos(TIME))
+    assert guessed == ["curve of port", "curve of stbd"]
+    config = load_config(tmp_path / "rovid.toml")
+    assert [thruster.arm for thruster in config.vehicle.thrusters] == pytest.approx([0.395, -0.395])
+    assert (config.vehicle.name, config.vehicle.mass) == ("Otter", 55.0)
+    assert "Fossen" in text
+
+
+def test_columns_that_are_not_used_are_listed(tmp_path: Path) -> None:
+    text, _ = written(tmp_path, heading_deg=heading(), port_cmd=np.sin(TIME), depth_m=np.cos(TIME))
+    assert "# csv: not used: depth_m" in text
+
+
+def test_what_is_open_stands_in_the_head_and_in_its_place(tmp_path: Path) -> None:
+    text, guessed = written(tmp_path, heading_deg=heading(), depth_m=np.cos(TIME))
+    assert "# OPEN: no column was recognised as command" in text.partition("[vehicle]")[0]
+    assert "# [[thrusters]]" in text
+    assert not guessed
+    assert "thrusters" not in tomllib.loads(text)
+
+
+def test_a_logged_torque_takes_the_place_of_thrusters(tmp_path: Path) -> None:
+    text, guessed = written(tmp_path, heading_deg=heading(), torque_Nm=20.0 * np.sin(TIME))
+    assert tomllib.loads(text)["signals"]["torque"] == {"csv": "torque_Nm", "unit": "N m"}
+    assert not guessed
+    assert load_config(tmp_path / "rovid.toml").commands
+
+
+@pytest.mark.parametrize(("size", "guessed"), [("1.0", False), ("0.4", False), ("1.0\nsenses_alone = true", True)])
+def test_an_arm_that_is_published_is_no_guess_however_long(size: str, guessed: bool, tmp_path: Path) -> None:
+    size, _, alone = size.partition("\n")
+    (tmp_path / "mine.toml").write_text(f"{alone}\n[arms]\nport = {size}\nstarboard = -{size}\n")
+    folder = tmp_path / "day"
+    folder.mkdir()
+    asked = Asked(vehicle=str(tmp_path / "mine.toml"))
+    written(folder, asked, heading_deg=heading(), port_cmd=np.sin(TIME), stbd_cmd=np.cos(TIME))
+    thrusters = load_config(folder / "rovid.toml").vehicle.thrusters
+    assert [thruster.arm_guessed for thruster in thrusters] == [guessed, guessed]
+    assert [thruster.arm for thruster in thrusters] == pytest.approx([float(size), -float(size)])
+
+
+def test_a_heading_that_is_known_by_its_jumps_alone_is_said_to_be(tmp_path: Path) -> None:
+    pd.DataFrame({"time_s": TIME, "channel_7": (30.0 * TIME) % 360.0, "port_cmd": np.sin(TIME)}).to_csv(
+        tmp_path / "log.csv", index=False
+    )
+    surveyed = survey([tmp_path])
+    assert [text for text in surveyed.lacking if text.startswith("channel_7 is taken for the heading")]

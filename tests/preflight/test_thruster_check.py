@@ -1,0 +1,71 @@
+"""Each thruster of rovid.toml against the logs: turned round, idle, right."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rovid.preflight.thruster_check import pushes
+from rovid.trial.trial import Trial
+from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
+from tests.conftest import SAMPLES, Rovid
+
+CURVE = ThrustCurve(command=np.array([-1.0, 1.0]), thrust=np.array([-100.0, 100.0]))
+
+
+def trial(arms: tuple[float, ...], seed: int = 3) -> Trial:
+    """A vehicle of 200 kg m^2 under commands that each go their own way; ``arms`` are its true ones."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 240.0, 0.1)
+    commands = np.column_stack([np.repeat(rng.uniform(-1.0, 1.0, 80), 30) for _ in arms])
+    rate, angle, angles = 0.0, 0.0, np.empty(len(time))
+    for k, torque in enumerate(commands @ (100.0 * np.array(arms))):
+        angles[k] = angle
+        rate += 0.1 * (torque + rng.normal(0.0, 5.0) - 120.0 * rate) / 200.0
+        angle += 0.1 * rate
+    return Trial(name="a", path=Path("a"), time=time, position=angles + rng.normal(0.0, 1e-4, 2400), commands=commands)
+
+
+def vehicle(*arms: float) -> Vehicle:
+    return Vehicle(name="", thrusters=tuple(Thruster(name=f"t{k}", arm=arm, curve=CURVE) for k, arm in enumerate(arms)))
+
+
+def test_thrusters_that_are_right_are_left_alone() -> None:
+    found = pushes([trial((0.4, -0.4, 0.3))], vehicle(0.4, -0.4, 0.3))
+    assert [push.sense.way for push in found] == [1, 1, 1]
+    assert not [push for push in found if push.turned_round or push.idle]
+    assert sum(push.sense.share for push in found) == pytest.approx(1.0, abs=0.3)
+    assert all(abs(push.strength - 1.0) < 0.15 for push in found)
+
+
+def test_one_that_is_turned_round_and_one_that_does_nothing_are_told() -> None:
+    found = pushes([trial((0.4, -0.4, 0.0))], vehicle(0.4, 0.4, 0.4))
+    assert [push.turned_round for push in found] == [False, True, False]
+    assert [push.idle for push in found] == [False, False, True]
+
+
+def test_check_says_so(tmp_path: Path, rovid: Rovid) -> None:
+    folder = tmp_path / "day"
+    folder.mkdir()
+    for path in (SAMPLES / "rosub_tank").glob("*"):
+        (folder / path.name).write_bytes(path.read_bytes())
+    text = (folder / "rovid.toml").read_text(encoding="utf-8")
+    (folder / "rovid.toml").write_text(text.replace("yaw_arm = 0.43", "yaw_arm = -0.43", 1), encoding="utf-8")
+    document = rovid("check", "day", "--json").document
+    assert document["verdict"] == "no_go"
+    assert any(one["kind"] == "thruster" and "Turn yaw_arm of fore around" in one["text"] for one in document["advice"])
+    assert {one["name"]: one["way"] for one in document["thrusters"]} == {"fore": -1, "aft": 1}
+    assert "the other way" in rovid("check", "day").out
+
+
+def test_arms_that_are_off_by_orders_are_told(tmp_path: Path, rovid: Rovid) -> None:
+    folder = tmp_path / "day"
+    folder.mkdir()
+    for path in (SAMPLES / "rosub_hidden").glob("*"):
+        (folder / path.name).write_bytes(path.read_bytes())
+    text = (folder / "rovid.toml").read_text(encoding="utf-8")
+    (folder / "rovid.toml").write_text(text.replace("yaw_arm = 0.43", "yaw_arm = 43.0"), encoding="utf-8")
+    advice = rovid("check", "day", "--json").document["advice"]
+    assert [one for one in advice if one["kind"] == "scale"]

@@ -1,0 +1,182 @@
+"""The sections on controller and export: what `rovid control` and `rovid export` say, or why they cannot."""
+
+from __future__ import annotations
+
+import html
+import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rovid.control.design import Control
+from rovid.export import FORMATS
+from rovid.present.number_text import number
+from rovid.present.page import build
+from rovid.present.page.control_runs import courses_of
+from rovid.present.page.controller_tables import gains_grid, runs_grid
+from rovid.present.page.figures import Album, make_album
+from rovid.present.page.render import render_page
+from rovid.present.page.report_data import Evidence
+from rovid.present.plots import canvas
+from rovid.present.plots.closed_loop import closed_loop
+from rovid.present.tables.table import Grid
+from rovid.store.parameter_file import Parameters
+from rovid.trial.vehicle import ThrustCurve, Thruster
+from tests.conftest import SAMPLES, Rovid, run_rovid
+from tests.present.conftest import silent, study_of
+
+REPORT = ("report", "--no-diagnosis")
+# Of a run in the JSON, and the form in which the page shows it.
+SHOWN = {
+    "time_constant": ".1f",
+    "rise_time": ".1f",
+    "settling_time": ".1f",
+    "overshoot_deg": ".1f",
+    "steady_error_deg": ".2f",
+}
+
+
+def cells(grid: Grid, title: str) -> list[str]:
+    """A column as text, without what fills it up."""
+    column = next(column for column in grid.columns if column.title == title)
+    return [re.sub("[\u2007\u2008]", "", cell) for cell in column.cells]
+
+
+def shown(evidence: Evidence) -> str:
+    page = render_page(evidence, Album(), today=date(2026, 3, 7))
+    return re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", page)))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A page of the founding paper's tables, the parameter file beside it."""
+    folder = tmp_path_factory.mktemp("page")
+    done = run_rovid(*REPORT, SAMPLES / "rosub_paper", "-o", folder, "-p", folder / "parameters.toml")
+    assert done.code == 0, done.err
+    return folder
+
+
+def rows(page: str, caption: str) -> list[list[str]]:
+    """The table of this caption, cell by cell."""
+    table = re.search(rf"<caption>{re.escape(caption)}.*?</table>", page, re.DOTALL)
+    assert table is not None
+    found = re.findall(r"<tr[^>]*>(.*?)</tr>", table[0].split("<tbody>")[1], re.DOTALL)
+    return [
+        [
+            re.sub("[\u2007\u2008]", "", html.unescape(c)).replace("\u00a0", " ")
+            for c in re.findall(r"<t[hd][^>]*>(.*?)</t", r)
+        ]
+        for r in found
+    ]
+
+
+def test_the_controller_on_the_page_is_that_of_rovid_control(folder: Path) -> None:
+    document = run_rovid("control", "-p", folder / "parameters.toml", "--json").document
+    page = (folder / "index.html").read_text()
+    values = {row[0]: row[1] for row in rows(page, "The controller and its margins")}
+    assert values["gain on heading kp"] == f"{document['gains']['kp']:.5g} N m/rad"
+    assert values["gain on yaw rate kd"] == f"{document['gains']['kd']:.5g} N m s/rad"
+    assert values["damping ratio"] == f"{document['damping_ratio']:.3f}"
+    assert values["bandwidth"] == f"{document['bandwidth']:.3g} rad/s"
+    assert values["gain margin"] == f"{document['margins']['gain_db']:.1f} dB"
+    assert values["phase margin"] == f"{document['margins']['phase_deg']:.0f} deg"
+    assert values["delay margin"] == f"{document['margins']['delay_s']:.2f} s"
+    expected = [[run["name"], *(number(run[key], form) for key, form in SHOWN.items())] for run in document["runs"]]
+    table = rows(page, "Closed-loop runs")
+    assert [[row[0], *row[2:7]] for row in table] == expected
+    assert "closed_loop" in {path.stem for path in (folder / "plots").glob("*.svg")}
+
+
+@pytest.mark.parametrize("name", ["gz-sim", "stonefish"])
+def test_a_format_on_the_page_is_that_of_rovid_export(folder: Path, tmp_path: Path, name: str) -> None:
+    done = run_rovid("export", name, "-p", folder / "parameters.toml", "-o", tmp_path / "file", "--json")
+    table = rows((folder / "index.html").read_text(), "Yaw rate of each format")
+    assert [row[0] for row in table] == list(FORMATS)
+    row = next(row for row in table if row[0] == name)
+    for cell, key in ((row[2], "mismatch"), (row[4], "mismatch_of_what_is_held")):
+        assert cell == f"{done.document[key]['yaw_rate_percent_of_range']:.2g}"
+    for loss in done.document["not_held"]:
+        assert f"{loss['what'].replace('_', ' ')} {loss['yaw_rate_percent_of_range']:.2g}" in row[5]
+
+
+def test_either_section_can_be_left_out(folder: Path, rovid: Rovid) -> None:
+    tables, parameters = SAMPLES / "rosub_paper", folder / "parameters.toml"
+    assert rovid(*REPORT, tables, "--no-control", "-p", parameters).code == 0
+    page = Path("report/index.html").read_text()
+    assert ("Heading controller" in page, "Export to simulators" in page) == (False, True)
+    assert rovid(*REPORT, tables, "--no-export", "-p", parameters).code == 0
+    page = Path("report/index.html").read_text()
+    assert ("Heading controller" in page, "Export to simulators" in page) == (True, False)
+
+
+@pytest.mark.parametrize("work", [build.designed_control, build.every_export])
+def test_without_inertia_a_sentence_stands_in_place(day: Evidence, work: Callable[..., Any], tmp_path: Path) -> None:
+    made, refusal = work(study_of(day), Parameters(path=tmp_path / "p.toml"), silent)
+    assert made is None
+    assert refusal == "inertia or drag is missing."
+    text = shown(replace(day, control_refusal=refusal, export_refusal=refusal))
+    assert "There is no controller: inertia or drag is missing." in text
+    assert "Nothing can be exported: inertia or drag is missing." in text
+
+
+def test_thrusters_that_turn_one_way_get_no_controller(day: Evidence) -> None:
+    curve = ThrustCurve(command=np.array([-5.0, 0.0, 5.0]), thrust=np.array([0.0, 0.0, 100.0]))
+    vehicle = replace(day.vehicle, thrusters=(Thruster(name="aft", arm=0.5, curve=curve),))
+    control, refusal = build.designed_control(replace(study_of(day), vehicle=vehicle), day.parameters, silent)
+    assert control is None
+    assert "There is no controller: the thrusters turn the vehicle one way only." in shown(
+        replace(day, control_refusal=refusal)
+    )
+
+
+def test_runs_say_what_acts_and_what_the_aid_knows(control: Control, pushed: Control) -> None:
+    assert [column.title for column in runs_grid(control).columns][:2] == ["run", "aid"]
+    assert set(cells(runs_grid(control), "aid")) == {"drag", "none"}
+    grid = runs_grid(pushed)
+    pairs = list(zip(cells(grid, "effects"), cells(grid, "aid"), strict=True))[:5]
+    assert pairs == [
+        ("none", "drag"),
+        ("none", "none"),
+        ("all", "drag and effects"),
+        ("all", "drag"),
+        ("all", "none"),
+    ]
+
+
+def test_an_unstable_loop_has_no_margins(control: Control) -> None:
+    grid = gains_grid(replace(control, margins=replace(control.margins, stable=False)))
+    assert "gain margin" not in cells(grid, "quantity")
+    assert [column.title for column in grid.columns] == ["quantity", "value"]
+
+
+def test_what_has_no_bound_is_said_in_words(control: Control) -> None:
+    grid = gains_grid(replace(control, spread=None, margins=replace(control.margins, lag_s=math.inf)))
+    at = cells(grid, "quantity").index("lag margin")
+    assert cells(grid, "value")[at] == "without limit"
+
+
+def test_the_plot_shows_every_way_with_units(day: Evidence, control: Control, pushed: Control) -> None:
+    for each, ways in ((control, 2), (pushed, 3)):
+        figure = closed_loop(courses_of(each), each.bandwidth)
+        assert len(figure.axes) == 6
+        assert all(axes.get_ylabel() in {"heading, deg", "torque, N m"} for axes in figure.axes)
+        assert len(figure.legends[0].get_texts()) == ways + 1
+        canvas.png(figure)
+        box = figure.get_tightbbox()
+        assert min(box.x0, box.y0) >= 0.0
+        assert box.x1 <= figure.get_figwidth()
+
+
+def test_a_page_with_effects_says_what_holds_against_them(day: Evidence, pushed: Control) -> None:
+    evidence = replace(day, control=pushed)
+    text = shown(evidence)
+    assert "T = DQ·|r|·r + DL·r + hold + kp·(ψ wanted − ψ) − kd·r" in text
+    assert "Effects: bias_torque." in text
+    (picture,) = make_album(replace(evidence, simulations=(), runs=None, inertia=None, drag=None)).closed_loop
+    assert "90 to 200 deg" in picture.alt

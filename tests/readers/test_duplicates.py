@@ -1,0 +1,102 @@
+"""A recording that was given twice."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rovid.core.array_types import FloatArray
+from rovid.readers import read_campaign
+from rovid.trial.config import Config
+from tests.readers.logs import (
+    csv_text,
+    mcap_bytes,
+    stamped,
+    to_ns,
+    turning,
+)
+from tests.readers.test_discover import log, names, said
+
+
+def test_copies_are_left_out(tmp_path: Path, config: Config) -> None:
+    (tmp_path / "a.csv").write_text(log(1))
+    (tmp_path / "copy of a.csv").write_text(log(1))
+    (tmp_path / "other.csv").write_text(log(1, rate=5.0))
+    found = read_campaign([tmp_path], config)
+    assert names(found) == ["a.csv", "other.csv"]
+    assert "copy of a.csv was left out: it is a copy of a.csv" in said(found)
+
+
+def motion(seed: int, count: int = 2400) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(time, heading deg, command) of a run with rest, turns to both sides and noise of 0.01 deg."""
+    time = np.arange(float(count)) * 0.05
+    command = np.where(time < 20, 0.0, np.where(time < 60, 1.5, np.where(time < 90, -1.0, 0.0)))
+    rate = np.zeros(count)
+    for k in range(1, count):
+        rate[k] = rate[k - 1] + 0.05 * (6.0 * command[k] - rate[k - 1]) / 3.0
+    heading = 100.0 + np.cumsum(rate) * 0.05 + np.random.default_rng(seed).normal(0.0, 0.01, count)
+    return time, heading, command
+
+
+def as_csv(seed: int, part: slice = slice(None), decimals: int = 3, late: float = 0.0) -> str:
+    time, heading, command = (values[part] for values in motion(seed))
+    return csv_text(
+        {"time_s": time - late, "heading_deg": np.round(heading, decimals) % 360.0, "fore_V": command}, form=".6f"
+    )
+
+
+def as_mcap(seed: int) -> bytes:
+    time, heading, command = motion(seed)
+    messages = [
+        ("/phins/heading", int(ns), stamped(h % 360, int(ns))) for ns, h in zip(to_ns(time), heading, strict=True)
+    ]
+    messages += [("/thrusters/fore", int(ns), stamped(u, int(ns))) for ns, u in zip(to_ns(time), command, strict=True)]
+    return mcap_bytes(sorted(messages, key=lambda message: message[1]), compression="zstd")
+
+
+SAME = {
+    "both formats": (as_csv(1), "dive.csv"),
+    "rounded to a tenth": (as_csv(1, decimals=1), "dive.csv"),
+    "every second sample": (as_csv(1, slice(None, None, 2)), "dive.mcap"),
+    "begun two seconds later": (as_csv(1, slice(40, None), late=2.0), "dive.mcap"),
+    "cut short": (as_csv(1, slice(0, 1700)), "dive.mcap"),
+}
+
+
+@pytest.mark.parametrize("case", SAME)
+def test_a_recording_given_twice_counts_once(case: str, tmp_path: Path, config: Config) -> None:
+    text, kept = SAME[case]
+    (tmp_path / "dive.csv").write_text(text)
+    (tmp_path / "dive.mcap").write_bytes(as_mcap(1))
+    found = read_campaign([tmp_path], config)
+    assert names(found) == [kept]
+    assert "the same recording" in said(found)
+
+
+@pytest.mark.parametrize("decimals", [2, 3, 6])
+def test_the_same_run_repeated_is_not_the_same_recording(decimals: int, tmp_path: Path, config: Config) -> None:
+    """Same commands, same motion to the last hundredth: only the noise differs."""
+    for seed in (1, 2, 3):
+        (tmp_path / f"hold_{seed}.csv").write_text(as_csv(seed, decimals=decimals))
+    (tmp_path / "hold_4.mcap").write_bytes(as_mcap(4))
+    found = read_campaign([tmp_path], config)
+    assert len(found.trials) == 4
+    assert found.remarks == ()
+
+
+def test_two_rests_are_not_the_same_recording(tmp_path: Path, config: Config) -> None:
+    time = turning(1200)[0]
+    for seed in (1, 2):
+        heading = 90.0 + np.random.default_rng(seed).normal(0.0, 0.01, 1200)
+        (tmp_path / f"rest_{seed}.csv").write_text(
+            csv_text({"time_s": time, "heading_deg": heading, "fore_V": 0.0 * time})
+        )
+    assert len(read_campaign([tmp_path], config).trials) == 2
+
+
+def test_the_same_heading_under_other_commands_is_not_the_same(tmp_path: Path, config: Config) -> None:
+    (tmp_path / "a.csv").write_text(as_csv(1))
+    (tmp_path / "b.csv").write_text(as_csv(1).replace(",1.500000", ",2.500000"))
+    assert len(read_campaign([tmp_path], config).trials) == 2

@@ -1,0 +1,106 @@
+"""What stands inside a message, by its path."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rovid.core.errors import LogError
+from tests.readers.logs import (
+    ENCODERS,
+    EPOCH,
+    Message,
+    campaign,
+    dive,
+    kinds,
+    mcap_bytes,
+    read_mcap,
+    stamped,
+    to_ns,
+    toml,
+)
+from tests.readers.test_mcap_reader import HEADING, TIME, assert_dive, quaternion
+
+
+@pytest.mark.parametrize("encoding", ENCODERS)
+@pytest.mark.parametrize("field", ["list[2]", "list.2"])
+def test_elements_of_arrays(encoding: str, field: str, tmp_path: Path) -> None:
+    config = campaign(tmp_path, toml(heading=f'heading = {{ mcap = "/phins/heading.{field}" }}'))
+    assert_dive(read_mcap(tmp_path, mcap_bytes(dive(), encoding=encoding), config))
+
+
+def attitude(shape: str, number: int, ns: int) -> dict[str, Any]:
+    turn = quaternion(np.deg2rad(HEADING[number]), roll=0.1, pitch=-0.2)
+    header = stamped(0.0, ns)["header"]
+    return {
+        "imu": {"header": header, "orientation": turn, "angular_velocity": {"x": 0.0, "y": 0.0, "z": np.deg2rad(8.0)}},
+        "odometry": {"header": header, "pose": {"pose": {"position": {"x": 1}, "orientation": turn}}},
+        "pose": {"header": header, "pose": {"position": {"x": 1}, "orientation": turn}},
+        "bare": turn,
+        "scaled": {key: 3.0 * value for key, value in turn.items()},
+    }[shape]
+
+
+QUATERNIONS = [
+    ("imu", "json", "/att"),
+    ("imu", "json", "/att.orientation"),
+    ("imu", "ros2", "/att"),
+    ("imu", "ros2", "/att.orientation"),
+    ("odometry", "json", "/att"),
+    ("odometry", "json", "/att.pose"),
+    ("odometry", "json", "/att.pose.pose.orientation"),
+    ("pose", "json", "/att"),
+    ("bare", "json", "/att"),
+    ("scaled", "json", "/att"),
+]
+
+
+@pytest.mark.parametrize(("shape", "encoding", "source"), QUATERNIONS)
+def test_quaternions(shape: str, encoding: str, source: str, tmp_path: Path) -> None:
+    """Whatever unit is declared: a quaternion's yaw is in radians."""
+    messages: list[Message] = [
+        ("/att", int(ns), attitude(shape, number, int(ns))) for number, ns in enumerate(to_ns(TIME))
+    ]
+    messages.insert(0, ("/thrusters/fore", EPOCH, stamped(1.0, EPOCH)))
+    others = [f'{name} = {{ mcap = "{source}", unit = "deg" }}' for name in ("roll", "pitch")]
+    if shape == "imu":
+        others.append('yaw_rate = { mcap = "/att.angular_velocity.z", unit = "rad/s" }')
+    config = campaign(tmp_path, toml(*others, heading=f'heading = {{ mcap = "{source}", unit = "deg" }}'))
+    trial = read_mcap(tmp_path, mcap_bytes(messages, encoding=encoding), config)
+    np.testing.assert_allclose(trial.position, np.deg2rad(HEADING), atol=1e-9)
+    assert trial.roll is not None
+    assert trial.pitch is not None
+    np.testing.assert_allclose(trial.roll, 0.1, atol=1e-9)
+    np.testing.assert_allclose(trial.pitch, -0.2, atol=1e-9)
+
+
+def test_a_quaternion_obeys_the_sign_and_misses_where_it_is_zero(tmp_path: Path) -> None:
+    messages: list[Message] = [("/att", int(ns), attitude("bare", k, int(ns))) for k, ns in enumerate(to_ns(TIME))]
+    messages[5] = ("/att", messages[5][1], {"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0})
+    messages[6] = ("/att", messages[6][1], {"x": 0.0, "y": 0.0, "z": 0.0})
+    messages[0] = ("/att", messages[0][1], {})
+    messages.insert(0, ("/thrusters/fore", EPOCH, stamped(1.0, EPOCH)))
+    config = campaign(tmp_path, toml(heading='heading = { mcap = "/att", sign = -1 }'))
+    with pytest.raises(LogError, match="a number or a quaternion"):
+        read_mcap(tmp_path, mcap_bytes(messages), config)  # an empty message holds none
+    messages[1] = ("/att", messages[1][1], attitude("bare", 0, 0))
+    trial = read_mcap(tmp_path, mcap_bytes(messages), config)
+    assert kinds(trial) == {"missing": 2}
+    np.testing.assert_allclose(trial.position[-1], -np.deg2rad(HEADING[-1]) + 2 * np.pi * 0, atol=1e-9)
+
+
+def test_null_and_absent_fields_are_missing(tmp_path: Path) -> None:
+    messages = dive()
+    at = [k for k, (topic, _, _) in enumerate(messages) if topic == "/phins/heading"]
+    messages[at[50]] = (*messages[at[50]][:2], {"data": None})
+    messages[at[60]] = (*messages[at[60]][:2], {"other": 1.0})
+    messages[at[70]] = (*messages[at[70]][:2], {"data": float("nan")})
+    messages[at[80]] = (*messages[at[80]][:2], {"data": float("inf")})
+    messages[at[90]] = (*messages[at[90]][:2], [1, 2])
+    messages[at[95]] = (*messages[at[95]][:2], {"data": 10**400})
+    trial = read_mcap(tmp_path, mcap_bytes(messages))
+    assert kinds(trial) == {"missing": 6}
+    assert trial.measured.sum() == 394

@@ -1,0 +1,109 @@
+"""The history beside a parameter file: a line for each model, never over what another program wrote."""
+
+from __future__ import annotations
+
+import json
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rovid.core.atomic_write import Claim
+from rovid.core.errors import OutputError
+from rovid.store.history import history_of, latest
+from rovid.store.parameter_file import Parameters, Source
+from rovid.store.update import update
+from tests.conftest import Rovid
+from tests.store.test_parameter_file import estimate, written
+from tests.whole.test_bad_input import assert_one_message
+from tools.programme import Hold, Run, Sine
+from tools.trial_day import write_trial_day
+
+
+def claim_for(stored: Parameters) -> Claim:
+    return Claim([stored.output, history_of(stored.path)])
+
+
+def added(stored: Parameters, digest: str, scale: float = 1.0, seen: dict[str, float] | None = None) -> Parameters:
+    source = Source(name=f"{digest}.csv", sha256=digest, samples=7)
+    changed = replace(stored.with_estimate(estimate(scale=scale)), sources=(source,))
+    return update(changed, claim_for(changed), lambda _: changed, seen=seen or {})
+
+
+def test_records_come_back_the_last_first(tmp_path: Path) -> None:
+    stored = written(tmp_path)
+    models = [added(stored, "a"), added(stored, "b", 2.0, {"thruster_lag": 0.1, "slew_limit": float("inf")})]
+    records = list(latest(stored.path))
+    assert [record.parameters.entries for record in records] == [one.entries for one in reversed(models)]
+    assert [record.digests for record in records] == [{"b"}, {"a"}]
+    assert [dict(record.seen) for record in records] == [{"thruster_lag": 0.1}, {}]
+    assert all(record.version and record.written.startswith("20") for record in records)
+
+
+def test_what_the_last_line_says_is_not_said_again(tmp_path: Path) -> None:
+    stored = written(tmp_path)
+    for digest in ("a", "a", "b", "a"):
+        added(stored, digest)
+    assert [record.digests for record in latest(stored.path)] == [{"a"}, {"b"}, {"a"}]
+
+
+def test_it_only_grows(tmp_path: Path) -> None:
+    stored = written(tmp_path)
+    added(stored, "a")
+    before = history_of(stored.path).path.read_text()
+    added(stored, "b")
+    assert history_of(stored.path).path.read_text().startswith(before)
+
+
+def test_no_record_of_two_writers_is_lost(tmp_path: Path) -> None:
+    stored = written(tmp_path)
+    writers = [threading.Thread(target=lambda k=k: [added(stored, f"{k}-{n}") for n in range(10)]) for k in range(2)]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+    assert len(list(latest(stored.path))) == 20
+
+
+def test_one_that_is_damaged_grows_too(tmp_path: Path) -> None:
+    stored = written(tmp_path)
+    added(stored, "a")
+    path = history_of(stored.path).path
+    damaged = path.read_bytes() + b"\xff cut"
+    path.write_bytes(damaged)
+    added(stored, "b")
+    assert path.read_bytes().startswith(damaged + b"\n{")
+
+
+def test_what_rovid_did_not_write_stays(tmp_path: Path) -> None:
+    stored = written(tmp_path)
+    path = history_of(stored.path).path
+    path.write_text("mine")
+    with pytest.raises(OutputError, match="is not a history"):
+        claim_for(stored)
+    assert path.read_text() == "mine"
+
+
+def test_a_long_name_is_cut(tmp_path: Path) -> None:
+    output = history_of(tmp_path / ("ü" * 120 + ".toml"))
+    output.path.write_text("")
+    assert output.path.suffix == ".history"
+
+
+def test_commands_that_find_a_whole_model_write_it(rovid: Rovid, tmp_path: Path) -> None:
+    day = tmp_path / "day"
+    runs = (
+        Run(name="holds", pieces=(Hold(1.04, 60.0), Hold(1.94, 60.0), Hold(-1.97, 60.0))),
+        Run(name="sine", pieces=(Sine(2.0, 2.51, 20.0, 5),)),
+    )
+    write_trial_day(day, seed=3, formats="csv", campaign=runs)
+    assert rovid("fit-drag", day).code == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["day", "parameters.toml"]
+    for arguments in (["fit"], ["fit"], ["fit", "--effect", "bias_torque"]):
+        assert rovid(*arguments).code == 0
+    lines = (tmp_path / "parameters.history").read_text().splitlines()
+    assert len(lines) == 3  # a head, and two models
+    assert [source["name"] for source in json.loads(lines[-1])["sources"]] == ["holds.csv", "sine.csv"]
+    (tmp_path / "parameters.history").write_text("mine")
+    assert_one_message(rovid("fit"), "parameters.history", "is there already")

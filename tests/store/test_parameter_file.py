@@ -1,0 +1,133 @@
+"""The parameter file: there and back, merging estimates, and what a model needs of it."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rovid.core.errors import ConfigError
+from rovid.estimate.estimate import Estimate
+from rovid.store.load import read_parameters
+from rovid.store.parameter_file import Parameters, Source, absolute
+
+NAMES = ("inertia", "quadratic_drag", "linear_drag")
+COVARIANCE = np.array([[100.0, -30.0, 2.0], [-30.0, 900.0, -55.0], [2.0, -55.0, 9.0]])
+
+
+def estimate(
+    names: tuple[str, ...] = NAMES, *, scale: float = 1.0, method: str = "m", refused: tuple[str, ...] = ()
+) -> Estimate:
+    rows = [NAMES.index(name) for name in names]
+    return Estimate(
+        names=names,
+        values=scale * np.array([5057.0, 3532.0, 132.0])[rows],
+        covariance=COVARIANCE[np.ix_(rows, rows)],
+        method=method,
+        samples=7,
+        refused=dict.fromkeys(refused, "why"),
+    )
+
+
+def written(folder: Path, **changes: object) -> Parameters:
+    stored = replace(
+        Parameters(
+            path=folder / "parameters.toml",
+            vehicle="a ü [b]",
+            logs=(folder / "logs",),
+            sources=(Source(name="a.csv", sha256="0", samples=7),),
+        ).with_estimate(estimate()),
+        **changes,  # type: ignore[arg-type]
+    )
+    stored.write()
+    return stored
+
+
+def test_there_and_back(tmp_path: Path) -> None:
+    stored = written(tmp_path)
+    found = read_parameters(stored.path)
+    assert found == replace(stored, covariance=found.covariance)
+    assert found.covariance == pytest.approx(dict(stored.covariance))
+    assert found.model().inertia == 5057.0  # to the last digit
+
+
+def test_drag_and_inertia_found_apart_have_no_covariance(tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(NAMES[1:], method="steady turns"))
+    stored = stored.with_estimate(estimate(NAMES[:1], method="orbit"))
+    assert set(stored.covariance) == {
+        ("inertia", "inertia"),
+        ("quadratic_drag", "quadratic_drag"),
+        ("quadratic_drag", "linear_drag"),
+        ("linear_drag", "linear_drag"),
+    }
+    assert {entry.method for entry in stored.entries.values()} == {"steady turns", "orbit"}
+    drag = stored.drag()
+    assert drag is not None
+    assert drag.covariance == pytest.approx(COVARIANCE[1:, 1:])
+
+
+def test_a_new_estimate_replaces_what_it_holds_and_what_hung_on_it(tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate())
+    stored = stored.with_estimate(estimate(("inertia",), scale=2.0, method="new"))
+    assert stored.entries["inertia"].value == 2.0 * 5057.0
+    assert stored.entries["quadratic_drag"].method == "m"
+    assert ("inertia", "quadratic_drag") not in stored.covariance
+    assert stored.covariance["quadratic_drag", "linear_drag"] == -55.0
+
+
+def test_a_refused_parameter_is_taken_out_and_counts_as_zero(tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate())
+    stored = stored.with_estimate(estimate(NAMES[1:], refused=("linear_drag",)))
+    assert "linear_drag" not in stored.entries
+    assert stored.model().linear_drag == 0.0
+    stored.write()
+    drag = read_parameters(stored.path).drag()
+    assert drag is not None
+    assert drag.value("linear_drag") == 0.0
+
+
+def test_drag_found_together_with_the_inertia_is_no_steady_drag(tmp_path: Path) -> None:
+    # `rovid fit-inertia` twice has to give the same: the first one's own drag may not judge the second's inertia.
+    assert read_parameters(written(tmp_path).path).drag() is None
+
+
+def test_an_error_that_nothing_told_stays_unknown(tmp_path: Path) -> None:
+    # As `rovid fit-drag` writes it of a table with one row.
+    unknown = replace(estimate(("quadratic_drag",)), covariance=np.array([[np.nan]]))
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(("inertia",))).with_estimate(unknown)
+    stored.write()
+    found = read_parameters(stored.path)
+    assert np.isnan(found.entries["quadratic_drag"].standard_error)
+    assert found.covariance["inertia", "inertia"] == 100.0
+
+
+def test_logs_of_bytes_that_are_no_text_can_be_written(tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml", logs=absolute([tmp_path / os.fsdecode(b"\xff")]))
+    stored.write()
+    assert read_parameters(stored.path).logs == (tmp_path / r"\udcff",)
+
+
+@pytest.mark.parametrize(("names", "words"), [(("inertia",), "fit-drag"), (NAMES[1:], "fit-inertia")])
+def test_what_is_missing_for_a_model_is_said(names: tuple[str, ...], words: str, tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(names))
+    with pytest.raises(ConfigError, match=words):
+        stored.model()
+
+
+def test_half_an_effect_is_said(tmp_path: Path) -> None:
+    half = replace(estimate(("inertia",)), names=("added_mass_memory.inertia",))
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate()).with_estimate(half)
+    with pytest.raises(ConfigError, match=r"holds no added_mass_memory\.time_constant"):
+        stored.model()
+
+
+@pytest.mark.parametrize("name", ["quadratic_drag", "linear_drag"])
+def test_a_drag_that_ends_any_motion_at_once_is_no_model(name: str, tmp_path: Path) -> None:
+    """Each second of it would be stepped through in millions of steps."""
+    stored = written(tmp_path)
+    entries = {**stored.entries, name: replace(stored.entries[name], value=2147483647.0)}
+    with pytest.raises(ConfigError, match="no vehicle brakes like that"):
+        replace(stored, entries=entries).model()

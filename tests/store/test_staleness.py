@@ -1,0 +1,136 @@
+"""Whether a parameter file still holds, from the files that it rests on."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rovid.store.load import read_parameters
+from rovid.store.parameter_file import Origin, Parameters, absolute, source_of
+from rovid.store.staleness import standing
+from tests.store.test_parameter_file import estimate
+from tests.trial.test_config_fingerprint import CURVE, TOML, settings
+
+
+def origin_of(folder: Path, toml: str = TOML) -> Origin:
+    found = settings(folder, toml)
+    logs = sorted(folder.glob("log*.csv"))
+    sources = tuple(source_of(log.name, log, 7) for log in logs)
+    return Origin(logs=absolute([folder]), vehicle="v", sources=sources, settings=found)
+
+
+@pytest.fixture
+def day(tmp_path: Path) -> Path:
+    folder = tmp_path / "day"
+    folder.mkdir()
+    for name in ("log_1.csv", "log_2.csv"):
+        (folder / name).write_text(name)
+    return folder
+
+
+@pytest.fixture
+def stored(day: Path, tmp_path: Path) -> Parameters:
+    """As it is read again."""
+    written = Parameters(path=tmp_path / "parameters.toml").with_estimate(estimate(), origin_of(day))
+    written.write()
+    return read_parameters(written.path)
+
+
+def test_what_has_not_changed_holds(stored: Parameters, day: Path) -> None:
+    for origin in (None, origin_of(day)):
+        found = standing(stored, origin)
+        assert (found.changed, found.remarks) == ((), ())
+
+
+def test_each_change_is_told(stored: Parameters, day: Path) -> None:
+    (day / "rovid.toml").write_text(TOML.replace("0.43", "0.44"))
+    (day / "curve.csv").write_text(CURVE.replace("1000", "1001"))
+    (day / "log_1.csv").write_text("another")
+    (day / "log_2.csv").unlink()
+    found = standing(stored, None)
+    assert found.changed == (
+        "yaw_arm of fore was 0.43 and is 0.44",
+        "curve of fore has changed",
+        "log_1.csv has changed",
+        "log_2.csv is gone",
+    )
+    assert found.why.endswith("log_1.csv has changed; 1 more")
+
+
+def test_a_log_that_came_after_the_fit_is_remarked(stored: Parameters, day: Path) -> None:
+    (day / "log_3.csv").write_text("new")
+    found = standing(stored, origin_of(day))
+    assert found.changed == ()
+    (said,) = found.remarks
+    assert said.startswith("log_3.csv: came after the fit")
+
+
+def test_other_logs_may_name_their_signals_otherwise_but_not_drive_otherwise(
+    stored: Parameters, tmp_path: Path
+) -> None:
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "log_9.csv").write_text("x")
+    assert standing(stored, origin_of(other, TOML.replace("heading_deg", "psi"))).changed == ()
+    driven = standing(stored, origin_of(other, TOML.replace("0.43", "0.5")))
+    assert driven.changed == ("yaw_arm of fore was 0.43 and is 0.5",)
+
+
+def test_what_moved_away_cannot_be_told(stored: Parameters, day: Path) -> None:
+    shutil.rmtree(day)
+    found = standing(stored, None)
+    assert found.changed == ()
+    assert "whether it holds cannot be told" in found.remarks[0]
+
+
+def test_what_moved_together_holds(stored: Parameters, day: Path, tmp_path: Path) -> None:
+    there = tmp_path / "there"
+    there.mkdir()
+    shutil.move(day, there / "day")
+    shutil.move(stored.path, there / "parameters.toml")
+    found = standing(read_parameters(there / "parameters.toml"), None)
+    assert (found.changed, found.remarks) == ((), ())
+
+
+def test_a_copy_of_the_file_finds_the_logs_that_it_remembers(stored: Parameters, day: Path, tmp_path: Path) -> None:
+    away = replace(stored, sources=tuple(replace(s, path=tmp_path / "away" / s.name) for s in stored.sources))
+    assert standing(away, None).changed == ()
+    (day / "log_1.csv").write_text("another")
+    (day / "log_2.csv").unlink()
+    # What is not there may never have been.
+    assert standing(away, None).changed == ("log_1.csv has changed",)
+
+
+def test_of_an_older_file_logs_alone_are_known(stored: Parameters, day: Path) -> None:
+    old = replace(stored, settings=None, sources=tuple(replace(source, path=None) for source in stored.sources))
+    old.write()
+    read = read_parameters(old.path)
+    assert "rests_on" not in old.path.read_text()
+    assert "cannot be told" in standing(read, origin_of(day)).remarks[0]
+    (day / "rovid.toml").write_text(TOML.replace("0.43", "0.44"))
+    assert standing(read, origin_of(day)).changed == ()
+    (day / "log_1.csv").write_text("another")
+    assert standing(read, origin_of(day)).changed == ("log_1.csv has changed",)
+
+
+def test_the_other_parameters_of_an_older_file_stay_of_unknown_standing(stored: Parameters, day: Path) -> None:
+    old = replace(stored, settings=None)
+    assert old.with_estimate(estimate(("inertia",)), origin_of(day)).settings is None
+    assert old.with_estimate(estimate(), origin_of(day)).settings is not None
+
+
+def test_a_file_keeps_the_logs_of_each_of_its_parameters(stored: Parameters, day: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "log_9.csv").write_text("x")
+    both = stored.with_estimate(estimate(("inertia",)), origin_of(other))
+    assert [source.name for source in both.sources] == ["log_1.csv", "log_2.csv", "log_9.csv"]
+    found = standing(both, origin_of(other))
+    assert found.changed == ()
+    assert found.remarks == ("log_1.csv, log_2.csv: parameters rest on it too, and it is not among these logs.",)
+    assert both.logs == absolute([other])
+    whole = both.with_estimate(estimate(), origin_of(day))
+    assert [source.name for source in whole.sources] == ["log_1.csv", "log_2.csv"]

@@ -1,0 +1,39 @@
+"""Which files make one trial."""
+
+from __future__ import annotations
+
+import pytest
+
+from rovid.trial.multi_file_trials import Join, parts_among
+
+
+@pytest.mark.parametrize(
+    ("names", "parts"),
+    [
+        (["run1_ins.csv", "run1_thr.csv", "run2_ins.csv", "run2_thr.csv"], ("ins", "thr")),
+        (["run1/ins.csv", "run1/thr.csv", "run2/ins.csv", "run2/thr.csv"], ("ins", "thr")),
+        (["imu-07.csv", "motors-07.csv", "imu-08.csv", "motors-08.csv", "thrust_curve.csv"], ("imu", "motors")),
+        (["hold_1.csv", "hold_2.csv"], ()),
+        (["a.csv"], ()),
+    ],
+)
+def test_parts_are_words_in_which_files_differ(names: list[str], parts: tuple[str, ...]) -> None:
+    assert parts_among(names) == parts
+
+
+def test_files_of_a_trial_have_all_else_in_common() -> None:
+    join = Join(parts=("ins", "thr"))
+    names = ["run2_thr.csv", "run1_thr.csv", "run1_ins.csv", "run1_gps.csv"]
+    assert join.of_trial("run1_thr.csv", names) == ["run1_ins.csv", "run1_thr.csv"]
+    assert not join.part("run1_gps.csv")
+
+
+def test_a_clock_is_given_for_a_part_or_for_a_file() -> None:
+    join = Join(parts=("ins", "thr"), offset={"thr": 0.5, "run2_*.csv": -1.0}, drift={"day/run3_thr.csv": 40.0})
+    assert join.clock("run1_thr.csv") == (0.5, 0.0)
+    assert join.clock("day/run2_thr.csv") == (-1.0, 0.0)
+    assert join.clock("day/run3_thr.csv") == (0.5, 40.0)
+    assert join.clock("run1_ins.csv") == (0.0, 0.0)
+    assert join.is_of_part("run1_thr.csv")
+    assert not join.is_of_part("run2_thr.csv")
+    assert str(join) == "ins and thr, thr 0.5 s late, run2_*.csv -1 s late, day/run3_thr.csv slow by 40 ppm"

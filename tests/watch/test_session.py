@@ -1,0 +1,153 @@
+"""A trial day from log to log: a diagnosis that is overtaken, a share that is gone, files that cannot be written."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from rovid.core.errors import LogError, OutputError
+from rovid.design.experiment_design import Plan
+from rovid.diagnose.result import Diagnosis
+from rovid.estimate.estimate import Estimate
+from rovid.store.study import Study, open_study
+from rovid.trial.axis import YAW
+from rovid.watch import session as days
+from rovid.watch.folder_monitor import Patience, Trouble, Watched
+from rovid.watch.session import Day, Model, NextRun, Report, Suspects, Taken, Work
+from rovid.watch.stop_criteria import conditions
+from tests.watch.days import write_day
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write_day(tmp_path / "store")
+    (tmp_path / "day").mkdir()
+    for name in ("rovid.toml", "thrust_curve.csv"):
+        shutil.copy(tmp_path / "store" / name, tmp_path / "day")
+    return tmp_path / "day"
+
+
+def put(folder: Path, name: str) -> None:
+    shutil.copy(folder.parent / "store" / name, folder)
+
+
+def keep(study: Study, estimate: Estimate) -> None:
+    pass
+
+
+def write(plan: Plan) -> Path:
+    return Path("plan.csv")
+
+
+def day_of(folder: Path, work: Work, until: str = "") -> Day:
+    """A day on which every look finds whole what is there, and that has an end."""
+    watched = Watched(path=folder, axis=YAW, patience=Patience(whole=0.0, cut=0.0))
+    return Day(watched, work, conditions(until, YAW) if until else (), interval=0.0, sleep=_ends)
+
+
+def _ends(_seconds: float) -> None:
+    raise KeyboardInterrupt
+
+
+def until_idle(day: Day) -> Iterator[object]:
+    try:
+        yield from day.events()
+    except KeyboardInterrupt:
+        return
+
+
+def test_a_diagnosis_gives_way_to_a_new_log_but_not_twice(folder: Path) -> None:
+    to_come = ["sine.csv", "coast.csv", "steps.csv"]
+    begun: list[int] = []
+
+    def diagnose(study: Study, report: Report) -> Diagnosis:
+        assert study.campaign is not None
+        begun.append(len(study.campaign.trials))
+        if to_come:
+            put(folder, to_come.pop(0))
+        report("Looking …")
+        return Diagnosis(verdict="nothing_found")
+
+    put(folder, "hold_up.csv")
+    events = list(until_idle(day_of(folder, Work(diagnose=diagnose, keep=keep, write=write))))
+    assert begun == [1, 2, 3, 4]
+    finished = [
+        len(event.study.campaign.trials) for event in events if isinstance(event, Suspects) and event.study.campaign
+    ]
+    assert finished == [2, 4]
+    assert sum(isinstance(event, Model) for event in events) == 4
+
+
+def test_a_diagnosis_that_may_end_the_day_is_not_given_up(folder: Path) -> None:
+    def diagnose(study: Study, report: Report) -> Diagnosis:
+        put(folder, "steps.csv")
+        report("Looking …")
+        return Diagnosis(verdict="nothing_found")
+
+    for name in ("hold_up.csv", "sine.csv", "coast.csv"):
+        put(folder, name)
+    *_, last = until_idle(day_of(folder, Work(diagnose=diagnose, keep=keep, write=write), "inertia 5 %"))
+    assert isinstance(last, days.Stop)
+    assert last.why == "reached"
+    assert len(last.logs) == 3
+
+
+def test_a_day_goes_on_where_files_cannot_be_written(folder: Path) -> None:
+    def refused(*_: object) -> Path:
+        raise OutputError("is write-protected.", where="plan.csv")
+
+    def away(*_: object) -> None:
+        raise OSError(116, "Stale file handle")
+
+    put(folder, "sine.csv")
+    events = list(until_idle(day_of(folder, Work(diagnose=None, keep=away, write=refused))))
+    (run,) = [event for event in events if isinstance(event, NextRun)]
+    assert run.plan is not None
+    assert run.written is None
+    assert {event.where for event in events if isinstance(event, Trouble)} == {"parameters", "command file"}
+
+
+def test_a_share_that_is_gone_in_between_is_tried_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: Callable[..., Study] = open_study
+    fails = [True, True]
+
+    def flaky(*arguments: object, **options: object) -> Study:
+        if fails:
+            fails.pop()
+            raise LogError("cannot be read.", where=folder) from OSError(116, "Stale file handle")
+        return opened(*arguments, **options)
+
+    monkeypatch.setattr(days, "open_study", flaky)
+    put(folder, "sine.csv")
+    work = Work(diagnose=None, keep=keep, write=write)
+    watched = Watched(path=folder, axis=YAW, patience=Patience(whole=0.0, cut=0.0))
+    slept: list[float] = []
+
+    def sleep(seconds: float) -> None:
+        slept.append(seconds)
+        if len(slept) > 2:
+            raise KeyboardInterrupt
+
+    events = list(until_idle(Day(watched, work, sleep=sleep)))
+    assert [type(event) for event in events] == [Trouble, Trouble, Taken, Model, NextRun]
+
+
+@pytest.mark.parametrize(("rows", "kinds"), [(12, [Taken, Trouble]), (400, [Taken, Model])], ids=["short", "at rest"])
+def test_what_cannot_be_fitted_is_said_and_the_day_goes_on(rows: int, kinds: list[type], folder: Path) -> None:
+    put(folder, "sine.csv")
+    head, *lines = (folder / "sine.csv").read_text().splitlines()
+    at_rest = [line.split(",") for line in lines[:rows]]
+    for number, row in enumerate(at_rest):
+        row[1:4] = [f"{10.0 + 0.01 * (number * 7 % 5):.2f}", "0.0", "0.0"]
+    (folder / "sine.csv").write_text("\n".join([head, *map(",".join, at_rest)]) + "\n")
+    day = day_of(folder, Work(diagnose=None, keep=keep, write=write))
+    events = list(until_idle(day))
+    assert [type(event) for event in events][:2] == kinds
+    assert all(event.fit is None and event.missing for event in events if isinstance(event, Model))
+    put(folder, "sine.csv")
+    put(folder, "hold_up.csv")
+    models = [event for event in until_idle(day) if isinstance(event, Model)]
+    assert models[-1].fit is not None
